@@ -31,7 +31,7 @@ from stickslip_monitor.lab.voyages import (
     Sailed,
     Voyage,
     cases_of,
-    said_by,
+    output_of,
 )
 from stickslip_monitor.lab.warning_quality import (
     FIGURES,
@@ -196,7 +196,7 @@ def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
 
 def _heard(sent: WholeBearing, case: Sailed) -> Quality:
     """The judgement of the monitor by the clock of the samples."""
-    return quality_of(said_by(sent.scan, case.truth), case.truth, case.plain)
+    return quality_of(output_of(sent.scan, case.truth), case.truth, case.plain)
 
 
 def _variant(name: str, value: float) -> str:

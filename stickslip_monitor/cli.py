@@ -159,7 +159,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except StickslipError as error:
         return _failed(str(error), 2)
     except BrokenPipeError:
-        # The reader (head, less) has gone: nothing is wrong, and nothing more can be said.
+        # The reader (head, less) has gone: nothing is wrong, and nothing more can be printed.
         _to_nowhere(sys.stdout.fileno())
         return 0
     except OSError as error:
@@ -257,7 +257,7 @@ def _stop(*_: object) -> NoReturn:
 
 
 def _heed_signals() -> None:
-    """Have a command that is told to stop clear away what it has begun, as after Ctrl-C.
+    """Have a command that has to stop clear away what it has begun, as after Ctrl-C.
 
     A terminal that is closed says so, too, unless the command is to outlive it (nohup).
     """
@@ -270,7 +270,7 @@ def _heed_signals() -> None:
 
 
 def _stopped() -> int:
-    # Pressed again while the interpreter goes, it would be told as a traceback.
+    # Pressed again while the interpreter goes, it would print a traceback.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     return 130

@@ -36,7 +36,7 @@ class SceneError(StickslipError, ValueError):
 
 
 class CalibrationError(StickslipError, ValueError):
-    """Evidence or a result of a calibration cannot be read, or does not tell enough."""
+    """Evidence or a result of a calibration cannot be read, or is not enough."""
 
 
 class FitError(StickslipError, ValueError):
@@ -99,7 +99,7 @@ def cause(error: BaseException) -> str:
 
 
 def program_fault(error: BaseException) -> str:
-    """What a user is told of an error that is raised by mistake and not on purpose."""
+    """The text for a user of an error that is raised by mistake and not on purpose."""
     return (
         f'this is a fault of the program, not of what it was given: {type(error).__name__}:'
         f' {error}. Please report it to its maintainers, with what the same command prints with'

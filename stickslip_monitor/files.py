@@ -163,7 +163,7 @@ def check_replaceable(path: str | Path, mark: bytes | None, force: bool = False)
     Args:
         path: Where to write; nothing needs to be there.
         mark: What the beginning of such a file of ours contains; ``None`` where only the contents
-            can tell, which :func:`write_whole` looks at.
+            can see, which :func:`write_whole` looks at.
         force: Whether any regular file may be replaced.
 
     Raises:

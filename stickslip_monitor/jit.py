@@ -32,7 +32,7 @@ def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[
     """Compile a function with all functions of its modules that it may call.
 
     The plain functions stay as they are: copies of them are compiled. The compiled code is kept
-    between processes where numba can write its cache; until it is, a person at a terminal is told.
+    between processes where numba can write its cache; until it is, a terminal shows a line.
 
     Args:
         entry: Name of the function.

@@ -2,7 +2,7 @@
 """The executable ``monitor``: the node, and what other adapters do for it.
 
 Adapters do not know each other. The node hands its clips to whoever can write them; that it is the
-bag layer, and so MCAP, is said here and nowhere else.
+bag layer, and so MCAP, is named here and nowhere else.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to stop; see :func:`stickslip_monitor.ros.run.main`."""
+    """Run the node until it is to stop; see :func:`stickslip_monitor.ros.run.main`."""
     return run.main(args, clip_store)
 
 

@@ -201,7 +201,7 @@ def inputs_sentences() -> list[str]:
         replace(facts, publishers=(Publisher('/a', 'T', 'DEADLINE'),)),
         facts,
         *(replace(facts, refused=s) for s in STATUS_SENTENCES if s is not Status.CLOCK_JUMP),
-        replace(facts, lost=False, heard=True, behind=10.0),
+        replace(facts, lost=False, receiving=True, behind=10.0),
         replace(facts, lost=False, publishers=(one, two)),
         *(replace(facts, lost=False, source=kind.sentence) for kind in SourceFaultKind),
     ]

@@ -284,7 +284,7 @@ def _gather(
         order: Its byte order, as numpy writes it.
 
     Returns:
-        An array for each number, and for which messages they count: only the decoder can tell what
+        An array for each number, and for which messages they count: only the decoder knows what
         a message holds that has anything unusual.
     """
     sound = np.ones(len(base), np.bool_)

@@ -63,17 +63,17 @@ _FOOTER = HEAD.size + 20
 class Contents:
     """What one file of some length [bytes] holds.
 
-    ``tell`` is told what is wrong with it, in sentences.
+    ``warn`` is given what is wrong with it, in sentences.
 
     A definition counts as it was first given: messages behind one that says otherwise are not
-    read, and it is told.  Channels and schemas are by number, ``counts`` are the messages of each
-    channel; with ``is_stated`` they are those of the summary, and nothing was decompressed yet.
+    read, and it is reported. Channels and schemas are by number, ``counts`` are the messages of
+    each channel; with ``is_stated`` they are those of the summary: nothing was decompressed.
     ``start_ns`` and ``end_ns`` are the earliest and the latest log time but 0, which ``has_zero``
-    tells of [ns].
+    holds [ns].
     """
 
-    def __init__(self, path: Path, size: int, tell: Callable[[str], None]) -> None:
-        self.path, self.size, self.tell = path, size, tell
+    def __init__(self, path: Path, size: int, warn: Callable[[str], None]) -> None:
+        self.path, self.size, self.warn = path, size, warn
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.blocks: list[Block] = []
@@ -136,7 +136,7 @@ class Contents:
             for user in users:
                 place = block.offset, offset
                 self._refused[user] = min(self._refused.get(user, place), place)
-            self.tell(
+            self.warn(
                 f'{block.place} defines {what} otherwise than before: messages of'
                 f' {self._named(users)} from there on were not read'
             )
@@ -158,7 +158,7 @@ class Contents:
     def compare(
         self, stated: Mapping[int, int], found: Mapping[int, int], keys: Iterable[int]
     ) -> None:
-        """Tell what the statistics of the file count otherwise, of some channels."""
+        """Report what the statistics of the file count otherwise, of some channels."""
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
             f' {found.get(key, 0)} can be read'
@@ -169,16 +169,16 @@ class Contents:
             more = len(texts) - _MOST_NAMED
             rest = f'; so with {more} more topics' if more > 0 else ''
             listed = '; '.join(texts[:_MOST_NAMED])
-            self.tell(f"file '{self.path.name}': its statistics count {listed}{rest}")
+            self.warn(f"file '{self.path.name}': its statistics count {listed}{rest}")
 
     def read_all(self, heads: _Heads) -> None:
         """Find out what the file holds by reading it."""
         name = self.path.name
         if heads.strange:
             odd = plural(heads.strange, 'record')
-            self.tell(f"file '{name}' has {odd} of kind 0, which is none: passed over")
+            self.warn(f"file '{name}' has {odd} of kind 0, which is none: passed over")
         if heads.behind:
-            self.tell(f"file '{name}' has messages behind the end of its data; they were read too")
+            self.warn(f"file '{name}' has messages behind the end of its data; they were read too")
         last = self._count(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
@@ -186,7 +186,7 @@ class Contents:
             if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
                 self.define(None, 0, record)
         for key in self.counts.keys() - self.channels.keys():
-            self.tell(
+            self.warn(
                 f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
                 ' is defined nowhere, were not read'
             )
@@ -196,7 +196,7 @@ class Contents:
             self.cut = self._cut(heads, last)
         elif heads.offset < self.size:
             rest = plural(self.size - heads.offset, 'byte')
-            self.tell(f"file '{name}' has {rest} behind its end, not read")
+            self.warn(f"file '{name}' has {rest} behind its end, not read")
 
     def _count(self, blocks: list[Block]) -> int:
         """Read all blocks for what they hold; return the messages of the last one."""
@@ -221,7 +221,7 @@ class Contents:
         """First and last log time of a piece, if it has any; widen the span of the file."""
         times = piece.log_time_ns
         if (times < 0).any():
-            self.tell(
+            self.warn(
                 f"file '{self.path.name}': messages with a log time of 2^63 ns or more, which is"
                 ' no time, were not used'
             )
@@ -287,11 +287,11 @@ class FilePass:
         self._most = self._left = _FREE + _FOR_EACH * file.size
 
     def spend(self, block: Block, cost: int) -> bool:
-        """Take a cost [bytes] for a block; tell whether the pass goes on."""
+        """Take a cost [bytes] for a block; whether the pass goes on."""
         self._left -= cost
         if self._left < 0 and not self.is_over:
             self.is_over = True
-            self.file.tell(
+            self.file.warn(
                 f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
                 f' more than {self._most} bytes, the limit for its size'
             )
@@ -300,19 +300,19 @@ class FilePass:
     def groups(
         self, block: Block, take: Callable[[], Loaded]
     ) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
-        """Walk through a block, take the definitions in it, and tell what is wrong with it.
+        """Walk through a block, take the definitions in it, and report what is wrong with it.
 
         Yields:
             The records piece by piece, and which messages of it each channel has.
         """
         if self.is_over or (block.size <= MOST and not self.spend(block, block.size)):
             return
-        tell = self.file.tell
+        warn = self.file.warn
         try:
             data, hints = take()
         except DamagedBlock as damage:
             if not block.is_cut:
-                tell(f'{block.place} is damaged ({damage}) and was skipped')
+                warn(f'{block.place} is damaged ({damage}) and was skipped')
             return
         unread = end = 0
         for piece in walk(data, hints):
@@ -324,10 +324,10 @@ class FilePass:
             self.counts.update({key: rows.size for key, rows in allowed})
             yield piece, allowed
         if unread:
-            tell(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
+            warn(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
         if end < len(data) and not block.is_cut:
             rest = plural(len(data) - end, 'byte')
-            tell(f'{block.place} has {rest} at its end, no record: not read')
+            warn(f'{block.place} has {rest} at its end, no record: not read')
 
     def _define(self, block: Block, piece: Piece) -> int:
         """Take the definitions in a piece; return how many cannot be read."""
@@ -428,7 +428,7 @@ class _Heads:
     def is_sound(self) -> bool:
         """Whether the footer says the same of the summary as the records, with its checksum.
 
-        The summary of a file that holds what no recorder of chunks writes is not believed.
+        The summary of a file that holds what no recorder of chunks writes is not used.
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False
@@ -442,8 +442,8 @@ class _Heads:
         return not footer.summary_crc or zlib.crc32(data) == footer.summary_crc
 
 
-def scan_file(path: Path, tell: Callable[[str], None]) -> Contents:
-    """Find out what a file holds; ``tell`` is told what is wrong with it, in sentences.
+def scan_file(path: Path, warn: Callable[[str], None]) -> Contents:
+    """Find out what a file holds; ``warn`` is given what is wrong with it, in sentences.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.
@@ -466,9 +466,9 @@ def scan_file(path: Path, tell: Callable[[str], None]) -> Contents:
             size = os.fstat(number).st_size
             heads = _Heads(number, path, size)
             heads.walk()
-            contents = Contents(path, size, tell)
+            contents = Contents(path, size, warn)
             if not (heads.is_sound and contents.take_summary(heads)):
-                contents = Contents(path, size, tell)
+                contents = Contents(path, size, warn)
                 contents.read_all(heads)
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror}") from None

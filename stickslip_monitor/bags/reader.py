@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a recording: one MCAP file, or a rosbag2 folder of them.
 
-Finds the recordings of an archive, tells whether one has changed, and takes one that is piped.
+Finds the recordings of an archive, finds whether one has changed, and takes one that is piped.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Bag:
 
         Args:
             requests: What to read.
-            progress: Told the bytes done and the bytes to do after each block.
+            progress: Given the bytes done and the bytes to do after each block.
 
         Returns:
             A series for each request; the messages of a damaged chunk are missing, and
@@ -191,7 +191,7 @@ def missing_topic(topics: Collection[str], name: str) -> str:
     more = len(ranked) - _MOST_NAMED
     rest = f' and {more} more' if more > 0 else ''
     listed = f'{", ".join(ranked[:_MOST_NAMED])}{rest}' if ranked else 'no topics'
-    return f"topic '{name}' is not in the bag: it has {listed}"
+    return f"the recording has no topic '{name}': it has {listed}"
 
 
 def open_bag(path: str | Path) -> Bag:
@@ -221,8 +221,8 @@ def open_bag(path: str | Path) -> Bag:
     return bag
 
 
-def _folder_files(folder: Path, tell: Callable[[str], None]) -> tuple[list[Path], int | None]:
-    """Find the files of a folder, and the messages they should hold; tell what is odd."""
+def _folder_files(folder: Path, warn: Callable[[str], None]) -> tuple[list[Path], int | None]:
+    """Find the files of a folder, and the messages they should hold; report what is odd."""
     try:
         names = [path.name for path in folder.iterdir()]
     except OSError as error:
@@ -235,17 +235,17 @@ def _folder_files(folder: Path, tell: Callable[[str], None]) -> tuple[list[Path]
         raise BagError(f"bag '{folder}' has no .mcap file")
     if isinstance(metadata, str):
         _refuse_several(folder, names)
-        tell(f'{metadata}: its .mcap files were read in the order of their names')
+        warn(f'{metadata}: its .mcap files were read in the order of their names')
         return there, None
     listed, count = metadata
     missing = [file for file in listed if file not in there]
     for file in missing[:_MOST_NAMED]:
-        tell(f"file '{file.name}' is listed in {METADATA_NAME} but missing")
+        warn(f"file '{file.name}' is listed in {METADATA_NAME} but missing")
     if len(missing) > _MOST_NAMED:
-        tell(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
+        warn(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
     for file in there:
         if file not in listed:
-            tell(f"file '{file.name}' is not listed in {METADATA_NAME} and was not read")
+            warn(f"file '{file.name}' is not listed in {METADATA_NAME} and was not read")
     found = [file for file in listed if file in there]
     if not found:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
@@ -382,7 +382,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
 
     Args:
         stream: Where it comes from; one that ends in the middle is a file that is cut.
-        show: Told what is being done, and the bytes read so far.
+        show: Given what is being done, and the bytes read so far.
 
     Raises:
         BagError: Nothing is piped, or the disk does not take it.

@@ -38,7 +38,7 @@ _REFUSED = 'come behind a definition that does not fit, and were not used'
 
 Progress = Callable[[int, int], None]
 Columns = tuple[NDArray[Any], ...]
-"""Messages: log times [ns], numbers of their blocks, and what else there is to tell of each: shape
+"""Messages: log times [ns], numbers of their blocks, and what else there is of each: shape
 (n,) or (k, n)."""
 
 
@@ -65,7 +65,7 @@ class Pass:
     Args:
         files: The recording.
         topics: The topics, which are numbered in this order.
-        progress: Told the bytes done and the bytes to do after each block.
+        progress: Given the bytes done and the bytes to do after each block.
         spans: The log times wanted; all when None.
     """
 
@@ -149,7 +149,7 @@ class Pass:
             for key, rows in groups:
                 channel = file.channels.get(key)
                 if channel is None and file.is_stated:
-                    file.tell(
+                    file.warn(
                         f'{job.block.place} has messages of channel {key}, which is defined'
                         ' nowhere: not read'
                     )
@@ -164,13 +164,13 @@ class Pass:
             late += int(np.count_nonzero(is_late))
             yield _part(columns, ~is_late) if is_late.any() else columns
         if late:
-            file.tell(
+            file.warn(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
                 ' says: they were not used'
             )
 
     def compare(self) -> None:
-        """Tell what a summary counts otherwise, when all was read."""
+        """Report what a summary counts otherwise, when all was read."""
         for way in self._ways:
             if way.file.is_stated:
                 way.file.compare(way.file.counts, way.counts, self._keys(way.file))
@@ -331,7 +331,7 @@ class Reading:
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
             reader = self._reader(number, job.way.file, channel)
             if isinstance(reader, BagError):
-                job.way.file.tell(
+                job.way.file.warn(
                     f'{job.block.place} has messages of another definition: {reader}'
                 )
                 wanted.reasons[_REFUSED] += rows.size

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show what accuracy costs in time: every method for the stick-slip amplitude on a set of cases.
 
-Each method, from averaging to the exact cycle, solves operating points from easy to hard. Its
-error is that against references of 40 digits; its time is the median of repeated, warm calls.
-For steady times keep the machine quiet and set OMP_NUM_THREADS=1.
+Each method, from averaging to the exact cycle, solves operating points from easy to hard. Errors
+are against references of 40 digits; times are medians of repeated, warm calls. For steady times
+keep the machine quiet and set OMP_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -42,11 +42,15 @@ _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('--quick', action='store_true', help='few cases, short samples: seconds')
+    parser.add_argument('--quick', action='store_true', help='a few cases, done in seconds')
     options.add_input(
-        parser, '--from', dest='source', metavar='FILE', help='show that CSV: no measuring'
+        parser,
+        '--from',
+        dest='source',
+        metavar='FILE',
+        help='show an earlier result (.csv); measure nothing',
     )
-    text = '.csv: every method at every case'
+    text = '.csv: one row for each method and case'
     options.add_output(parser, '--output', '-o', marks=options.TABLE, was='--csv', help=text)
     options.add_picture(parser, 'error over time')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assess one operating point: regime, margins and predicted amplitude of each bearing.
 
-The exit code is 1 where a bearing would warn: close to the stick-slip region or inside it.
+Exits 1 if the monitor would warn at this point: near the stick-slip region or inside it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Infer a bearing's stability boundaries from recordings and reports of vibration.
 
-Evidence is an operator's CSV file (--reports: bearing, start, end, state, and as one likes
-tolerance [s] and trust), or else the level that is configured for the bearing, or where there is
-none the truth in simulated bags. The result is a
-file that `calibration:` in the bearing's configuration names; it holds for the readings of the
-same sensors, and is no measurement of friction. The exit code is 1 where a warning says that the
-result is worth less (no episode, a doubtful report, a surprise), and 2 for bad input.
+The evidence is an operator's CSV file (--reports: bearing, start, end, state, optionally
+tolerance [s] and trust); without one, the level configured for the bearing; without a level, the
+truth in simulated bags. Name the resulting file under `calibration:` in the bearing's
+configuration. It is valid for readings of the same sensors and does not measure friction. Exits 1
+if a warning lowers the value of the result (no episode, a doubtful report, a surprise), 2 for bad
+input.
 """
 
 from __future__ import annotations
@@ -65,12 +65,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result = {'': CALIBRATION_SCHEMA.encode()}
     text = 'write the result, JSON'
     options.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
-    options.add_input(parser, '--add', metavar='FILE', help='begin with this earlier result')
-    text = 'let ln N0 wander by this standard deviation from dip to dip, e.g. 0.03'
+    options.add_input(parser, '--add', metavar='FILE', help='start from this earlier result')
+    text = 'allow a slow drift of the boundary: standard deviation of ln N0, e.g. 0.03'
     options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
-    options.add_input(parser, '--bench', metavar='FIT', help='what stickslip fit --json printed')
+    options.add_input(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
     yaml = {'': FRAGMENT_MARK}
-    options.add_output(parser, '--fragment', marks=yaml, help='write damping and friction, YAML')
+    options.add_output(
+        parser,
+        '--fragment',
+        marks=yaml,
+        help='write damping and friction as a configuration fragment, YAML',
+    )
     options.add_picture(parser, 'the map with its bands')
     options.add_force(parser)
     options.add_json(parser)
@@ -138,7 +143,7 @@ def _prior(
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
-    """Who tells when the bearings of a configuration vibrated: an operator's file, if any."""
+    """The source of when the bearings of a configuration vibrated: an operator's file, if any."""
     names = [bearing.name for bearing in config.bearings]
     return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 

@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the monitor over recorded bags: events, time in each regime, worst margins, bad data.
 
-A bag is a rosbag2 folder or an .mcap file; a folder of bags stands for all of them, and - for a
-recording in MCAP on standard input. What was cut off is read up to the cut. With --report
-everything is also written into one file that opens anywhere, without a network: .html to be read,
-.png to be shown, .json for programs. With --mcap the verdicts are written as messages beside the
-inputs, for replay in Foxglove or PlotJuggler; with --clips only what came and went around each
-alarm, a small file for each.
+A bag is a rosbag2 folder or an .mcap file; a folder of bags stands for all of them, and - for
+MCAP on standard input. A truncated bag is read up to the cut. --report writes one file that opens
+anywhere without a network: .html to read, .png to show, .json for programs. --mcap writes the
+verdicts as messages beside the inputs, for replay in Foxglove or PlotJuggler; --clips writes a
+short recording around each alarm.
 Several bags are checked on all cores, or with --scheduler on a Dask cluster whose workers see
-them under the same paths; one that cannot be checked is named and does not keep the others up.
-With --resume what was found of each bag is kept in a file, and taken from there the next time.
-With --learn the times at which a bearing vibrated are compared with what was predicted, over all
-bags together, and a calibration is proposed where it would change something; that is advice, which
-changes neither the configuration nor the exit code.
-The exit code is 1 where the monitor warned, 2 where a bag could not be checked.
+them under the same paths. A bad bag is named and does not stop the rest. --resume keeps the result
+of each bag in a file and takes it from there the next time.
+--learn compares when a bearing vibrated with what was predicted, over all bags, and proposes a
+calibration if it would change something; this advice changes neither the configuration nor the
+exit code. Exits 1 if the monitor warned, 2 if a bag could not be checked.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ _KEPT = {'': b'{"key": "check-'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = 'rosbag2 folder, .mcap file, folder of such, or - for standard input'
+    text = 'rosbag2 folder, .mcap file, folder of these, or - for standard input'
     options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser)
     options.add_bearing(parser)
@@ -65,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(parser, '--learn', metavar='FROM', help=text)
     text = 'bags checked at a time (default: one for each core)'
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
-    text = 'keep what is found of each bag in this file, and check only what is not in it'
+    text = 'keep the result of each bag in this file, and check only the bags not in it'
     options.add_output(parser, '--resume', marks=_KEPT, help=text)
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
     parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
@@ -257,8 +255,8 @@ def _bearing_lines(
         yield from _event_lines(event, text, start, width)
     for title, spent in (('time in each regime', 'seconds'), ('measured vibration', 'measured')):
         if spent in item:
-            said = ', '.join(f'{state} {seconds:.1f} s' for state, seconds in item[spent].items())
-            yield f'{title}: {said}'
+            times = (f'{state} {seconds:.1f} s' for state, seconds in item[spent].items())
+            yield f'{title}: {", ".join(times)}'
     for quantity, called in _WORST.items():
         if quantity in item['worst']:
             extreme = item['worst'][quantity]

@@ -60,7 +60,7 @@ class Task:
     report: str | None = None  # the ending of the report, if one is wanted
     mcap: str | None = None  # where to write the recording of verdicts, if at all
     clips: str | None = None  # the folder to write clips into, if at all
-    learn: EvidenceSource | None = None  # who tells when the bearings vibrated, to learn from
+    learn: EvidenceSource | None = None  # the source of when the bearings vibrated, to learn from
 
     @property
     def is_drawn(self) -> bool:
@@ -75,7 +75,7 @@ class Found:
     document: dict[str, Any]  # what `check --json` prints of it
     part: RecordingPart | None = None  # its part of the report, where one is wanted
     clips: int | None = None  # how many were written, where they were wanted
-    # What it tells of each bearing, or why it tells nothing, where that is wanted.
+    # The evidence of each bearing, or why there is none, where that is wanted.
     evidence: dict[str, Evidence | str] = field(default_factory=dict)
     faulty: bool = False  # whether it could not be checked by a fault of the program
 
@@ -125,8 +125,8 @@ def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
             f'--learn level needs a level of every bearing, and {", ".join(missing)} has none:'
             ' configure level.topic'
         )
-    told = None if text in ('level', 'truth') else text
-    return replace(source_of(told, config), true=text == 'truth')
+    reports = None if text in ('level', 'truth') else text
+    return replace(source_of(reports, config), true=text == 'truth')
 
 
 def check_all(
@@ -147,8 +147,8 @@ def check_all(
         waiting: dict[str, Found] = {}
         calls = {key: (task, bag) for key, bag in by_key.items() if key not in known}
         with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
-            told = ((key, Found(known[key])) for key in by_key if key in known)
-            for count, (key, outcome) in enumerate(itertools.chain(told, arriving), 1):
+            done_before = ((key, Found(known[key])) for key in by_key if key in known)
+            for count, (key, outcome) in enumerate(itertools.chain(done_before, arriving), 1):
                 waiting[key] = found = _as_found(task, by_key[key], outcome)
                 if key in calls and 'error' not in found.document:
                     keep(key, found.document)
@@ -180,7 +180,7 @@ def _outcomes(
 
 
 def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
-    """Check one bag; why it cannot be checked is told by the result.
+    """Check one bag; the result says why it cannot be checked.
 
     Args:
         task: What is wanted.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serve a page that shows the bearings and their alarms, and takes actions on them.
 
-Without --bag it listens to running monitors over ROS 2; with --bag it runs the monitor over a
-recording, in the recording's time. It listens on this machine only; to open it to others give
---host and a token file. /metrics is for Prometheus.
+Without --bag it shows running monitors over ROS 2; with --bag it replays a recording through the
+monitor. It listens on this machine only; to open it to others give --host and a token file.
+/metrics is for Prometheus.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _LOWEST_MAP = 0.1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = 'ROS 2 parameter file; with several nodes one for all, or one for each in order'
+    text = 'ROS 2 parameter file; with several nodes, one for all or one for each in order'
     parser.add_argument(
         '--config', '-c', required=True, action='append', metavar='FILE', help=text
     )
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(
         parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2'
     )
-    text = 'replay so many times faster (default 1)'
+    text = 'speed of the replay (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     text = f"the monitor's full name (default /{NODE_NAME}); again for each further monitor"
     parser.add_argument('--node', action='append', help=text)
@@ -72,7 +72,7 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--token-file', metavar='FILE', help=text)
     text = 'host name by which people reach this machine'
     parser.add_argument('--name', action='append', default=[], help=text)
-    text = 'keep what happens here, over restarts of the page'
+    text = 'keep the event log in this file, over restarts of the page'
     parser.add_argument('--log', metavar='FILE', help=text)
     options.add_diagnostics(parser)
 
@@ -111,7 +111,7 @@ def _nodes(args: argparse.Namespace) -> list[str]:
         if space in spaces[:k]:
             raise ConfigurationError(
                 f"--node '{nodes[k]}' is in the same namespace as '{nodes[spaces.index(space)]}':"
-                ' bearings are told apart by the namespace; use a dashboard for each'
+                ' bearings are distinguished by the namespace; use a dashboard for each'
             )
     return nodes
 

@@ -2,7 +2,7 @@
 """Draw the bifurcation diagram: vibration amplitude over shaft speed, at one load.
 
 The suffix of the output file chooses the format: a picture (.png, .svg) or the curves
-themselves (.csv, SI units). Speeds are chosen to show the Hopf and the fold unless given.
+themselves (.csv, SI units). By default the speeds span the Hopf and the fold.
 """
 
 from __future__ import annotations

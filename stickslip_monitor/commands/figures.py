@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the published findings on stick-slip of a water-lubricated rubber bearing.
 
-Four pictures, each with the statement it reproduces and with a CSV file of its data beside it:
+Four pictures, each with the statement it reproduces and a CSV file of its data:
 amplitude against belt speed, against normal force and against the kinetic friction coefficient,
-and stick-slip in time and in the phase plane. Without a configuration they are those of the
-reference bearing of the docs; another bearing needs a Stribeck law.
+and stick-slip in time and in the phase plane. Without a configuration they show the reference
+bearing of the docs; another bearing needs a Stribeck law.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
         '--output', '-o', default='figures', metavar='DIR',
-        help='folder to write to, made if there is none (default: figures)',
+        help='output folder, created if missing (default: figures)',
     )  # fmt: skip
     text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
     options.add_config(parser, required=False, text=text)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fit the Stribeck law to a measured friction-against-speed curve.
 
-The CSV file has a line of headings and one point a line; the columns of speed and coefficient are
-recognised by their headings, as is one of standard deviations (std) or weights. With --config and
---load the uncertainty of the fit is carried on to the Hopf and fold speed of the bearings; their
-own friction law is not used. The exit code is 1 where the fit comes with a warning, and 2 where
-the curve cannot identify the law.
+The CSV file has a line of headings and one line for each point; the columns of speed and
+coefficient are recognised by their headings, as is one of standard deviations (std) or weights.
+With --config and --load the uncertainty of the fit is propagated to the Hopf and fold speed of the
+bearings; their own friction law is not used. Exits 1 if the fit has a warning, 2 if the curve
+cannot identify the law.
 """
 
 from __future__ import annotations
@@ -55,14 +55,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--speed-unit', choices=SPEED_UNITS, help='unit of the speeds, if the heading has none'
     )
     parser.add_argument(
-        '--journal-diameter', type=float, metavar='D', help='in m, for speeds of turning'
+        '--journal-diameter',
+        type=float,
+        metavar='D',
+        help='journal diameter [m], needed if speeds are in rpm, rad/s or Hz',
     )
     parser.add_argument(
         '--viscous', choices=('auto', 'yes', 'no'), default='auto',
-        help='whether the law has a viscous slope (default: where the F-test at 1 %% wants it)',
+        help='fit a viscous slope (default auto: if an F-test at 1 %% supports it)',
     )  # fmt: skip
     _add_bearing(parser)
-    text = '.csv: the points with what the fit says of each'
+    text = '.csv: the points with fitted values and residuals'
     options.add_output(parser, '--output', '-o', marks=options.TABLE, help=text)
     options.add_picture(parser, 'the points and the law')
     yaml = {'': FRAGMENT_MARK.encode()}
@@ -77,9 +80,9 @@ def _add_bearing(parser: argparse.ArgumentParser) -> None:
     options.add_bearing(group)
     group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
     group.add_argument('--speed', help='shaft speed with unit for the margins, e.g. 35rpm')
-    text = 'laws drawn (default 20000)'
+    text = 'Monte Carlo samples (default 20000)'
     options.add_number(group, '--draws', 100, 1_000_000, default=20000, help=text)
-    options.add_number(group, '--seed', 0, default=0, help='of the draws (default 0)')
+    options.add_number(group, '--seed', 0, default=0, help='seed of the samples (default 0)')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -272,7 +275,7 @@ def print_fit(
         out.print(_spread_table(item, spread, args))
         if spread.regimes:
             shares = ', '.join(f'{name} {share:.1%}' for name, share in spread.regimes.items())
-            out.print(f'of the laws drawn, at this speed: {shares}')
+            out.print(f'Monte Carlo samples at this speed: {shares}')
     out.print()
     out.print(escape(fragment(args.curve, fit)), end='')
 
@@ -309,7 +312,7 @@ def _print_outliers(out: Console, fit: StribeckFit) -> None:
 
 
 def _spread_table(item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace) -> Table:
-    without = f'{spread.without:.1%} of the laws drawn have no boundary: 0 rpm'
+    without = f'{spread.without:.1%} of the samples have no boundary: 0 rpm'
     table = _table(
         f'{item.name} with this law at {args.load}',
         'quantity; value; standard error; median; 95 % interval; unit',

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ask a running monitor over ROS 2 whether it monitors: for a container, a cron job, a script.
+"""Ask a running monitor over ROS 2 whether it works: for a container, a cron job or a script.
 
-The exit code is 0 where it monitors, 1 where it is there and says what is wrong, and 2 where
-nothing is heard of it. An alarm is nothing wrong with the monitor.
+Exits 0 if it monitors, 1 if it runs but reports a fault, 2 if there is no message from it. An
+active alarm is not a fault of the monitor.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from stickslip_monitor.monitor.ladder import Level
 
 _LONGEST = 600
 ALONE = 1.5
-"""Every monitor is heard once a second: after so long [s] there is no other."""
+"""Every monitor publishes once a second: after so long [s] there is no other."""
 _POLL = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = "the monitor's full name (default: the only one that is heard)"
+    text = "the monitor's full name (default: the only one that runs)"
     parser.add_argument('--node', help=text)
     own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
     options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
@@ -36,33 +36,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     try:
-        from stickslip_monitor.ros.watcher import hear_health
+        from stickslip_monitor.ros.watcher import receive_health
     except ImportError as error:
         raise no_ros(error) from error
     node = None if args.node is None else f'/{args.node.strip("/")}'
-    heard: dict[str, tuple[int, str]] = {}
+    found: dict[str, tuple[int, str]] = {}
 
     def take(name: str, level: int, text: str) -> None:
-        heard[name] = level, text
+        found[name] = level, text
 
-    with hear_health(args.diagnostics, take):
-        _wait(heard, node, args.timeout)
-    others = ', '.join(sorted(heard))
-    if node is None and len(heard) > 1:
-        raise RosError(f'several monitors are heard: name one of {others} by --node')
+    with receive_health(args.diagnostics, take):
+        _wait(found, node, args.timeout)
+    others = ', '.join(sorted(found))
+    if node is None and len(found) > 1:
+        raise RosError(f'several monitors run: choose one of {others} by --node')
     name = node or others
-    if name not in heard:
-        hint = f'; heard of: {others}' if others else ''
-        raise RosError(f'nothing is heard of {node or "a monitor"} for {args.timeout:g} s{hint}')
-    level, text = heard[name]
+    if name not in found:
+        hint = f'; running: {others}' if others else ''
+        raise RosError(f'no message from {node or "a monitor"} within {args.timeout:g} s{hint}')
+    level, text = found[name]
     sys.stdout.write(f'{name}: {printable(text)}\n')
     return int(level >= Level.ERROR or NOT_MONITORING in text)
 
 
-def _wait(heard: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
+def _wait(found: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
     """Wait for a node; without a name for the first, and then whether there is another."""
     end = time.monotonic() + seconds
-    while time.monotonic() < end and not (node in heard if node else heard):
+    while time.monotonic() < end and not (node in found if node else found):
         time.sleep(_POLL)
-    if node is None and heard:
+    if node is None and found:
         time.sleep(ALONE)

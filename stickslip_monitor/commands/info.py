@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show what a recording holds: its topics with types and counts, and the time that it spans.
+"""Show what a recording holds: topics with types and counts, and the time span.
 
-No configuration is needed; its topics are what one is written for.
+No configuration is needed: use it to find the topics to configure.
 """
 
 from __future__ import annotations

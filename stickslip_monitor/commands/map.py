@@ -3,7 +3,7 @@
 
 The suffix of the output file chooses the format: a picture (.png, .svg) or the boundaries
 themselves as loads over speed (.csv, SI units). With --track the operating points of a recorded
-bag are drawn on the map, and marks where the alarm changed.
+bag are drawn on the map, with marks where the alarm changed.
 """
 
 from __future__ import annotations

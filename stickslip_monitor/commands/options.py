@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Marks = Mapping[str, bytes | None]
 """By its ending, what the beginning of a file of ours contains; None where only the contents can
-tell, as of a table by its headings. The ending '' stands for any other."""
+show, as of a table by its headings. The ending '' stands for any other."""
 
 TABLE: Marks = {'.csv': None}
 ONE_OF_SEVERAL = 'which bearing, where several are configured'
@@ -153,7 +153,7 @@ class _Number(argparse.Action):
 
 
 def add_diagnostics(options: _Options) -> None:
-    """Add ``--diagnostics``: the topic on which nodes tell their state."""
+    """Add ``--diagnostics``: the topic on which nodes publish their state."""
     text = '(default /diagnostics)'
     options.add_argument('--diagnostics', default='/diagnostics', metavar='TOPIC', help=text)
 
@@ -180,7 +180,7 @@ class _Renamed(argparse.Action):
 
 
 def say_old(old: str, new: str) -> None:
-    """Tell of a spelling that is understood for one version."""
+    """Warn of a spelling that is understood for one version."""
     sys.stderr.write(f'{old} is called {new} now; the next version knows only that\n')
 
 

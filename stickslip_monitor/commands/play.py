@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publish a bag to ROS 2 with its timing, and /clock, where `ros2 bag play` is not installed.
+"""Publish a bag to ROS 2 with its timing, and /clock, if `ros2 bag play` is not installed.
 
-Nodes that are to follow the bag's time need the parameter use_sim_time.
+Set use_sim_time in nodes that are to follow the bag's time.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     options.add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
-    text = 'times faster than recorded (default 1)'
+    text = 'playback speed (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     options.add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
-    text = 'wait so long at most for a subscriber before starting'
+    text = 'wait at most so long for a subscriber before starting'
     options.add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge the monitor's warnings over simulated bags, or scenes, by what the lining really did.
 
-A bag must hold the truth, as those of a scene with the effect lining_motion do. Scenes (.yaml) are
-simulated with several seeds, in processes. The bare rules V < V_F and V < V_H stand
-beside the monitor; what each figure means is in docs/warning_quality.md. The exit code is 1 where
-an episode of stick-slip was missed or warned of too late, or a stick-slip alarm was false.
+A bag must hold the truth: simulate it from a scene with the effect lining_motion. Scenes (.yaml)
+are simulated with several seeds, in parallel. The bare rules V < V_F and V < V_H are judged beside
+the monitor; docs/warning_quality.md defines the figures. Exits 1 if an episode of stick-slip was
+missed or warned of too late, or if a stick-slip alarm was false.
 """
 
 from __future__ import annotations
@@ -68,15 +68,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser, required=False)
     options.add_bearing(parser)
-    text = 'speed, load, margins, amplitude, truth and warnings of a bearing in a bag over time'
+    text = (
+        'speed, load, margins, amplitude, truth and warnings over time, for one bearing of a bag'
+    )
     options.add_picture(parser, text)
-    text = 'of scenes: how many seeds of each (1)'
+    text = 'for scenes: number of seeds of each (default 1)'
     options.add_number(parser, '--seeds', 1, default=1, metavar='N', help=text)
-    text = "of scenes: the first seed (the scene's own)"
+    text = "for scenes: the first seed (default: the scene's own)"
     options.add_number(parser, '--first-seed', 0, metavar='S', help=text)
-    text = 'of scenes: a file of sensors, in place of what the scene names; again for more'
+    text = "for scenes: a file of sensors, in place of the scene's own; repeat for more"
     options.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
-    options.add_number(parser, '--jobs', 1, metavar='J', help='of scenes: processes (all cores)')
+    options.add_number(
+        parser, '--jobs', 1, metavar='J', help='for scenes: processes (default: all cores)'
+    )
     options.add_force(parser)
     options.add_json(parser)
 
@@ -138,12 +142,13 @@ def judge_all(calls: Sequence[Call], jobs: int) -> list[Voyage]:
 def _bags_json(judged: Sequence[tuple[Voyage, Sailed]]) -> dict[str, Any]:
     bags: dict[str, dict[str, Any]] = {}
     for voyage, case in judged:
-        said = case.said()
+        given = case.output()
         bags.setdefault(voyage.scene, {})[voyage.bearing] = {
             'figures': voyage.rules[OURS].figures(),
-            'episodes': [asdict(episode) for episode in announced(said, case.truth)],
+            'episodes': [asdict(episode) for episode in announced(given, case.truth)],
             'false_alarms': [
-                {'start_ns': start, 'end_ns': end} for start, end in false_alarms(said, case.truth)
+                {'start_ns': start, 'end_ns': end}
+                for start, end in false_alarms(given, case.truth)
             ],
         }
     return {
@@ -215,7 +220,7 @@ def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table
 
 
 def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
-    """A scene or a bag as briefly as it can be told from the others."""
+    """A scene or a bag as briefly as it differs from the others."""
     if voyage.seed is not None:
         return Path(voyage.scene).stem
     bag = Path(voyage.scene).name
@@ -227,18 +232,18 @@ def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
 
 def _remarks(case: Sailed) -> list[str]:
     """A sentence for every episode and for every false alarm."""
-    said, truth = case.said(), case.truth
+    given, truth = case.output(), case.truth
 
     def at(time_ns: int) -> str:
         return f'{(time_ns - truth.start_ns) / 1e9:.1f} s'
 
     found = [
         f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
-        for e in announced(said, truth)
+        for e in announced(given, truth)
     ]
     return found + [
         f'[red]false[/]: stick-slip alarm from {at(start)} to {at(end)}'
-        for start, end in false_alarms(said, truth)
+        for start, end in false_alarms(given, truth)
     ]
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Watch bearings on the ship's own buses, Signal K and NMEA 0183, and give the alarms to them.
 
-Without --node the monitor runs in this process, and no ROS is needed. With --node it stands beside
-a running monitor: what the buses bring is published on its topics, and its alarms go to the buses.
-The section /stickslip_links of the parameter file says which bus brings and takes what.
+Without --node the monitor runs in this process and ROS is not needed. With --node the command
+connects a running monitor: values from the buses are published on its topics, and its alarms go to
+the buses. The section /stickslip_links of the parameter file assigns inputs and alarms to buses.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 Take = Callable[[str, Input, float], None]
 SILENT = 3.0
-"""A node of which nothing has been heard for so long is not believed to be there [s]."""
+"""A node without a message for so long is taken for gone [s]."""
 _TICK = 0.5
 _GOING = 2.0
 _LONGEST_TOKEN = 10_000
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--node',
         nargs='?',
         const=f'/{NODE_NAME}',
-        help=f'stand beside the monitor of this full name (/{NODE_NAME} where none is given)',
+        help=f'connect the monitor with this full name (default /{NODE_NAME})',
     )
     dashboard.add_port(parser, 'serve the page of `stickslip dashboard`, too')
     dashboard.add_page(parser)
@@ -143,7 +143,7 @@ class Feed:
 
     @property
     def there(self) -> bool:
-        """Whether the monitor is heard."""
+        """Whether data come from the monitor."""
         return time.monotonic() - self._heard < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:
@@ -158,7 +158,7 @@ class Feed:
             monitor.take_health(level, text)
 
     def take_other(self, node: str) -> None:
-        """Another monitor than that beside has been heard."""
+        """A message of another monitor has come."""
         for monitor in self.monitors:
             monitor.take_other(node)
 
@@ -169,7 +169,7 @@ class Feed:
                 sink.take_alarms(record)
 
 
-def _tell_link(links: dict[str, bool], name: str, up: bool, why: str) -> None:
+def _report_link(links: dict[str, bool], name: str, up: bool, why: str) -> None:
     """A link works, or does not and why: every change is logged."""
     before, links[name] = links.get(name), up
     if before is not up:
@@ -183,10 +183,10 @@ async def _watch(
     board: DashboardState | None,
 ) -> None:
     feed = Feed(() if board is None else board.monitors)
-    tell = partial(_tell_link, {} if board is None else board.links)
+    report = partial(_report_link, {} if board is None else board.links)
     with _monitor(args, config, links, feed) as (take, run_monitor):
         names = [bearing.name for bearing in config.bearings]
-        clients = _clients(links, MonitorSide(names, take, feed.act, tell, _log))
+        clients = _clients(links, MonitorSide(names, take, feed.act, report, _log))
         feed.sinks += clients
         for client in clients:
             await client.start()

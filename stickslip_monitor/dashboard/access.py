@@ -53,7 +53,7 @@ _HEADERS = {
 class Access:
     """The rules.
 
-    A session is a random number with its keyed hash: it outlives a restart and does not tell the
+    A session is a random number with its keyed hash: it outlives a restart and does not show the
     token. Those that were ended are remembered until a restart; another token ends all.
     """
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures for Prometheus: names end in base units, as its conventions ask.
 
-They are read from the board when somebody scrapes. Of a monitor that is not heard the figures are
+They are read from the board when somebody scrapes. Of a monitor without data the figures are
 left out rather than repeated, so that nobody takes an old value for a new one.
 """
 
@@ -48,14 +48,14 @@ GAUGES = {
 }
 """Of each number of an operating point its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'
-_UP = 'Whether the monitor, every bearing and its list of alarms are heard (1) or not (0).'
+_UP = 'Whether the monitor, every bearing and its list of alarms send data (1) or not (0).'
 _SPACE = ['namespace']
 _BEARING = ['namespace', 'bearing']
 _CONDITIONS = ('waiting', NOT_MONITORING, *(condition.value for condition in Condition))
 _REGIMES = tuple(regime.value for regime in Regime)
 _LEVELS = tuple(state.value for state in MEASURED)
 _STATES = (
-    ('condition', 'condition', 'reason', _CONDITIONS, 'Whether its condition is this one.'),
+    ('condition', 'condition', 'reason', _CONDITIONS, 'Whether this is its condition.'),
     ('regime', 'regime', 'regime', _REGIMES, 'Whether its operating point is in this regime.'),
     ('measured', 'state', 'measured', _LEVELS, 'Whether the measured vibration says this.'),
 )
@@ -88,17 +88,17 @@ class Metrics(Collector):
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
             yield _family('link_up', text, ['link'], [([name], up) for name, up in links])
-        missing = {key for monitor in board.monitors for key in monitor.unheard()}
+        missing = {key for monitor in board.monitors for key in monitor.missing()}
         yield from _presence(board, missing)
-        heard = [m for m in board.monitors if m.heard and not board.finished]
+        receiving = [m for m in board.monitors if m.receiving and not board.finished]
         known = [
             ((m.namespace, name), own.record)
-            for m in heard
+            for m in receiving
             for name, own in m.bearings.items()
             if own.key not in missing and own.record is not None
         ]
         yield from _bearings(known)
-        yield from _alarms(heard)
+        yield from _alarms(receiving)
 
 
 def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
@@ -107,21 +107,21 @@ def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
     yield _family('monitor_up', _UP, _SPACE, ups)
     yield _family(
         'monitor_silence_seconds',
-        'Time since anything was heard of the monitor.',
+        'Time since the last message from the monitor.',
         _SPACE,
         [((m.namespace,), m.silent_for) for m in monitors],
     )
     pairs = [(m, name, own.key) for m in monitors for name, own in m.bearings.items()]
     yield _family(
         'bearing_up',
-        'Whether the bearing is heard (1) or not (0).',
+        'Whether there is data on the bearing (1) or not (0).',
         _BEARING,
         [((m.namespace, name), key not in missing) for m, name, key in pairs],
     )
 
 
 _Known = list[tuple[tuple[str, str], dict[str, Any]]]
-# Of each bearing that is heard its labels, and its record.
+# Of each bearing with data its labels, and its record.
 
 
 def _bearings(known: _Known) -> Iterator[Metric]:
@@ -185,7 +185,7 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
     ]
     yield _family(
         'alarm_active',
-        'Whether the cause of the alarm is there.',
+        'Whether the alarm is active.',
         labels,
         [(names, a['active']) for names, a in alarms],
     )

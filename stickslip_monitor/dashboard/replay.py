@@ -164,7 +164,7 @@ class Replay:
     def _take(self, sample: _Sample) -> None:
         _, log_ns, time_ns, name, place, value = sample
         update = self._session.take(name, place, time_ns, value, self._now())
-        if update.status.believed and place != Input.LEVEL:
+        if update.status.valid and place != Input.LEVEL:
             self._ahead_ns[name] = time_ns - log_ns
 
     def _show(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the page shows: the newest of everything, what happened, and who is to be told of changes.
+"""What the page shows: the newest of everything, what happened, and who is to get the changes.
 
 All of it happens on one event loop; whoever knows something from another thread hands it over
 with ``call_soon_threadsafe``.
@@ -37,9 +37,9 @@ KEPT_READERS = 12
 
 
 class EventLog:
-    """The newest entries, oldest first; each is there once, however often it is told.
+    """The newest entries, oldest first; each is there once, however often it comes.
 
-    A latched topic tells a dashboard that starts again what the file knows already.
+    A latched topic sends a dashboard that starts again what the file has already.
 
     Args:
         store: What keeps the entries over a restart; ``None`` for nothing.
@@ -174,7 +174,7 @@ class Hub:
             reader.close()
 
     def send(self, kind: str, document: dict[str, Any], key: str = '') -> None:
-        """Give an event to every reader; the key tells it from others of its kind."""
+        """Give an event to every reader; the key is that among others of its kind."""
         event = event_of(kind, document)
         for reader in self.readers:
             reader.put(f'{kind} {key}', event)
@@ -209,9 +209,9 @@ class DashboardState:
         self.links: dict[str, bool] = {}
         self.playing: dict[str, Any] | None = None
         self.finished = False
-        self._told: dict[str, Any] = {}
+        self._sent: dict[str, Any] = {}
         for monitor in self.monitors:
-            monitor.told, monitor.log = self._take, self.log.extend
+            monitor.send, monitor.log = self._take, self.log.extend
 
     @property
     def bearings(self) -> dict[str, Watched]:
@@ -235,9 +235,9 @@ class DashboardState:
         }
 
     @property
-    def heard(self) -> bool:
-        """Whether anything of any monitor is heard."""
-        return not self.finished and any(monitor.heard for monitor in self.monitors)
+    def receiving(self) -> bool:
+        """Whether anything comes from any monitor."""
+        return not self.finished and any(monitor.receiving for monitor in self.monitors)
 
     def faults(self) -> list[str]:
         """Why what is shown must not be taken for all there is; a sentence each."""
@@ -246,7 +246,7 @@ class DashboardState:
         return [text for monitor in self.monitors for text in monitor.faults()]
 
     def notices(self) -> list[str]:
-        """What else is wrong, though all bearings are heard; a sentence each."""
+        """What else is wrong, though data come from all bearings; a sentence each."""
         log = f'The log is not kept: {self.log.fault}' if self.log.fault else ''
         return [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text]
 
@@ -257,7 +257,7 @@ class DashboardState:
         self._tell()
 
     def play(self, place: dict[str, Any]) -> None:
-        """A replay tells where it is."""
+        """A replay reports where it is."""
         if place != self.playing:
             self.playing = place
             self.hub.send('replay', place)
@@ -276,7 +276,7 @@ class DashboardState:
         self._tell()
 
     def tick(self) -> None:
-        """Let time pass: a monitor that falls silent is told, and a map that is too small grows.
+        """Let time pass: report a monitor that falls silent, enlarge a map that is too small.
 
         One map at a time: it takes some 30 ms.
         """
@@ -288,23 +288,23 @@ class DashboardState:
 
     def _tell(self) -> None:
         monitor = self.monitor()
-        told = monitor | {'silent': None, 'faults': len(monitor['faults'])}
-        if told != self._told:
-            self._told = told
+        state = monitor | {'silent': None, 'faults': len(monitor['faults'])}
+        if state != self._sent:
+            self._sent = state
             self.hub.send('monitor', monitor)
 
     def monitor(self) -> dict[str, Any]:
         """Whether the monitors are there."""
         silences = [monitor.silent_for for monitor in self.monitors]
         known = [round(silent, 1) for silent in silences if silent is not None]
-        unheard = [key for monitor in self.monitors for key in monitor.unheard()]
+        missing = [key for monitor in self.monitors for key in monitor.missing()]
         return {
-            'there': self.heard,
+            'there': self.receiving,
             'finished': self.finished,
             'silent': max(known) if len(known) == len(silences) else None,
             'faults': self.faults(),
             'notices': self.notices(),
-            'unheard': [] if self.finished else unheard,
+            'missing': [] if self.finished else missing,
         }
 
     def state(self) -> dict[str, Any]:

@@ -22,11 +22,11 @@ from stickslip_monitor.monitor.messages import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import Status
 
 SILENT = 3.0
-"""A monitor of which nothing has been heard for so long is not believed to be there [s]."""
+"""A monitor without a message for so long is taken for gone [s]."""
 ALARMS_SILENT = 150.0
-"""The list of alarms comes at least once a minute; after so long it is not believed [s]."""
+"""The list of alarms comes at least once a minute; after so long it is too old [s]."""
 MOST_NAMES = 20
-"""Other monitors and bearings that are remembered, to tell of them."""
+"""Other monitors and bearings that are remembered, to report them."""
 _BEYOND = 5
 # A map that is made for an operating point has this much room beyond its speed and its load.
 _ROOM = (1.2, 1.5)
@@ -198,7 +198,7 @@ Row = list[Any]
 
 
 def _row(record: dict[str, Any]) -> Row:
-    """A row; what rests on a lost input has no value, though the last one is still told."""
+    """A row; what rests on a lost input has no value, though the last one is still published."""
     lost = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
     hidden = lost | (set(_OF_POINT) if lost else set())
     return [None if name in hidden else record[name] for name in COLUMNS]
@@ -206,7 +206,7 @@ def _row(record: dict[str, Any]) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class BearingView:
-    """What the page is told of a bearing once."""
+    """What the page gets of a bearing once."""
 
     name: str
     rpm: float  # shaft speed at a surface speed of 1 m/s [rpm]
@@ -227,10 +227,10 @@ class BearingView:
 
 @dataclass(slots=True)
 class Watched:
-    """A bearing: what is shown of it, and what was heard."""
+    """A bearing: what is shown of it, and what has come."""
 
     key: str  # its name with the namespace of its node, as the page knows it: ``port/aft``
-    view: BearingView  # what the page is told of it once
+    view: BearingView  # what the page gets of it once
     record: dict[str, Any] | None = None  # the newest, for the page; ``None`` before it came
     # The last ten minutes, a row a second.
     history: deque[Row] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
@@ -298,11 +298,11 @@ class WatchedMonitor:
     Attributes:
         alarms: The newest list of alarms for the page; ``None`` before it came.
         act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
-        told: Called with what is new for the page: kind, document, and what tells it from others.
+        send: Called with what is new for the page: kind, document and key.
     """
 
     act: Callable[[ActionRequest], object]
-    told: Send
+    send: Send
     log: Callable[[list[dict[str, Any]]], None]
 
     def __init__(
@@ -326,7 +326,7 @@ class WatchedMonitor:
         self.bearings = {view.name: Watched(self.key(view.name), view) for view in self._views}
         self.alarms: dict[str, Any] | None = None
         self._health: tuple[int, str] = (0, '')
-        self._heard_at: float | None = None
+        self._received_at: float | None = None
         self._listed_at: float | None = None
         self._foreign: dict[str, float] = {}
 
@@ -341,22 +341,22 @@ class WatchedMonitor:
 
     @property
     def silent_for(self) -> float | None:
-        """Time since anything was heard of it [s]; ``None`` before it was."""
-        return None if self._heard_at is None else self._clock() - self._heard_at
+        """Time since its last message [s]; ``None`` before it was."""
+        return None if self._received_at is None else self._clock() - self._received_at
 
     @property
-    def heard(self) -> bool:
-        """Whether anything of it is heard."""
+    def receiving(self) -> bool:
+        """Whether anything comes from it."""
         silent = self.silent_for
         return silent is not None and silent < SILENT
 
     @property
     def there(self) -> bool:
-        """Whether all of it that must be heard is."""
-        return self.heard and not self.faults()
+        """Whether all comes from it that must."""
+        return self.receiving and not self.faults()
 
-    def unheard(self) -> list[str]:
-        """Keys of the bearings of which nothing is heard."""
+    def missing(self) -> list[str]:
+        """Keys of the bearings of which nothing comes."""
         now = self._clock()
         own = self.bearings.values()
         return [each.key for each in own if each.at is None or now - each.at >= SILENT]
@@ -365,39 +365,39 @@ class WatchedMonitor:
         """Why what is shown must not be taken for all there is; a sentence each."""
         if self.silent_for is None:
             others = ', '.join(self._others)
-            there = f' There are other monitors: {others}; see --node.' if others else ''
-            return [f'Nothing has been heard of the monitor {self.source} yet.{there}']
-        if not self.heard and not self._idle():
+            there = f' Other monitors run: {others}; see --node.' if others else ''
+            return [f'No data from the monitor {self.source} yet.{there}']
+        if not self.receiving and not self._idle():
             return [f'The monitor {self.source} has been silent for {self.silent_for:.0f} s.']
         return list(self._gaps())
 
     def _gaps(self) -> Iterator[str]:
         name = self.source
         if self._idle():
-            yield f'Not monitoring: {name} is not active, and nobody watches its bearings.'
+            yield f'Not monitoring: {name} is not active; its bearings are not watched.'
             return
-        if missing := self.unheard():
-            yield f'Of {_listed(missing)} nothing is heard: {name} does not watch it.'
+        if missing := self.missing():
+            yield f'No data on {_listed(missing)}: {name} does not watch it.'
         now = self._clock()
         foreign = [each for each, at in self._foreign.items() if now - at < ALARMS_SILENT]
         if foreign:
             yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
         if self.alarms is None or self._listed_at is None:
-            yield f'The list of alarms of {name} has not come: alarm state unknown.'
+            yield f'No list of alarms from {name} yet: alarm state unknown.'
         elif not self._replay and now - self._listed_at > ALARMS_SILENT:
             late = now - self._listed_at
-            yield f'The list of alarms of {name} is {late:.0f} s old: later alarms are missing.'
+            yield f'The list of alarms of {name} is {late:.0f} s old: newer alarms are missing.'
 
     def notice(self) -> str:
-        """What the node says of itself, where that is not that all is well."""
+        """What the node reports of itself, where that is not that all is well."""
         level, text = self._health
-        return f'{self.source}: {text}' if level and self.heard and not self._idle() else ''
+        return f'{self.source}: {text}' if level and self.receiving and not self._idle() else ''
 
     def _idle(self) -> bool:
-        """Whether the node says that nobody watches its bearings."""
+        """Whether the node reports that nobody watches its bearings."""
         records = [own.record for own in self.bearings.values() if own.record is not None]
-        told = self.alarms is not None and not self.alarms['monitoring']
-        return told or any(record['reason'] == NOT_MONITORING for record in records)
+        idle = self.alarms is not None and not self.alarms['monitoring']
+        return idle or any(record['reason'] == NOT_MONITORING for record in records)
 
     def take_record(self, document: Any) -> None:
         """The record of a bearing has come; what is none, or of an unknown one, is ignored."""
@@ -408,11 +408,11 @@ class WatchedMonitor:
         if own is None:
             self._remember(self._foreign, self.key(record['bearing']))
             return
-        self._heard_at = self._clock()
+        self._received_at = self._clock()
         self._name_fully(record)
-        own.take(record, self._heard_at)
+        own.take(record, self._received_at)
         assert own.record is not None
-        self.told('status', own.record, own.key)
+        self.send('status', own.record, own.key)
 
     def take_health(self, level: int, text: str) -> None:
         """The diagnostic status of the node itself has come; levels are those of ROS."""
@@ -431,7 +431,7 @@ class WatchedMonitor:
                 self._remember(self._foreign, self.key(alarm['bearing']))
         entries = [each | {'node': self.source} for each in record['notes'] + record['changes']]
         self.log(sorted(entries, key=lambda entry: entry['time'] or 0))
-        self.told('alarms', {}, '')
+        self.send('alarms', {}, '')
         for request, done in self._expected:
             answers = [
                 change
@@ -445,7 +445,7 @@ class WatchedMonitor:
                 done.set_result(len(answers))
 
     def take_other(self, node: str) -> None:
-        """Another monitor than those that are shown has been heard."""
+        """A message of another monitor than those that are shown has come."""
         self._remember(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth of a scene: what no sensor of a ship could tell, on topics that no monitor reads.
+"""The truth of a scene: what no sensor of a ship measures, on topics that no monitor reads.
 
 Its clock is the recorder's. The monitor's is that of the samples, and a sensor's may be wrong or
 jump. For a lead it counts when a warning could be noticed: a change at a sample came when the
@@ -87,8 +87,8 @@ def known_truth(bag: Bag, bearing: str) -> TruthRecord:
         BagError: It is not of the kind this version knows.
     """
     name = topic(bearing, 'events')
-    told = bag.messages([name]) if has_truth(bag, bearing) else ()
-    events = [_event(bag, message.data, name) for message in told]
+    messages = bag.messages([name]) if has_truth(bag, bearing) else ()
+    events = [_event(bag, message.data, name) for message in messages]
     times = [time for _, time in events] or [0]
     start = bag.start_ns if bag.start_ns is not None else times[0]
     over = bool(events) and events[-1][0] == 'end'
@@ -176,9 +176,9 @@ def on_recorder_clock(stream: Stream, log_time_ns: IntArray, scan: Scan) -> Scan
     # A point that held until the next one still does.
     joined = scan.until_ns[:-1] == scan.time_ns[1:]
     until[:-1] = np.where(joined, time[1:], np.minimum(until[:-1], time[1:]))
-    believed = np.array([status.believed for status in Status])[scan.status]
-    # Until a sample is believed, the monitor's time is that of the start, by the recorder.
-    first = int(np.argmax(believed)) if believed.any() else believed.size
+    valid = np.array([status.valid for status in Status])[scan.status]
+    # Until a sample is valid, the monitor's time is that of the start, by the recorder.
+    first = int(np.argmax(valid)) if valid.any() else valid.size
     events = [
         event
         if k < first
@@ -189,6 +189,6 @@ def on_recorder_clock(stream: Stream, log_time_ns: IntArray, scan: Scan) -> Scan
 
 
 def _log_time(time_ns: int, k: int, log_time_ns: IntArray, scan: Scan) -> int:
-    """When the recorder's clock said what the monitor's time was, about sample ``k`` [ns]."""
+    """When the recorder's clock showed what the monitor's time was, about sample ``k`` [ns]."""
     there = int(log_time_ns[k]) + time_ns - int(scan.now_ns[k])
     return max(there, int(log_time_ns[k - 1])) if k else there

@@ -20,7 +20,7 @@ from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.recording import write_bag
 from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene
-from stickslip_monitor.lab.scenes.settings import as_believed
+from stickslip_monitor.lab.scenes.settings import with_parameter_errors
 from stickslip_monitor.lab.truth import (
     TruthRecord,
     has_truth,
@@ -31,7 +31,7 @@ from stickslip_monitor.lab.truth import (
 from stickslip_monitor.lab.warning_quality import (
     Interval,
     Quality,
-    Said,
+    RuleOutput,
     merged,
     quality_of,
 )
@@ -123,8 +123,8 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
     truths = {} if truths is None else truths
     sent = {channel.topic for channel in scene.channels}
     known = truths and not any(channel.quantity == 'level' for channel in scene.channels)
-    believed = [
-        as_believed(
+    configured = [
+        with_parameter_errors(
             replace(own, level=own.level if own.level and own.level.topic in sent else None),
             scene.parameter_error,
             scene.seed,
@@ -135,7 +135,7 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
         path = Path(folder) / 'voyage.mcap'
         write_bag(_without_lining(scene) if known else scene, path)
         # Of many voyages a second of compiling is soon repaid.
-        whole = scan_whole(path, replace(scene.config, bearings=tuple(believed)), many=True)
+        whole = scan_whole(path, replace(scene.config, bearings=tuple(configured)), many=True)
         for name in whole.bearings:
             if name not in truths:
                 truths[name] = _truth(whole.bag, name)
@@ -145,9 +145,9 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
-    """One bearing on one voyage: what the monitor believes and gets, and the truth."""
+    """One bearing on one voyage: what the monitor is configured with and gets, and the truth."""
 
-    sent: WholeBearing  # the bearing as the monitor believes it, and its samples
+    sent: WholeBearing  # the bearing as the monitor has it, and its samples
     truth: TruthRecord  # the truth
     plain: bool  # whether what happens shows in speed and load, and does so once
 
@@ -155,14 +155,14 @@ class Sailed:
         """The verdicts, on the recorder's clock."""
         return on_recorder_clock(self.sent.stream, self.sent.arrival_ns, self.sent.scan)
 
-    def said(self) -> Said:
+    def output(self) -> RuleOutput:
         """What they come to."""
-        return said_by(self.recorded(), self.truth)
+        return output_of(self.recorded(), self.truth)
 
     def rules(self) -> dict[str, Quality]:
         """The judgement of the monitor and of the bare rules."""
-        said = {OURS: self.said(), **_bare_rules(self.recorded())}
-        found = {name: quality_of(own, self.truth, self.plain) for name, own in said.items()}
+        outputs = {OURS: self.output(), **_bare_rules(self.recorded())}
+        found = {name: quality_of(own, self.truth, self.plain) for name, own in outputs.items()}
         wrong_source = int(_has_wrong_source(self.sent))
         return found | {OURS: replace(found[OURS], wrong_source=wrong_source)}
 
@@ -200,21 +200,21 @@ def _truth(bag: Bag, bearing: str) -> TruthRecord:
     """The truth about a bearing.
 
     Raises:
-        SceneError: The scene does not tell it.
+        SceneError: The scene does not hold it.
     """
     truth = known_truth(bag, bearing)
     fold = truth.fold_margin.value
     if not fold.size:
-        raise SceneError('without the effect operating_point nobody knows the true margins')
+        raise SceneError('without the effect operating_point the true margins are unknown')
     if not has_truth(bag, bearing) and fold.min() < 0.0:
         raise SceneError(
-            'without the effect lining_motion nobody knows whether the lining sticks, and the'
+            'without the effect lining_motion it is unknown whether the lining sticks, and the'
             f' fold margin falls to {fold.min():.3g}'
         )
     return truth
 
 
-def said_by(scan: Scan, truth: TruthRecord) -> Said:
+def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
     """What the monitor's conditions say; while an input is lost what stood before it goes on."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []
@@ -229,10 +229,10 @@ def said_by(scan: Scan, truth: TruthRecord) -> Said:
         for event in scan.events
         if event.raised and event.after is not Condition.INPUT_STALE
     ]
-    return Said(merged(warned), merged(alarmed), raised, len(scan.events))
+    return RuleOutput(merged(warned), merged(alarmed), raised, len(scan.events))
 
 
-def _bare_rules(scan: Scan) -> dict[str, Said]:
+def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
     """The rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
     margins = {BELOW_FOLD: scan.assessment.fold_margin, BELOW_HOPF: scan.assessment.hopf_margin}
     found = {}
@@ -241,7 +241,7 @@ def _bare_rules(scan: Scan) -> dict[str, Said]:
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
         stretches = merged(pairs)
         raised = [(start, 0) for start, _ in stretches]
-        found[name] = Said(stretches, stretches, raised, 2 * len(stretches))
+        found[name] = RuleOutput(stretches, stretches, raised, 2 * len(stretches))
     return found
 
 

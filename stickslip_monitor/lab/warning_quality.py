@@ -40,7 +40,7 @@ BURST_NS = 600 * 10**9
 MANY = 10
 """Raised conditions in ten minutes that are a burst."""
 SOON = 5.0
-"""An episode is told if the alarm comes no later than this [s]."""
+"""An episode counts as announced in time if the alarm comes no later than this [s]."""
 ENOUGH_LEAD = 10.0
 """A lead that leaves time to act [s]."""
 
@@ -86,11 +86,11 @@ def while_true(time_ns: IntArray, state: BoolArray, end_ns: int) -> list[Interva
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """What a rule said over a voyage."""
+class RuleOutput:
+    """What a rule gave over a voyage."""
 
     warned: Intervals  # when it warned of anything
-    alarmed: Intervals  # when it said that stick-slip runs
+    alarmed: Intervals  # when it gave that stick-slip runs
     # When a condition got worse, or stick-slip began anew, rising [ns], and to which rung.
     raised: Sequence[tuple[int, int]]
     changes: int  # changes of condition
@@ -106,9 +106,9 @@ class Episode:
     alarm_lead: float | None
 
 
-def announced(said: Said, truth: TruthRecord) -> list[Episode]:
+def announced(output: RuleOutput, truth: TruthRecord) -> list[Episode]:
     """The episodes within the time of the truth, with their leads."""
-    warned, alarmed, episodes = _within(truth, said.warned, said.alarmed, truth.episodes)
+    warned, alarmed, episodes = _within(truth, output.warned, output.alarmed, truth.episodes)
     return [Episode(*e, _lead(e, warned), _lead(e, alarmed)) for e in episodes]
 
 
@@ -122,9 +122,9 @@ def _lead(episode: Interval, stretches: Intervals) -> float | None:
     return next(((episode[0] - start) / 1e9 for start in reach), None)
 
 
-def false_alarms(said: Said, truth: TruthRecord) -> list[Interval]:
+def false_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
     """The stick-slip alarms without an episode within 60 s."""
-    alarmed, episodes = _within(truth, said.alarmed, truth.episodes)
+    alarmed, episodes = _within(truth, output.alarmed, truth.episodes)
     near = _near(episodes)
     return [alarm for alarm in alarmed if not intersection([alarm], near)]
 
@@ -156,7 +156,7 @@ class Quality:
     changes: int = 0  # changes of condition
     bursts: tuple[int, ...] = ()  # of each voyage the most raised conditions in ten minutes
     given: tuple[int, ...] = ()  # of each voyage the most alarms given to people in ten minutes
-    wrong_source: int = 0  # voyages on which the source of an input was told to be wrong
+    wrong_source: int = 0  # voyages on which the source of an input was reported as wrong
 
     def __add__(self, other: Quality) -> Quality:
         """Both together."""
@@ -250,7 +250,7 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     'largest_given': (
         'most alarms given to people in 10 min', 'd', lambda q: max(q.given, default=None)
     ),
-    'wrong_source': ('voyages with a wrong source told', 'd', lambda q: q.wrong_source),
+    'wrong_source': ('voyages with a wrong source reported', 'd', lambda q: q.wrong_source),
 }  # fmt: skip
 """Each figure with what it is called, how it is written, and how it is made."""
 
@@ -260,16 +260,16 @@ def written(name: str, value: float | None) -> str:
     return '' if value is None else format(value, FIGURES[name][1])
 
 
-def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
+def quality_of(output: RuleOutput, truth: TruthRecord, plain: bool) -> Quality:
     """Judge one rule over one voyage, which is plain without knocks, wear and waves."""
-    warned, alarmed, episodes = _within(truth, said.warned, said.alarmed, truth.episodes)
-    found = announced(said, truth)
+    warned, alarmed, episodes = _within(truth, output.warned, output.alarmed, truth.episodes)
+    found = announced(output, truth)
     leads = tuple(e.lead for e in found if e.lead is not None)
     alarm_leads = tuple(e.alarm_lead for e in found if e.alarm_lead is not None)
     both = seconds(intersection(alarmed, episodes))
     margin = truth.fold_margin
     far = while_true(margin.time_ns, margin.value >= FAR, truth.end_ns)
-    bouts, raised = _bouts(episodes), [time_ns for time_ns, _ in said.raised]
+    bouts, raised = _bouts(episodes), [time_ns for time_ns, _ in output.raised]
     return Quality(
         seconds=(truth.end_ns - truth.start_ns) / 1e9,
         leads=leads,
@@ -277,7 +277,7 @@ def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
         missed=len(found) - len(leads),
         plain=len(found) if plain else 0,
         plain_detected=len(alarm_leads) if plain else 0,
-        false=len(false_alarms(said, truth)),
+        false=len(false_alarms(output, truth)),
         wrong=seconds(alarmed) - seconds(intersection(alarmed, _near(episodes))),
         unfounded=seconds(alarmed) - both,
         unalarmed=seconds(episodes) - both,
@@ -286,9 +286,9 @@ def quality_of(said: Said, truth: TruthRecord, plain: bool) -> Quality:
         far_seconds=seconds(far),
         far_warnings=sum(intersection([warning], far) == [warning] for warning in warned),
         far_warned=seconds(intersection(warned, far)),
-        changes=said.changes,
+        changes=output.changes,
         bursts=(largest_burst(raised),),
-        given=(largest_burst(given_of(said.raised)),),
+        given=(largest_burst(given_of(output.raised)),),
     )
 
 

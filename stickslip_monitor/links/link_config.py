@@ -61,9 +61,9 @@ LINK_PARAMETERS = rows(SignalKLink, 'signalk.') + rows(NmeaLink, 'nmea.')
 INPUT_PARAMETERS = (
     Parameter('from', 'str', REQUIRED, 'The bus.', choices=(SIGNALK, NMEA)),
     Parameter('path', 'str', '', 'Signal K: the path.'),
-    Parameter('source', 'str', '', 'Signal K: the only `$source` to believe; empty for any one.'),
+    Parameter('source', 'str', '', 'Signal K: the only `$source` to use; empty for any one.'),
     Parameter('sentence', 'str', '', 'NMEA: RPM for the speed, XDR for the load.'),
-    Parameter('talker', 'str', '', 'NMEA: the only talker to believe; empty for any.'),
+    Parameter('talker', 'str', '', 'NMEA: the only talker to use; empty for any.'),
     Parameter('kind', 'str', '', 'NMEA: S shaft or E engine of RPM; type of transducer of XDR.'),
     Parameter('number', 'int', 1, 'NMEA: number of the shaft or engine of RPM.', minimum=0),
     Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
@@ -87,7 +87,7 @@ class LinksConfig:
 
 
 def is_loopback(host: str | None) -> bool:
-    """Whether a host is this machine, as far as its name tells."""
+    """Whether a host is this machine, as far as its name shows."""
     try:
         return host == 'localhost' or ipaddress.ip_address(host or '').is_loopback
     except ValueError:
@@ -219,7 +219,7 @@ def _input(
 
 
 def _check_unit(bearing: BearingConfig, place: Input, name: str, unit: str, who: str) -> None:
-    """The number goes to the monitor as it comes, so the monitor must be told its unit."""
+    """The number goes to the monitor as it comes, so the monitor must know its unit."""
     if place is Input.LOAD:
         fits, actual = bearing.load.factor == 1.0, 'kN'
     else:

@@ -18,7 +18,7 @@ from stickslip_monitor.monitor.signals import Input
 TICK = 0.1
 """Time between two looks at the inputs [s]."""
 BEHIND_NS = 500_000_000
-"""The passing of time is told so late that a sample delivered late is not overtaken."""
+"""The passing of time is passed on so late that a sample delivered late is not overtaken."""
 _SHOWN_EVERY_NS = 10**9
 
 
@@ -29,9 +29,9 @@ class MonitorSide:
     bearings: Sequence[str]  # names of all bearings in the order of the file
     take: Callable[[str, Input, float], None]  # takes bearing, input and number of a sample
     act: Callable[[ActionRequest], None]  # takes what people ask for
-    # Told whether the link of that name works, and if not, why.
-    tell: Callable[[str, bool, str], None]
-    log: Log  # where faults are told
+    # Given whether the link of that name works, and if not, why.
+    report_link: Callable[[str, bool, str], None]
+    log: Log  # where faults are logged
 
     def ask(self, request: ActionRequest) -> None:
         """Hand on what somebody asks for at a bus; that it is refused is logged."""

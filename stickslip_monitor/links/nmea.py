@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'nmea'
-"""Who acts, as far as a sentence tells."""
+"""Who acts, as far as a sentence says."""
 LONGEST = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!]*)\*([0-9A-Fa-f]{2})\s*$')
@@ -193,7 +193,7 @@ class Alerts:
         ]
 
     def heartbeat(self, period: float, there: bool) -> str:
-        """The HBT sentence: time to the next one [s], and whether the monitor is heard."""
+        """The HBT sentence: time to the next one [s], and whether the monitor is there."""
         line = self._say(f'HBT,{period:.1f},{"A" if there else "V"},{self._beat_sequence}')
         self._beat_sequence = (self._beat_sequence + 1) % 10
         return line

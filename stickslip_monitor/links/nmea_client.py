@@ -32,7 +32,7 @@ _NO_ANSWER = 5.0
 _MOST_AT_ONCE = 1 << 16
 OnLine = Callable[[str], None]
 OnLink = Callable[[bool, str], None]
-"""Told whether a port works, and if not, why."""
+"""Given whether a port works, and if not, why."""
 
 
 class Port:
@@ -40,7 +40,7 @@ class Port:
 
     Args:
         name: The parameter that has the address.
-        on_link: Told when the port begins or ceases to work.
+        on_link: Called when the port begins or ceases to work.
         listens: Whether datagrams come in; they go one way only.
         silent: After so long without a line it is opened again; infinite where none need come [s].
 
@@ -98,7 +98,7 @@ class Port:
             self._close()
 
     def send(self, lines: Iterable[str]) -> None:
-        """Send lines; one that cannot be sent is lost, and told."""
+        """Send lines; one that cannot be sent is lost, and logged."""
         for line in lines:
             if self._descriptor is None:
                 return
@@ -175,7 +175,7 @@ class Port:
             done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
             if done:
                 return self._fault.result()
-        return f'nothing heard for {self._silent:g} s'
+        return f'no data for {self._silent:g} s'
 
     def _fail(self, why: str) -> None:
         if not self._fault.done():
@@ -209,7 +209,7 @@ class NmeaClient:
     """Sentences in, alerts out.
 
     Args:
-        side: The monitor; it is told of the links ``nmea_in`` and ``nmea_out``.
+        side: The monitor; it is given the links ``nmea_in`` and ``nmea_out``.
     """
 
     def __init__(self, link: NmeaLink, inputs: Sequence[NmeaInput], side: MonitorSide) -> None:
@@ -240,7 +240,7 @@ class NmeaClient:
 
     def _port(self, role: str, address: str) -> Port:
         listens = role == 'listen'
-        on_link = partial(self._side.tell, 'nmea_in' if listens else 'nmea_out')
+        on_link = partial(self._side.report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
         silent = SILENT if self._inputs and listens else math.inf
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)

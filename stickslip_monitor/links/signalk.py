@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'signal k'
-"""Who acts: the server does not tell which of its users."""
+"""Who acts: the server does not say which of its users."""
 SOURCE = 'stickslip_monitor'
 SAFE_ACTIONS = (2, 24)
 """Before this version a server takes an acknowledgement from anybody who reaches its port."""
@@ -37,7 +37,7 @@ def camel(name: str) -> str:
 
 
 def version_of(hello: Mapping[str, Any]) -> tuple[int, int]:
-    """Major and minor version that a server tells; (0, 0) where it tells none."""
+    """Major and minor version of a server; (0, 0) where it gives none."""
     found = re.match(r'v?(\d+)\.(\d+)', str(hello.get('version', '')))
     return (int(found[1]), int(found[2])) if found else (0, 0)
 
@@ -76,10 +76,10 @@ class SignalKInput:
     bearing: str
     place: Input
     path: str
-    source: str  # the only source to believe; empty to stay with the first that is heard
+    source: str  # the only source to use; empty to stay with the first that sends
     timeout: float  # after so long without a value it is silent [s]
-    # The source that is believed now, and when it was heard last.
-    heard: tuple[str, float] | None = None
+    # The source that is used now, and when it sent last.
+    latest: tuple[str, float] | None = None
 
     @property
     def label(self) -> str:
@@ -90,9 +90,9 @@ class SignalKInput:
         """Whether a value of a source is to be taken."""
         if self.source:
             return source == self.source
-        if self.heard and self.heard[0] != source and now - self.heard[1] <= self.timeout:
+        if self.latest and self.latest[0] != source and now - self.latest[1] <= self.timeout:
             return False
-        self.heard = source, now
+        self.latest = source, now
         return True
 
 
@@ -100,7 +100,7 @@ class SignalKInputs:
     """Samples out of deltas.
 
     Args:
-        log: Told once of each source that is left aside.
+        log: Given a line for each source that is left out, once.
     """
 
     def __init__(self, inputs: Sequence[SignalKInput], log: Callable[[str], object]) -> None:
@@ -133,7 +133,7 @@ class SignalKInputs:
                 if admitted != items and (path, source) not in self._left_aside:
                     self._left_aside.add((path, source))
                     what = f"source '{source}' of {path}"
-                    self._log(f'Signal K: {what} is left aside; another is heard')
+                    self._log(f'Signal K: {what} is left out; another sends')
 
     def _fresh(
         self, key: tuple[str, str], stamp: object, items: list[SignalKInput], now: float
@@ -217,7 +217,7 @@ class _Alarm:
     value: dict[str, Any]  # what was sent last
     source: str = SOURCE  # the source under which it is sent
     revision: int = 0  # counts what is sent
-    # Whether the server had it acknowledged and silenced when last heard; ``None`` before the
+    # Whether the server had it acknowledged and silenced when it sent last; ``None`` before the
     # first echo of this occurrence.
     base: tuple[bool, bool] | None = None
 
@@ -294,7 +294,7 @@ class Notifications:
         cleared = [own.update(NORMAL)] if again and before in _KNOWN else []
         return [*cleared, own.update()]
 
-    def hears(self, frame: object, own_vessel: str) -> bool:
+    def accepts(self, frame: object, own_vessel: str) -> bool:
         """Whether a frame brings back what this run has sent: the proof that we may write."""
         return any(
             _token(value).startswith(f'{self._run}-') for *_, value in _values(frame, own_vessel)

@@ -65,7 +65,7 @@ class SignalKClient:
 
     Args:
         own_load: Bearings whose load comes from elsewhere.
-        side: The monitor; it is told of the links ``signalk_in`` and ``signalk_out``.
+        side: The monitor; it is given the links ``signalk_in`` and ``signalk_out``.
     """
 
     def __init__(
@@ -117,9 +117,9 @@ class SignalKClient:
 
     def _lost(self, reason: str) -> None:
         self._socket, self._waiting_since = None, None
-        self._side.tell(IN, False, reason)
+        self._side.report_link(IN, False, reason)
         if self._link.prefix:
-            self._side.tell(OUT, False, reason)
+            self._side.report_link(OUT, False, reason)
 
     async def _connection(self, session: aiohttp.ClientSession) -> None:
         async with await self._open(session) as socket:
@@ -130,7 +130,7 @@ class SignalKClient:
             extra = [self._alarms.pattern] if self._link.prefix else []
             await socket.send_str(json.dumps(self._inputs.subscription(extra)))
             self._socket = socket
-            self._side.tell(IN, True, '')
+            self._side.report_link(IN, True, '')
             self._greet(now)
             sender = asyncio.create_task(self._send_all(socket))
             try:
@@ -221,9 +221,9 @@ class SignalKClient:
             self._on_echo(frame)
 
     def _on_echo(self, frame: object) -> None:
-        if self._alarms.hears(frame, self._own):
+        if self._alarms.accepts(frame, self._own):
             self._waiting_since = None
-            self._side.tell(OUT, True, '')
+            self._side.report_link(OUT, True, '')
         updates, requests = self._alarms.take_echo(frame, self._own)
         self._send(updates)
         for request in requests if self._link.accept_actions else ():
@@ -239,11 +239,11 @@ class SignalKClient:
             self._send(self._alarms.take_alarms(record))
 
     def tick(self, there: bool) -> None:
-        """Let time pass: values, repetitions, and whether we are heard."""
+        """Let time pass: values, repetitions, and whether the server answers."""
         now = time.monotonic()
         if not self._link.prefix or self._socket is None:
             return
-        self._send(self._alarms.take_monitor('' if there else 'The monitor is not heard.'))
+        self._send(self._alarms.take_monitor('' if there else 'No data from the monitor.'))
         if there and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
             self._outbox += [
@@ -253,7 +253,7 @@ class SignalKClient:
         if now - self._repeated >= REPEAT:
             self._repeat(now)
         if self._waiting_since is not None and now - self._waiting_since >= UNHEARD:
-            self._side.tell(
+            self._side.report_link(
                 OUT, False, 'what is sent does not come back: has the token the right to?'
             )
 
@@ -288,7 +288,7 @@ async def request_token(
     Args:
         link: The configuration.
         client_id: A UUID that stays the same.
-        started: Told what to do meanwhile.
+        started: Given what to do meanwhile.
         every: Time between two looks [s].
 
     Raises:

@@ -144,7 +144,7 @@ _ON_DEMAND: dict[str, Callable[[Assessment], FloatArray]] = {
 
 
 COLUMNS = (*_STORED, *_ON_DEMAND)
-"""The names of what is told of every operating point."""
+"""The names of the numbers of every operating point."""
 
 
 def _worked_out(name: str, points: Assessment) -> dict[str, Any]:
@@ -346,7 +346,7 @@ def _judge(
     times = np.diff(np.append(first, load.size))
     hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
-    # A law with several ranges of speed is quiet between them, as averaging tells.
+    # A law with several ranges of speed is quiet between them, as averaging finds.
     cycle = solver.has_cycle(law, size, q, fold) | ((size < exact) & ~(size < fold))
     code = np.where(cycle, BISTABLE, code)
     code = np.where(solver.is_unstable(law, size, q, hopf), STICK_SLIP, code)

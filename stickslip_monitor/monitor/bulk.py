@@ -168,7 +168,7 @@ class BearingScan:
         following = np.append(time[1:], time[-1:] if end_ns is None else [end_ns])[: time.size]
         out = max(time.size - (not final), 0)
         self._held = {name: column[out:].copy() for name, column in columns.items()}
-        # Where the clock jumps back nobody can tell how long the point counted.
+        # Where the clock jumps back it is unknown how long the point counted.
         columns['until_ns'] = np.maximum(time, np.minimum(np.maximum(following, time), until))
         columns = {name: column[:out] for name, column in columns.items()}
         kinds = stream.inputs.astype(np.int64) * len(Status) + status

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Event clips: the messages around an alarm, kept in bounded memory until they are a clip.
 
-Nothing is written here and no clock is read: the recorder is told of messages, of events and of
+Nothing is written here and no clock is read: the recorder is given messages, of events and of
 the time, and hands out whole clips. All times are those of the samples.
 """
 
@@ -39,7 +39,7 @@ class Clip:
     """The messages around an alarm."""
 
     bearing: str  # whose alarm began it
-    condition: Condition  # what the alarm said
+    condition: Condition  # that of the alarm
     time_ns: int  # when it began
     messages: tuple[ClipMessage, ...]  # in order of arrival
     # The 'ros2msg' definition of each type that is not built in.

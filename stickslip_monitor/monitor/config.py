@@ -57,7 +57,7 @@ class InputConfig:
 
 @dataclass(frozen=True, slots=True)
 class LevelConfig(InputConfig):
-    """Where the measured vibration comes from, and what tells it from quiet."""
+    """Where the measured vibration comes from, and the threshold that separates it from quiet."""
 
     threshold: float = parameter(
         math.nan,

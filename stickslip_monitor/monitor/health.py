@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the node itself is, and how it tells of that."""
+"""The state of the node itself, and the words for it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class NodeHealth:
 
     monitoring: bool = False  # it is active
     failures: int = 0  # callbacks that failed and were survived
-    last_failure: str = ''  # what the last of them said
+    last_failure: str = ''  # the text of the last of them
     lost: int = 0  # messages that the middleware reports as lost
     missing: int = 0  # messages missing by the stamps of senders whose period is known
     thinned: int = 0  # messages left out because too many waited
@@ -58,7 +58,7 @@ class NodeHealth:
     @property
     def message(self) -> str:
         """What there is to say, the worst first."""
-        said = [
+        sentences = [
             f'{plural(self.failures, "callback")} failed, last: {self.last_failure}'
             if self.failures
             else '',
@@ -70,7 +70,7 @@ class NodeHealth:
             if self.losing
             else '',
         ]
-        return ' '.join(text for text in said if text) or 'Monitoring.'
+        return ' '.join(text for text in sentences if text) or 'Monitoring.'
 
 
 def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:

@@ -26,9 +26,9 @@ from stickslip_monitor.monitor.signals import (
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 
 MOSTLY = 1.0 / 3.0
-"""From this share of refused samples on it is told."""
+"""From this share of refused samples on they are a fault."""
 PATIENCE = 3
-"""A fault is told when so many looks in a row have found it: discovery takes its time."""
+"""A fault is reported when so many looks in a row have found it: discovery takes its time."""
 SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
 """The share of refused samples is that of at least so many, over at least such a time [ns]."""
 _GRAPH_PERIOD = 5
@@ -56,15 +56,15 @@ class InputFacts:
     timeout: float  # [s]
     lost: bool  # it counts as lost, or has not come yet
     publishers: Sequence[Publisher] | None = ()  # None where nobody can know
-    heard: bool = False  # believed samples come
-    refused: Status | None = None  # why the latest were; None where some were believed
+    receiving: bool = False  # valid samples come
+    refused: Status | None = None  # why the latest were; None where some were valid
     share: float = 0.0  # of the samples of the last while that were refused
     reason: Status | None = None  # why most of these were
-    without_clock: bool = False  # time follows /clock, which has said nothing yet
+    without_clock: bool = False  # time follows /clock, which is silent so far
     behind: float = 0.0  # how far its stamps are behind the other input's [s]
     other: str = ''  # the other input's topic
     stuck: bool = False  # its value has not changed for minutes, which only a level may not
-    source: str = ''  # what its samples tell of their source, see .source_faults
+    source: str = ''  # what its samples show of their source, see .source_faults
 
 
 def input_fault(facts: InputFacts) -> str:
@@ -74,7 +74,7 @@ def input_fault(facts: InputFacts) -> str:
         return 'use_sim_time is set, but nothing comes on /clock: no sample can be used.'
     if facts.lost and (fault := _sender_fault(facts)):
         return fault
-    if facts.heard and facts.behind > facts.timeout:
+    if facts.receiving and facts.behind > facts.timeout:
         return (
             f'Stamps on {topic} are {facts.behind:.3g} s behind those on {facts.other},'
             f" which is more than the timeout of {facts.timeout:g} s: the senders' clocks differ."
@@ -84,9 +84,9 @@ def input_fault(facts: InputFacts) -> str:
             f'{facts.share:.0%} of the samples on {topic} are refused, most because:'
             f' {STATUS_SENTENCES[facts.reason]}.'
         )
-    if facts.lost and not facts.heard:
+    if facts.lost and not facts.receiving:
         if not publishers:
-            return f'Nothing arrives of {topic}.'
+            return f'No messages on {topic}.'
         return f'{publishers[0].node} publishes on {topic}, but nothing arrives.'
     if facts.stuck:
         return f'The level on {topic} never changes: its sensor is stuck.'
@@ -97,12 +97,12 @@ def input_fault(facts: InputFacts) -> str:
 
 
 def _sender_fault(facts: InputFacts) -> str:
-    """Why nothing believable can come from those who publish on the topic."""
+    """Why no valid value can come from those who publish on the topic."""
     topic = facts.topic
     if facts.publishers is not None:
         right = [publisher for publisher in facts.publishers if publisher.type == facts.type]
         if not facts.publishers:
-            return f'Nobody publishes on {topic}.'
+            return f'No publisher on {topic}.'
         if not right:
             wrong = facts.publishers[0]
             return (
@@ -131,8 +131,8 @@ class Graph:
 class InputState:
     """An input as it is now."""
 
-    age: float = math.inf  # since the last believed sample came [s]
-    rate: float = math.nan  # believed samples lately [Hz]; nan while unknown
+    age: float = math.inf  # since the last valid sample came [s]
+    rate: float = math.nan  # valid samples lately [Hz]; nan while unknown
     fault: str = ''  # what is wrong with it
 
 
@@ -143,26 +143,26 @@ class _Track:
     source: SourceWatch
     arrived_ns: int | None = None
     last: Counts = ()  # at the last look
-    refused: Counts = ()  # at the last look that found a new believed sample
+    refused: Counts = ()  # at the last look that found a new valid sample
     marks: deque[tuple[int, Counts]] = field(default_factory=lambda: deque(maxlen=2))
     rates: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_LOOKS))
     looks: int = 0  # in a row that found a fault
-    told: str = ''
+    reported: str = ''
 
     def look(self, now_ns: int, counts: Counts) -> None:
         """Take the counts of now."""
-        self.rates.append((now_ns, _believed(counts)))
+        self.rates.append((now_ns, _valid(counts)))
         if not self.marks:
             self.marks.append((now_ns, counts))
         since_ns, before = self.marks[-1]
         if now_ns - since_ns >= SHARE_NS and sum(counts) - sum(before) >= SHARE_SAMPLES:
             self.marks.append((now_ns, counts))
-        if _believed(counts) != _believed(self.last) or not self.refused:
+        if _valid(counts) != _valid(self.last) or not self.refused:
             self.refused = counts
         self.last = counts
 
     def rate(self) -> float:
-        """Believed samples lately [Hz]; ``nan`` while unknown."""
+        """Valid samples lately [Hz]; ``nan`` while unknown."""
         if len(self.rates) < 2:
             return math.nan
         (begin, before), (end, after) = self.rates[0], self.rates[-1]
@@ -191,11 +191,11 @@ class InputWatch:
         self._lost = False
 
     def take(
-        self, bearing: str, place: int, time_ns: int, value: float, believed: bool, now_ns: int
+        self, bearing: str, place: int, time_ns: int, value: float, valid: bool, now_ns: int
     ) -> None:
-        """Take note of a sample that came at a time of the steady clock, believed or not."""
+        """Take note of a sample that came at a time of the steady clock, valid or not."""
         track, config = self._tracks[bearing][place], self._bearings[bearing].config
-        if believed:
+        if valid:
             track.arrived_ns = now_ns
         # A level that jumps between two values is what is looked for, and no fault.
         source = config.inputs[INPUTS[place]]
@@ -205,7 +205,7 @@ class InputWatch:
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """The inputs of a bearing by quantity."""
         return {
-            name: InputState(_age(track, now_ns), track.rate(), track.told)
+            name: InputState(_age(track, now_ns), track.rate(), track.reported)
             for name, track in zip(INPUTS, self._tracks[bearing], strict=False)
         }
 
@@ -226,17 +226,17 @@ class InputWatch:
 
         Args:
             now_ns: The steady clock [ns].
-            without_clock: Whether time follows ``/clock``, which has said nothing yet.
+            without_clock: Whether time follows ``/clock``, which is silent so far.
 
         Returns:
-            Bearing and sentence of each fault that is to be told now.
+            Bearing and sentence of each fault that is to be reported now.
         """
         self._looks += 1
         if self._lost or self._looks % _GRAPH_PERIOD == 0:
             self._publishers.clear()
         self._lost = False
         return [
-            (name, track.told)
+            (name, track.reported)
             for name, tracks in self._tracks.items()
             for place, track in enumerate(tracks)
             if self._look_at(name, place, track, now_ns, without_clock)
@@ -245,13 +245,13 @@ class InputWatch:
     def _look_at(
         self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool
     ) -> bool:
-        """Look at one input; whether there is a fault that was not told before."""
+        """Look at one input; whether there is a fault that was not reported before."""
         track.look(now_ns, tuple(map(int, self._bearings[bearing].counts[place])))
         fault = input_fault(self._facts(bearing, place, now_ns, without_clock))
         track.looks = track.looks + 1 if fault else 0
-        told = fault if track.looks >= PATIENCE else ''
-        new = bool(told) and _NUMBERS.sub('', told) != _NUMBERS.sub('', track.told)
-        track.told = told
+        reported = fault if track.looks >= PATIENCE else ''
+        new = bool(reported) and _NUMBERS.sub('', reported) != _NUMBERS.sub('', track.reported)
+        track.reported = reported
         return new
 
     def _facts(self, bearing: str, place: int, now_ns: int, without_clock: bool) -> InputFacts:
@@ -275,9 +275,9 @@ class InputWatch:
             timeout=timeout,
             lost=lost,
             publishers=self._publishers[source.topic],
-            heard=_age(track, now_ns) < 0.5 * timeout,
+            receiving=_age(track, now_ns) < 0.5 * timeout,
             refused=_worst(_grown(track.last, track.refused)),
-            share=1.0 - _believed(lately) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
+            share=1.0 - _valid(lately) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
             reason=_worst(lately),
             without_clock=without_clock,
             behind=behind,
@@ -291,7 +291,7 @@ def _age(track: _Track, now_ns: int) -> float:
     return math.inf if track.arrived_ns is None else (now_ns - track.arrived_ns) * 1e-9
 
 
-def _believed(counts: Counts) -> int:
+def _valid(counts: Counts) -> int:
     return sum(counts[: Status.CLOCK_JUMP + 1])
 
 
@@ -301,5 +301,5 @@ def _grown(counts: Counts, before: Counts) -> Counts:
 
 def _worst(counts: Counts) -> Status | None:
     """Why most of the refused ones were refused; ``None`` where none was."""
-    refused = [status for status in Status if counts and not status.believed and counts[status]]
+    refused = [status for status in Status if counts and not status.valid and counts[status]]
     return max(refused, key=lambda status: counts[status]) if refused else None

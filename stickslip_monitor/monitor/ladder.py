@@ -81,6 +81,6 @@ class Unknown(SentenceEnum):
     NOTHING = 'nothing', 'no level has come'
     LOST = 'lost', 'the level is lost'
     STUCK = 'stuck', 'the level never changes: its sensor is stuck'
-    LOUD = 'loud', 'the level is high where no stick-slip can exist: it tells something else'
+    LOUD = 'loud', 'the level is high where no stick-slip can exist: it shows something else'
     ONE_MODE = 'one_mode', 'no threshold is configured, and none has been learned yet'
     SHORT = 'short', 'the level has not been above or below its threshold for long enough'

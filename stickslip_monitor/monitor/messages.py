@@ -134,7 +134,7 @@ WAITING = 'Waiting for the first speed and load.'
 
 @dataclass(frozen=True)
 class BearingState:
-    """A bearing as it is told of: to be read before it goes on."""
+    """A bearing as it is published: to be read before it goes on."""
 
     bearing: BearingMonitor
     inputs: Mapping[str, InputState] = field(default_factory=dict)  # where somebody looks at them

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The monitor: samples and the passing of time in, verdicts and events out.
 
-It reads no clock. Time is that of the samples; :meth:`Monitor.advance` tells it that time has
-passed without any. :meth:`Monitor.update` takes one sample, :meth:`Monitor.scan` a recording; both
+It reads no clock. Time is that of the samples; :meth:`Monitor.advance` lets time pass without
+any. :meth:`Monitor.update` takes one sample, :meth:`Monitor.scan` a recording; both
 run the rule of :mod:`.rule`.
 """
 
@@ -137,7 +137,7 @@ class BearingMonitor(Standing):
         before, lost = rule.condition(state), state.lost
         status = _STATUS[rule.arrive(state, c, place, time_ns, si)]
         self.counts[place, status] += 1
-        if place == Input.LEVEL or not status.believed:
+        if place == Input.LEVEL or not status.valid:
             return Update(status)
         events = []
         if state.lost > lost:

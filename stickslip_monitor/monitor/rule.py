@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rule of the decision: what one sample changes in the memory of a bearing.
 
-:func:`step` is the whole of it, told in docs/alarms.md in the same order: is the stamp valid, has
+:func:`step` is the whole of it, in the order of docs/alarms.md: is the stamp valid, has
 an input been lost, how has a disturbance grown since the last operating point, what does the new
 point ask for, which rungs of the alarm change. It is plain scalar Python: live it runs as it
 stands, over a recording :func:`run` is compiled (:mod:`stickslip_monitor.jit`).
@@ -50,15 +50,15 @@ MEMORY = 300 * 10**9
 SIZED = 10**9
 """Time after which the amplitude of the cycle is worked out again [ns]."""
 DUE = 3 * 10**9
-"""Net time of a level above its threshold, or below the deadband, that tells its state [ns]."""
+"""Net time of a level above its threshold, or below the deadband, that decides its state [ns]."""
 LEVEL_LAG = 0.5
 """Lag of the mean of a level [s]."""
 FALL = 3.0
 """A level this far below its highest since it rose is that of something that rings down [dB]."""
 LOUD_LAG, LOUD = 600.0, 0.02
-"""A level tells nothing that is high for more than this share of the time outside, lag [s]."""
+"""A level high for more than this share of the time outside is not used, lag [s]."""
 APART = 1200 * 10**9
-"""A level that was high outside so shortly before tells nothing inside [ns]."""
+"""A level that was high outside so shortly before is not used inside [ns]."""
 SHORT = 15 * 10**9
 """A vibration that ends sooner than this, and does not ring down, was something else [ns]."""
 REST = 2 * DUE
@@ -284,7 +284,7 @@ def take_point(s: Any, c: Any, law: Any, table: Any, belief: Any, until: int) ->
     size = abs(speed)
     near, wide = size < limit * c.caution_on, size <= limit * c.caution_off
     inside = held = exists = size < limit
-    if c.believes:
+    if c.has_belief:
         # What is known of the averaged fold is known of the one that decides.
         share = averaged / limit if 0.0 < averaged < limit else 1.0
         can, will = chances(belief, size, s.load_mean, share)
@@ -390,10 +390,10 @@ def judge_lining(s: Any, c: Any, measured: int, near: bool) -> None:
     starts = s.median_rate > 0.0 or (s.rate > 0.0 and c.onset_growth > 0.0)
     if near and measured == VIBRATING and s.raised & (1 << CAUTION) and not was_apart(s):
         if s.course == WITHIN:
-            s.heard = 1
+            s.responds = 1
         s.course, starts = WITHIN, True
         s.growth = max(s.growth, c.onset_growth)
-    elif measured == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
+    elif measured == QUIET and s.responds and s.median_rate <= 0.0 and s.course == WITHIN:
         s.course = IDLE
     if not s.sticking:
         if s.course == BEYOND:
@@ -415,11 +415,11 @@ def follow_unseen(s: Any, measured: int) -> None:
     elif measured == QUIET and s.unseen == NEVER:
         s.unseen = s.now
     elif measured == QUIET and s.now - s.unseen > DEAF and s.course == WITHIN:
-        s.heard = 0
+        s.responds = 0
 
 
 def was_apart(s: Any) -> bool:
-    """Whether the level was high outside shortly before, so that it tells nothing inside yet."""
+    """Whether the level was high outside shortly before, so that it is not used inside yet."""
     recent = s.outside != NEVER and abs(s.now - s.outside) < APART
     goes_on = s.spell != NEVER and s.stamp[LEVEL] - max(s.spell, s.outside) >= SHORT
     is_new = s.spell > s.outside or s.watched >= LEARNED
@@ -524,7 +524,7 @@ def take_level(s: Any, c: Any, si: float, stamp: int, last: int) -> None:
 
 
 def follow_spell(s: Any, low: bool, rings_down: bool, stamp: int, last: int) -> None:
-    """Follow since when a level has been high, but for short rests, and what that tells.
+    """Follow since when a level has been high, but for short rests, and judge what has ended.
 
     Stick-slip goes on, and the ring of a blow falls by and by: what is over sooner, is not.
     """
@@ -541,7 +541,7 @@ def follow_spell(s: Any, low: bool, rings_down: bool, stamp: int, last: int) -> 
 
 
 def level_threshold(s: Any, c: Any) -> float:
-    """The level that is vibration [dB]: configured, or 3 dB above the loudest heard outside."""
+    """The level that is vibration [dB]: configured, or 3 dB above the loudest level outside."""
     if c.threshold == c.threshold:
         return c.threshold
     return s.loudest + FALL if s.watched >= LEARNED else math.inf
@@ -665,7 +665,7 @@ def run(
         if point:
             row[UNTIL], row[MEASURED] = standing_until(s, settings), measured_now(s, settings)
             points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
-            if settings.believes:
+            if settings.has_belief:
                 points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
     return len(stamps), count
 

@@ -100,9 +100,9 @@ FIELDS = (
     StateField('level_count', 'i8', 0, 'ns', 0, 'net time above the threshold; negative: below'),
     StateField('level_mean', 'f8', 0, 'dB', math.nan, 'the level behind a lag of half a second'),
     StateField('level_peak', 'f8', 0, 'dB', math.nan, 'the highest of these since the level rose'),
-    StateField('heard', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
+    StateField('responds', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
     StateField('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
-    StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level last told of something else'),
+    StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level last showed something else'),
     StateField(
         'spell', 'i8', 0, 'ns', NEVER, 'since when the level has been high, with short rests'
     ),
@@ -145,7 +145,7 @@ class State:
 
     def record(self) -> dict[str, Any]:
         """The memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""
-        return {name: _told(getattr(self, name)) for name in self.__slots__}
+        return {name: _plain(getattr(self, name)) for name in self.__slots__}
 
     def row(self) -> Any:
         """The memory as an array of one row, of :data:`STATE_TYPE`."""
@@ -164,7 +164,7 @@ class State:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> State:
-        """The memory that :meth:`record` has told.
+        """The memory from what :meth:`record` gave.
 
         Raises:
             ValueError: A field is missing, or is not of its kind and number.
@@ -182,18 +182,18 @@ class State:
         return state
 
 
-def _number(field: StateField, told: Any) -> float:
-    if field.kind == 'f8' and told is None:
+def _number(field: StateField, value: Any) -> float:
+    if field.kind == 'f8' and value is None:
         return math.nan
     kinds = (int,) if field.kind == 'i8' else (int, float)
-    if isinstance(told, bool) or not isinstance(told, kinds) or not abs(told) < 2**63:
-        raise ValueError(f'{field.name} = {told!r} must be a number')
-    return told if field.kind == 'i8' else float(told)
+    if isinstance(value, bool) or not isinstance(value, kinds) or not abs(value) < 2**63:
+        raise ValueError(f'{field.name} = {value!r} must be a number')
+    return value if field.kind == 'i8' else float(value)
 
 
-def _told(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     if isinstance(value, list):
-        return [_told(part) for part in value]
+        return [_plain(part) for part in value]
     return None if value != value else value
 
 
@@ -208,7 +208,7 @@ _NAMED = np.dtype(
         ('maximum', 'f8', (3,)),
         ('timeout', 'i8', (3,)),
         *((name, 'i8') for name in ('on_delay', 'off_delay', 'decay')),
-        *((name, 'i8') for name in ('believes', 'has_level', 'in_db', 'tells_other')),
+        *((name, 'i8') for name in ('has_belief', 'has_level', 'in_db', 'tells_other')),
         *((name, 'f8') for name in ('mass', 'damping', 'stiffness', 'per_mass', 'lean')),
         *((name, 'f8') for name in ('onset_growth', 'look_ahead', 'caution_on', 'caution_off')),
         *((name, 'f8') for name in ('caution_chance', 'can_chance', 'runs_chance')),
@@ -271,7 +271,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         on_delay=alarm.on_delay_ns,
         off_delay=alarm.off_delay_ns,
         decay=_decay_ns(bearing, alarm.onset_growth),
-        believes=int(belief is not None),
+        has_belief=int(belief is not None),
         has_level=int(level is not None),
         in_db=int(in_db),
         tells_other=int(level is not None and not level.learns),

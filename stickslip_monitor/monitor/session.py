@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One monitored ship: the monitor, its alarms, the faults of its inputs, and what is told of them.
+"""One monitored ship: the monitor, its alarms, the faults of its inputs, and what is published.
 
 The node, ``stickslip watch``, the dashboard's replay and ``stickslip check --mcap`` are shells
 around a :class:`Session`: they differ in their clocks, in where samples come from, and in the
-:class:`Sink` that takes what is told. A session reads no clock: every call is given a
+:class:`Sink` that takes what is to be published. A session reads no clock: every call is given a
 :class:`Moment`.
 """
 
@@ -85,11 +85,11 @@ class Moment(NamedTuple):
     """Now, on both clocks [ns]."""
 
     steady_ns: int  # it never steps: periods, delays and ages are measured on it
-    time_ns: int  # of the samples; 0 while it is simulated and has said nothing
+    time_ns: int  # of the samples; 0 while it is simulated and /clock is silent
 
 
 class Sink:
-    """Takes what a session tells; what a shell does not show is passed over."""
+    """Takes what a session publishes; a shell leaves out what it does not show."""
 
     def take_verdict(self, verdict: Verdict) -> None:
         """An operating point was measured."""
@@ -135,8 +135,8 @@ class Session:
 
     Args:
         config: The configuration.
-        sink: Takes what is told.
-        log: Where events, input faults, people's actions and what cannot be kept are told.
+        sink: Takes what is to be published.
+        log: Where events, input faults, people's actions and what cannot be kept are logged.
         clock: The time for stamps of what people do [ns].
         store: What keeps the alarms over a restart; ``None`` for nothing.
         graph: Who publishes the inputs; ``None`` where nobody looks for their faults.
@@ -238,11 +238,11 @@ class Session:
             value: The number, in the input's own scale.
             now: When it came.
             latest: Whether no later number of this bearing waits already: what one that waits
-                will outdate is said only where it changes something.
+                will outdate is published only where it changes something.
         """
         update = self.monitor.bearings[name].update(place, time_ns, value)
         if self._inputs is not None:
-            self._inputs.take(name, place, time_ns, value, update.status.believed, now.steady_ns)
+            self._inputs.take(name, place, time_ns, value, update.status.valid, now.steady_ns)
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -270,7 +270,7 @@ class Session:
             bearing.excuse(held_ns)
 
     def catch_up(self, now: Moment) -> None:
-        """Nothing waits any more: tell the verdicts that were held back."""
+        """Nothing waits any more: publish the verdicts that were held back."""
         for name in list(self._unsaid):
             self._say(name, True, now)
 
@@ -304,12 +304,12 @@ class Session:
         return changes
 
     def show(self, now: Moment) -> None:
-        """Tell the state of every bearing."""
+        """Publish the state of every bearing."""
         self._changed.clear()
         self._sink.take_states(self.states(self.monitor.bearings, now), True)
 
     def flush(self, now: Moment) -> None:
-        """Tell the state of the bearings whose condition has changed since they were told of."""
+        """Publish the state of the bearings whose condition has changed since the last time."""
         if self._changed:
             states = self.states(sorted(self._changed), now)
             self._changed.clear()
@@ -328,7 +328,7 @@ class Session:
         ]
 
     def _say(self, name: str, changed: bool, now: Moment) -> None:
-        """Tell the latest verdict of a bearing, or at most one each period."""
+        """Publish the latest verdict of a bearing, or at most one each period."""
         verdict = self._unsaid.pop(name, None)
         if verdict is None:
             return
@@ -344,7 +344,7 @@ class Session:
             tell_event(self._log, event)
 
     def _alarm(self, changes: list[AlarmChange], events: list[Event]) -> None:
-        """Tell and keep what has changed of the alarms, by these events too."""
+        """Publish and keep what has changed of the alarms, by these events too."""
         changes += [c for event in events for c in self.annunciator.take_event(event)]
         if changes:
             self._list(changes)
@@ -375,7 +375,7 @@ class Session:
                 )
 
     def keep(self) -> None:
-        """Write what is kept; a full disk must not stop the monitor, and is told once."""
+        """Write what is kept; a full disk must not stop the monitor, and is logged once."""
         if self._store is None:
             return
         states = {name: b.state.record() for name, b in self.monitor.bearings.items()}

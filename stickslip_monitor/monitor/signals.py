@@ -117,7 +117,7 @@ class Status(IntEnum):
     ODD_STAMP = 6
 
     @property
-    def believed(self) -> bool:
+    def valid(self) -> bool:
         """Whether the sample is used."""
         return self <= Status.CLOCK_JUMP
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells from an input's samples that they come from a wrong source, or from two at once.
+"""Finds from an input's samples that they come from a wrong source, or from two at once.
 
 Three faults can be seen in the samples themselves:
 

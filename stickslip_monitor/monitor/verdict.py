@@ -329,7 +329,7 @@ def _caution_margin(config: BearingConfig) -> float:
 
 def _state_text(b: Standing) -> str:
     """Whether a bistable bearing is quiet: measured, remembered, or not known."""
-    if b.measured is Measured.QUIET and b.state.heard:
+    if b.measured is Measured.QUIET and b.state.responds:
         return Measured.QUIET.sentence
     return 'Quiet by its history.' if b.state.known else 'Whether it vibrates is not known.'
 
@@ -354,8 +354,8 @@ def _doubt_text(b: Standing) -> str:
         return ''
     asks = (
         ': are the parameters and the threshold of the level right?'
-        if b.state.heard
-        else '; the level has never risen in stick-slip: can it hear the bearing?'
+        if b.state.responds
+        else '; the level has never risen in stick-slip: does its sensor reach the bearing?'
     )
     return f' No vibration has been measured for {about(b.unseen)}{asks}'
 

@@ -51,7 +51,7 @@ class BearingReport:
     seconds: dict[Regime, float]  # in each regime; without a usable point: undetermined
     worst: dict[str, Extreme]  # least margins and greatest amplitude, where there is one
     inputs: tuple[InputReport, ...]
-    measured: dict[str, float] | None = None  # time by what the level said [s], if there is one
+    measured: dict[str, float] | None = None  # time [s] by what a level measured
     outline: Outline | None = None  # of its verdicts, where it was asked for
 
     @property
@@ -104,7 +104,7 @@ def check_bag(
             # What was read before is scanned while the next is read.
             for future in running:
                 future.result()
-            span.hear(part.values())
+            span.extend(part.values())
             running = [pool.submit(check.take, part, span.start_ns) for check in checks]
         for future in running:
             future.result()
@@ -155,7 +155,7 @@ class _BearingCheck:
     def report(
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]]
     ) -> BearingReport:
-        """What was said over the whole recording, with the faults of its messages."""
+        """The complaints about the whole recording, with the faults of its messages."""
         assert self._scan is not None
         end = self._scan.finish(_SILENCE, span.end_ns)
         self._add(end)
@@ -231,7 +231,7 @@ class SampleSpan:
         self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
         self._begun = False
 
-    def hear(self, series: Iterable[Series]) -> None:
+    def extend(self, series: Iterable[Series]) -> None:
         """Take the messages of a stretch."""
         known = [each for each in series if each.sequence.size]
         if self.start_ns is None or self.end_ns is None or not known:
@@ -287,7 +287,7 @@ def scan_whole(path: str | Path, config: MonitorConfig, many: bool = False) -> W
     asked = {b.name: requests_of(b) for b in config.bearings}
     series = bag.read({request for own in asked.values() for request in own})
     span = SampleSpan(bag)
-    span.hear(series.values())
+    span.extend(series.values())
     found = {
         bearing.name: WholeBearing(
             bearing,

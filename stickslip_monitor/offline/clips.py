@@ -21,7 +21,7 @@ from stickslip_monitor.offline.check import CheckReport
 from stickslip_monitor.offline.verdict_bag import NODE, MessageColumn, tell_verdicts, topics
 
 _SLICE = 500
-# Told in the file, so that a recording of somebody else is none of ours, whatever its name.
+# Written in the file, so that a recording of somebody else is none of ours, whatever its name.
 _LABEL = 'stickslip_monitor/clip'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'
@@ -126,7 +126,7 @@ def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) 
     around = config.clips.around_ns
     alarms = [event.time_ns for event in events if begins_clip(event)]
     spans = TimeSpans((time_ns - around, time_ns + around) for time_ns in alarms)
-    told = iter([event for event in events if spans.overlap(event.time_ns, event.time_ns)])
+    raised = iter([event for event in events if spans.overlap(event.time_ns, event.time_ns)])
     count = 0
 
     def store_clips() -> None:
@@ -140,7 +140,7 @@ def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) 
         for message in _in_order(columns):
             recorder.add(message)
             if message.topic == f'/{NODE}/warnings':
-                recorder.note(next(told))
+                recorder.note(next(raised))
             store_clips()
 
     tell_verdicts(checked, config, take, spans)

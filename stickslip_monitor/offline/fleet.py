@@ -133,7 +133,7 @@ def connected(address: str) -> Iterator[Client]:
             f"--scheduler needs Dask ({error}): install this package with the extra 'fleet'"
         ) from error
     _check_scheduler(address)
-    # What it would log, tracebacks and all, is said in one sentence here.
+    # One sentence stands for what it would log, tracebacks and all.
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     client = Client(address, timeout=_PATIENCE, set_as_default=False)
     with client:

@@ -92,10 +92,10 @@ class InputReport:
     quantity: str  # 'speed', 'load' or 'level'
     topic: str
     messages: int  # on the topic
-    used: int  # samples that were believed
+    used: int  # valid samples
     faults: tuple[Fault, ...]  # what was wrong with the others, and jumps of the clock
     gaps: Gaps  # intervals longer than the input's timeout
-    span: tuple[float, float] = (math.nan, math.nan)  # of the numbers believed, as in messages
+    span: tuple[float, float] = (math.nan, math.nan)  # of the valid numbers, as in messages
     si_span: tuple[float, float] = (math.nan, math.nan)  # the same in SI; a level in its own unit
     sources: tuple[SourceFault, ...] = ()  # of the source; they are among the faults as well
     questions: tuple[str, ...] = ()  # where the numbers look like another unit or topic
@@ -153,7 +153,7 @@ class InputCheck:
             return ''
         # By how the last stamps of both lie in the recording, whichever came later.
         behind = (self._delay_ns - other._delay_ns) * 1e-9
-        known = replace(facts, lost=False, heard=True, other=other._source.topic)
+        known = replace(facts, lost=False, receiving=True, other=other._source.topic)
         return input_fault(replace(known, behind=behind))
 
     def report(

@@ -37,7 +37,7 @@ class Outline:
 
 
 Verdicts = Scan | Outline
-"""What is drawn and told of a bearing: all its verdicts, or their outline."""
+"""What is drawn and reported of a bearing: all its verdicts, or their outline."""
 
 
 _ROW = np.dtype(

@@ -62,7 +62,7 @@ class MessageColumn(NamedTuple):
     payload: Sequence[bytes]
 
 
-Tell = Callable[[Sequence[MessageColumn]], None]
+Write = Callable[[Sequence[MessageColumn]], None]
 
 
 def check_target(path: str | Path) -> Path:
@@ -91,7 +91,7 @@ def write_verdicts(
         checked: What the check found.
         config: The configuration it was checked with.
         path: Where to; a name ending in ``.mcap`` that is not there yet.
-        progress: Told the messages written, now and then.
+        progress: Given the messages written, now and then.
 
     Raises:
         BagError: It cannot be written, or the bag cannot be read again.
@@ -123,7 +123,7 @@ def _input_topics(config: MonitorConfig) -> list[str]:
 
 
 def tell_verdicts(
-    checked: CheckReport, config: MonitorConfig, tell: Tell, spans: TimeSpans = _ALWAYS
+    checked: CheckReport, config: MonitorConfig, write: Write, spans: TimeSpans = _ALWAYS
 ) -> None:
     """Inputs and verdicts, one stretch of the recording after the other.
 
@@ -133,7 +133,7 @@ def tell_verdicts(
     Args:
         checked: What the check found.
         config: The configuration it was checked with.
-        tell: Given the messages of a stretch, inputs before verdicts. The stretches follow each
+        write: Given the messages of a stretch, inputs before verdicts. The stretches follow each
             other in time but for single messages at their edges.
         spans: The times that are wanted: nothing else is encoded.
 
@@ -144,9 +144,9 @@ def tell_verdicts(
     asked = {request for *_, request in course.inputs}
     for part in checked.bag.reading(asked):
         for log_time_ns in course.take(part):
-            tell([*raw.until(log_time_ns), *course.told()])
+            write([*raw.until(log_time_ns), *course.columns()])
     course.finish()
-    tell([*raw.until(None), *course.told()])
+    write([*raw.until(None), *course.columns()])
 
 
 class _Raw:
@@ -185,7 +185,7 @@ class _Course(Sink):
         self._spans = spans
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         self._verdicts: dict[str, list[Verdict]] = {b.name: [] for b in config.bearings}
-        self._told: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
+        self._pending: dict[str, list[tuple[int, bytes]]] = {name: [] for name in self._kinds}
         self._session = Session(config, self, NoLog(), lambda: 0)
         self._session.begin()
         self._bearings = self._session.monitor.bearings
@@ -216,7 +216,7 @@ class _Course(Sink):
         self._advance(self._end_ns)
         self._pass_time(self._end_ns + 1)
 
-    def told(self) -> Iterator[MessageColumn]:
+    def columns(self) -> Iterator[MessageColumn]:
         """The messages since the last call."""
         for name, verdicts in self._verdicts.items():
             if verdicts:
@@ -225,13 +225,13 @@ class _Course(Sink):
                     topic = f'/{NODE}/{name}/{last}'
                     yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
                 verdicts.clear()
-        for topic, messages in self._told.items():
+        for topic, messages in self._pending.items():
             if messages:
                 yield _column(topic, self._kinds[topic], messages)
                 messages.clear()
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """One operating point; what is said of it is worked out with those that follow."""
+        """One operating point; its text is worked out with those that follow."""
         if self._wants(verdict.time_ns):
             self._verdicts[verdict.bearing].append(verdict)
 
@@ -239,7 +239,7 @@ class _Course(Sink):
         """One JSON warning."""
         if self._wants(event.time_ns):
             data = encode_string(event_json(event))
-            self._told[f'/{NODE}/warnings'].append((event.time_ns, data))
+            self._pending[f'/{NODE}/warnings'].append((event.time_ns, data))
 
     def _wants(self, time_ns: int) -> bool:
         """Whether a time lies in the spans: nothing else is encoded."""
@@ -257,7 +257,7 @@ class _Course(Sink):
             self._session.pass_time(name, time_ns, Moment(time_ns, time_ns))
 
     def _pass_time(self, until_ns: int) -> None:
-        """Tell the state of every second, and of each change, before a time [ns]."""
+        """Write the state of every second, and of each change, before a time [ns]."""
         if until_ns <= self._ticked_ns + 1:
             return
         until_ns = min(until_ns, self._end_ns + 1)
@@ -274,7 +274,7 @@ class _Course(Sink):
         self._due = {t for t in self._due if t >= until_ns}
 
     def _diagnose(self, time_ns: int, seen_ns: int) -> None:
-        """Tell, at a time, the state of the bearings at another if nothing comes [ns]."""
+        """Write, at a time, the state of the bearings at another if nothing comes [ns]."""
         probes = [bearing.copy() for bearing in self._bearings.values()]
         for probe in probes:
             probe.advance(seen_ns)
@@ -282,7 +282,7 @@ class _Course(Sink):
         fields = [
             StatusFields(r.level, r.name, r.message, r.hardware_id, r.values) for r in records
         ]
-        self._told['/diagnostics'].append((time_ns, encode_diagnostics(time_ns, fields)))
+        self._pending['/diagnostics'].append((time_ns, encode_diagnostics(time_ns, fields)))
 
 
 def _loss(bearing: BearingMonitor, until_ns: int) -> Iterator[int]:

@@ -123,7 +123,7 @@ EXACT = Tolerance()
 
 
 class BoundaryPoints(NamedTuple):
-    """Weighted points of what is believed of the two boundaries.
+    """Weighted points of the distribution of the two boundaries.
 
     Attributes:
         log_beta: ``ln beta`` [ln s/m], shape (k,).
@@ -216,7 +216,7 @@ def _loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What is believed of a bearing's boundaries, as probabilities and quantiles.
+    """The distribution of a bearing's boundaries, as probabilities and quantiles.
 
     Speeds are magnitudes of the journal's surface speed [m/s]; loads are in N. A probability is 0
     without load, and ``nan`` where the shaft is at rest or an input is not finite.

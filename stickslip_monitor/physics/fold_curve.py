@@ -99,20 +99,20 @@ def _missing(
 def interpolated(
     place: FloatArray, solve: Callable[[int, float], float], close: float
 ) -> FloatArray:
-    """Positive values at ascending places, solved only where their neighbours do not tell them.
+    """Positive values at ascending places, solved only where interpolation does not give them.
 
     Args:
         place: Shape (n,).
         solve: The value at an index, given a guess or ``nan``; called from above.
         close: Relative error of a polynomial in the middle between solved places up to which it
-            is believed where these are half as far apart.
+            is used where these are half as far apart.
     """
     count = place.size
     value = np.full(count, np.nan)
     stride = min(_STRIDE, 1 << max(count.bit_length() - 3, 0))
     for i in range(0, count, stride)[::-1]:
         value[i] = solve(i, math.nan)
-    told = np.zeros(count, dtype=bool)  # from an index to the next that is known
+    sure_from = np.zeros(count, dtype=bool)  # from an index to the next that is known
     while stride > 1:
         half = stride // 2
         miss = np.full(count, np.inf)
@@ -121,14 +121,14 @@ def interpolated(
             last = (count - 1) // stride - _NEIGHBOURS + 1
             near = range(max(min(first, last), 0) * stride, count, stride)[:_NEIGHBOURS]
             guess = math.exp(_through(place[near], np.log(value[near]), place[i]))
-            value[i] = guess if told[i - half] else solve(i, guess)
+            value[i] = guess if sure_from[i - half] else solve(i, guess)
             known = 0.0 < value[i] < math.inf and guess > 0.0
             miss[i - half] = abs(guess / value[i] - 1.0) if known else math.inf
         # The error falls to a sixteenth at least where the stretch is halved.
         beside = np.maximum(miss, np.maximum(np.roll(miss, stride), np.roll(miss, -stride)))
         sure = beside[::stride] < close
-        told[::stride] = sure
-        told[half::stride] = sure[: told[half::stride].size]
+        sure_from[::stride] = sure
+        sure_from[half::stride] = sure[: sure_from[half::stride].size]
         stride = half
     return value
 

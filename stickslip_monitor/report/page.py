@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A report on recordings: one HTML page without network, script or further files, or a picture.
 
-What is said and drawn of one recording is texts and pictures only, without samples, so that a part
-can come from another process.
+The part of one recording is texts and pictures only, without samples, so that it can come from
+another process.
 """
 
 from __future__ import annotations
@@ -74,10 +74,9 @@ _NOT_DRAWN = (
     ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
 )
 _MAP_CAPTION = (
-    'The course of the operating point over the regions of the averaged model, from the ring'
-    ' (start, where the line is wide) to the square (end, where it is narrow), without the'
-    ' scatter of the measurements, which is drawn faint. Marks show where the alarm changed.'
-    ' Lines with a number are stick-slip amplitudes.'
+    'Smoothed track of the operating point over the regions of the averaged model, from start'
+    ' (ring) to end (square); raw measurements in grey. Marks show where the alarm changed.'
+    ' Numbers on lines are stick-slip amplitudes.'
 )
 _SPEED_CAPTION = (
     'Speed lies in the red region where stick-slip starts by itself, in the amber one where a'
@@ -97,9 +96,9 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class BearingPart:
-    """What is said and drawn of one bearing in one recording."""
+    """The text and pictures on one bearing in one recording."""
 
-    anchor: str  # a word that tells it from all others on a page
+    anchor: str  # a word for it alone on a page
     finding: Finding
     facts: tuple[Fact, ...]
     map: Picture | None
@@ -111,7 +110,7 @@ class BearingPart:
 
 @dataclass(frozen=True, slots=True)
 class RecordingPart:
-    """What is said and drawn of one recording."""
+    """The text and pictures on one recording."""
 
     anchor: str
     name: str

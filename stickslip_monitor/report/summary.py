@@ -29,7 +29,7 @@ GRADES = tuple(_WORDS)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is said of a bearing, or of everything."""
+    """The verdict on a bearing, or on everything."""
 
     grade: str
     word: str
@@ -122,7 +122,7 @@ def place(course: Course, extreme: Extreme) -> str:
 
 
 def finding_of(course: Course) -> Finding:
-    """What is said of one bearing: the verdict first, and what puts it in doubt last."""
+    """The sentences on one bearing: the verdict first, and what puts it in doubt last."""
     found = _verdict(course)
     # Of two sources at once a quiet verdict is none.
     grade = 'unknown' if course.sources and found.grade == 'clear' else found.grade
@@ -137,7 +137,7 @@ def _asked(question: str) -> str:
 def _verdict(course: Course) -> Finding:
     name = course.config.name
     if not course.scan.time_ns.size:
-        text = f'{name}: nothing can be said, because no usable operating point was recorded.'
+        text = f'{name}: no verdict: the recording has no usable operating point.'
         return _finding('unknown', text, _lost(course))
     sticking = together(course.spells, STICKING)
     near = together(course.spells, (Condition.CAUTION, Condition.BISTABLE))
@@ -146,7 +146,7 @@ def _verdict(course: Course) -> Finding:
     if near:
         return _finding('warning', _close(course, near), _least(course), _lost(course))
     lost = _lost(course)
-    limits = ' as far as can be said' if lost else ''
+    limits = ' while the inputs were valid' if lost else ''
     clear = f'{name}: no stick-slip was predicted, and the bearing kept clear of it{limits}.'
     grade = 'unknown' if _lost_seconds(course) > 0.5 * course.span else 'clear'
     return _finding('warning' if lost and grade == 'clear' else grade, clear, _least(course), lost)
@@ -235,7 +235,7 @@ def _lost(course: Course) -> str:
     return (
         f'An input was missing for {formatting.duration(seconds)}'
         f' ({formatting.share(seconds, course.span)} of the time):'
-        ' nothing can be said of that time.'
+        ' there is no verdict for that time.'
     )
 
 
@@ -251,7 +251,7 @@ def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
     elif counts['warning']:
         text = f'No stick-slip was predicted; {counts["warning"]} {of} gave warnings.'
     elif counts['unknown']:
-        text = f'No stick-slip was predicted, but of {counts["unknown"]} {of} little can be said.'
+        text = f'No stick-slip was predicted, but {counts["unknown"]} {of} have no sound verdict.'
     else:
         text = f'No stick-slip was predicted in any {of}.'
     worst = [

@@ -34,7 +34,7 @@ WATCHDOG_PERIOD = 0.1
 LAG_NS = 500_000_000
 """The watchdog stays so far behind that a sample delivered late keeps the time of its stamp."""
 SHOW_NS = 10**9
-"""The state of all bearings is told so often [ns]."""
+"""The state of all bearings is published so often [ns]."""
 LOSS_PERIOD = 60.0
 HELD_UP_NS = 10**9
 """A watchdog that comes so late [ns] says that the node was held up, not its inputs."""
@@ -102,7 +102,7 @@ class Active:
         self.tick()
 
     def end(self) -> None:
-        """Nobody watches any more, which is told, and what is left of the clips is written."""
+        """Nobody watches any more: this is published, and what is left of the clips is written."""
         self._health.monitoring = False
         self._session.end()
         self._own.end_clips()
@@ -115,14 +115,14 @@ class Active:
             self._node.destroy_timer(self._ticker)
 
     def _now_ns(self) -> int:
-        """ROS time [ns]; 0 while it is simulated and /clock has said nothing."""
+        """ROS time [ns]; 0 while it is simulated and /clock is silent."""
         return self._node.get_clock().now().nanoseconds if self._simulated else time.time_ns()
 
     def _now(self) -> Moment:
         return Moment(time.monotonic_ns(), self._now_ns())
 
     def _deliver(self, numbers: Iterator[Number]) -> None:
-        """Take what has come; tell what changed, and look at the time."""
+        """Take what has come; publish what changed, and look at the time."""
         self._excuse(self._now())
         for number in numbers:
             self._take(number)
@@ -135,8 +135,8 @@ class Active:
     def _receive(self, number: Number) -> None:
         name, place, time_ns, value, latest = number
         update = self._session.take(name, place, time_ns, value, self._now(), latest)
-        if update.status.believed and place != LEVEL:
-            self._watchdog.hear(name)
+        if update.status.valid and place != LEVEL:
+            self._watchdog.note(name)
 
     def tick(self) -> None:
         """Look after everything that time brings."""
@@ -208,7 +208,7 @@ class Active:
 class Actions:
     """The operator's actions: services for all bearings and for each, and a topic.
 
-    A service of std_srvs tells neither who calls it nor of which alarm; a request on the topic
+    A service of std_srvs names neither the caller nor the alarm; a request on the topic
     ``~/actions`` does.
     """
 
@@ -292,7 +292,7 @@ class PassingTime:
 
 
 class Watchdog:
-    """Tells a session of the time that passes without samples, bearing by bearing."""
+    """Gives a session the time that passes without samples, bearing by bearing."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -302,12 +302,12 @@ class Watchdog:
         self._bases = dict(self._silent)
         self._heard: set[str] = set()
 
-    def hear(self, name: str) -> None:
-        """A sample of a bearing was believed."""
+    def note(self, name: str) -> None:
+        """A valid sample of a bearing has come."""
         self._heard.add(name)
 
     def tick(self, now: Moment, passed_ns: int) -> None:
-        """Tell of the time that has passed without samples, so much since the last call [ns]."""
+        """Pass on the time that has passed without samples, so much since the last call [ns]."""
         for name, bearing in self._session.monitor.bearings.items():
             if name in self._heard:
                 self._silent[name], self._bases[name] = 0, bearing.now_ns or 0

@@ -46,7 +46,7 @@ Arrival = tuple[int, 'Lane', Any]
 Tap = Callable[[str, Any, int | None], None]
 """Takes topic, message and its time [ns]."""
 Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
-"""Makes a callback whose exceptions are told and survived."""
+"""Makes a callback whose exceptions are logged and survived."""
 
 
 def telemetry() -> QoSProfile:
@@ -275,7 +275,7 @@ class Lane:
         """Count what lies between a message and the one before of its publisher.
 
         An executor does not hand on the numbers of those it takes, and some ROS 2 have none. (The
-        event of a lost message tells nothing of those for which the queue had no room.)
+        event of a lost message does not count those for which the queue had no room.)
         """
         publisher, number = info.get('publisher_gid'), info.get('publication_sequence_number')
         if publisher is None or number is None:

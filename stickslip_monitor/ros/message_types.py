@@ -52,7 +52,7 @@ def definition(name: str) -> str:
     """The concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
 
     It comes from the Python class, as not every installation has the ``.msg`` files; constants and
-    default values, which that does not tell, have no part in how a message is encoded.
+    default values, which that leaves out, have no part in how a message is encoded.
 
     Raises:
         RosError: It is not installed.

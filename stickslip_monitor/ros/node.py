@@ -143,15 +143,15 @@ def changed_config(
     return build_config(proposed), rebuilt
 
 
-def told_changes(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
+def changed_values(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
     """A line for each parameter that a set of changes gives another value."""
-    told = []
+    lines = []
     for change in changes:
         before = _as_written(change.name, node.get_parameter(change.name).value)
         after = _as_written(change.name, change.value)
         if before != after:
-            told.append(f'parameter {change.name}: {before!r} -> {after!r}')
-    return told
+            lines.append(f'parameter {change.name}: {before!r} -> {after!r}')
+    return lines
 
 
 def _read_only(name: str, value: Any) -> ConfigurationError:
@@ -212,7 +212,7 @@ class MonitorNode(LifecycleNode):
                 raise RosError(f'the node cannot {name}: {self._failure}')
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """The callback, whose exceptions are told and survived: the monitor goes on."""
+        """The callback, whose exceptions are logged and survived: the monitor goes on."""
 
         # rclpy looks at the signature of what it calls.
         @functools.wraps(callback)
@@ -225,7 +225,7 @@ class MonitorNode(LifecycleNode):
         return call
 
     def survive(self, error: Exception) -> None:
-        """Tell of an exception that nobody expected, in the log and in diagnostics."""
+        """Report an exception that nobody expected, in the log and in diagnostics."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
         text = f'{type(error).__name__}: {sentence(error)}{place}'
@@ -313,7 +313,7 @@ class MonitorNode(LifecycleNode):
             self._configured.session.note(what, text)
 
     def _failed(self, text: str) -> TransitionCallbackReturn:
-        # Told here because rclpy says nothing of an exception in a transition.
+        # Logged here because rclpy says nothing of an exception in a transition.
         self._failure = text
         self.get_logger().error(text)
         return TransitionCallbackReturn.FAILURE
@@ -325,15 +325,15 @@ class MonitorNode(LifecycleNode):
 
     def _tell_inputs(self, config: MonitorConfig) -> None:
         """Log what an active node does."""
-        tell, domain = self.get_logger().info, os.environ.get('ROS_DOMAIN_ID') or '0'
+        log, domain = self.get_logger().info, os.environ.get('ROS_DOMAIN_ID') or '0'
         bearings = plural(len(config.bearings), 'bearing')
-        tell(f'{self.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}')
+        log(f'{self.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}')
         for bearing in config.bearings:
             inputs = (
                 f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
                 for name, source in bearing.inputs.items()
             )
-            tell(f'{bearing.name}: {", ".join(inputs)}')
+            log(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:
         active, self._active = self._active, None
@@ -348,7 +348,7 @@ class MonitorNode(LifecycleNode):
             self._configured = None
 
     def _check(self, config: MonitorConfig) -> None:
-        """Check what only this machine can tell: message types, fields and folders."""
+        """Check what only this machine knows: message types, fields and folders."""
         check_inputs(resolved(self, config), output_names(self, config))
         if config.state_file:
             StateFile(config.state_file).check()
@@ -360,7 +360,7 @@ class MonitorNode(LifecycleNode):
             active, configured = self._active is not None, self._configured
             config, rebuilt = changed_config(self, changes, active)
             self._check(config)
-            told = told_changes(self, changes)
+            lines = changed_values(self, changes)
             if configured is None:
                 self.make_store(config.clips)
             elif rebuilt:
@@ -373,7 +373,7 @@ class MonitorNode(LifecycleNode):
         except Exception as error:
             self.survive(error)
             return SetParametersResult(successful=False, reason=f'it failed: {error}')
-        for text in told:
+        for text in lines:
             self.get_logger().info(text)
             self._note('parameter', text)
         return SetParametersResult(successful=True)

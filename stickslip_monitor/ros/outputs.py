@@ -77,7 +77,7 @@ class Configured:
 
     Attributes:
         config: The configuration, names of topics as given.
-        clips: Takes what the node hears and says, where clips are wanted.
+        clips: Takes what the node receives and publishes, where clips are wanted.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class Outputs(Sink):
     """The publishers of a configured node. What nobody listens to is not published.
 
     Args:
-        clips: Takes what is said, and notice of alarms, where clips are wanted.
+        clips: Takes what is published, and notice of alarms, where clips are wanted.
     """
 
     def __init__(
@@ -280,7 +280,7 @@ class Clips:
         return self._writer.fault and f'an event clip is lost: {self._writer.fault}'
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
-        """Take a message that was heard or said.
+        """Take a message that was received or published.
 
         Args:
             topic: Its topic.

@@ -52,9 +52,9 @@ def make_executor() -> Executor:
 
 
 class ServiceManager:
-    """What started the node, as far as it wants to be told, by the datagrams of sd_notify(3).
+    """What started the node, as far as it wants notice, by the datagrams of sd_notify(3).
 
-    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is told.
+    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class ServiceManager:
         self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
         self._told = -math.inf
 
-    def tell(self, state: str) -> None:
+    def notify(self, state: str) -> None:
         """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
         if self._address:
             kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
@@ -73,20 +73,20 @@ class ServiceManager:
                 own.sendto(state.encode(), self._address)
 
     def beat(self) -> None:
-        """Say that the node is alive, as often as the watchdog wants to hear it."""
+        """Say that the node is alive, as often as the watchdog wants."""
         now = time.monotonic()
         if now - self._told >= self._period:
             self._told = now
-            self.tell('WATCHDOG=1')
+            self.notify('WATCHDOG=1')
 
 
-def _spin(node: MonitorNode, told: Sequence[int]) -> None:
+def _spin(node: MonitorNode, signals: Sequence[int]) -> None:
     """Spin until a signal has been noted, or somebody shuts ROS down."""
     executor, manager = make_executor(), ServiceManager()
     executor.add_node(node)
-    manager.tell('READY=1')
+    manager.notify('READY=1')
     try:
-        while rclpy.ok() and not told:
+        while rclpy.ok() and not signals:
             manager.beat()
             try:
                 # Python runs its signal handlers between waits: none may last.
@@ -99,7 +99,7 @@ def _spin(node: MonitorNode, told: Sequence[int]) -> None:
                     return
                 node.survive(error)
     finally:
-        manager.tell('STOPPING=1')
+        manager.notify('STOPPING=1')
         executor.shutdown()
 
 
@@ -163,19 +163,19 @@ def _start(
 
 
 def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None) -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is to stop."""
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
-    told: list[int] = []
+    signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: told.append(number))
+        signal.signal(number, lambda number, _: signals.append(number))
     _check_environment(sys.argv if args is None else args)
     node = None
     try:
         node = _start(args, store)
-        if node.config.autostart and not told:
+        if node.config.autostart and not signals:
             node.start()
-        _spin(node, told)
+        _spin(node, signals)
     finally:
         # A second Ctrl-C (a launch system sends one too) must not break the way out.
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -189,7 +189,7 @@ def main(
     args: Sequence[str] | None = None,
     store: Callable[[ClipConfig], ClipStore] | None = None,
 ) -> int:
-    """Run the node until it is told to stop.
+    """Run the node until it is to stop.
 
     Args:
         args: Arguments without the program's name; those of the process if ``None``.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node beside those of monitors: hears them, hands on what people ask, and what buses bring."""
+"""A node beside those of monitors: what they publish, what people ask, what buses bring."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ NUMBER_TYPE, NUMBER_FIELD = 'std_msgs/msg/Float64', 'data'
 
 
 class Watcher:
-    """Hears monitors. The callbacks run in the thread that spins the node.
+    """Receives from monitors. The callbacks run in the thread that spins the node.
 
     Args:
         listeners: Who takes what a monitor says, by the full name of its node.
@@ -98,7 +98,7 @@ class Watcher:
         try:
             actions.publish(String(data=json.dumps(request_record(request))))
         except rclpy_implementation.RCLError as error:
-            raise RosError(f'the monitor cannot be told: {error}') from error
+            raise RosError(f'the monitor cannot be reached: {error}') from error
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -192,8 +192,8 @@ def open_watcher(
 
 
 @contextmanager
-def hear_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iterator[None]:
-    """Hand on full name, level and text of every monitor that tells how its node is.
+def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iterator[None]:
+    """Hand on full name, level and text of every monitor that publishes how its node is.
 
     ``take`` is called in another thread.
 

@@ -200,7 +200,7 @@ UNREADABLE = (
     ('/upper', 'a/msg/E', "its definition cannot be parsed ('Value' is"),
 )
 WRONG = (
-    (Request('/goods', 'data'), "topic '/goods' is not in the bag: it has /good, "),
+    (Request('/goods', 'data'), "the recording has no topic '/goods': it has /good, "),
     (
         Request('/good', 'data', 'std_msgs/msg/Float32'),
         "topic '/good' has type std_msgs/msg/Float64 in the bag, not std_msgs/msg/Float32",

@@ -71,7 +71,7 @@ def test_a_level_tells_of_the_blow_that_speed_and_load_do_not_show(
     assert again['events'] == seeing['events']
     # Without the topic, one sentence.
     assert main(['check', str(BAG), *own]) == 2
-    assert "topic '/bearing/aft_stern/level' is not in the bag" in capsys.readouterr().err
+    assert "the recording has no topic '/bearing/aft_stern/level'" in capsys.readouterr().err
 
 
 def test_the_report_has_every_event_of_the_check(

@@ -66,7 +66,7 @@ def test_tables_for_a_person(capsys: pytest.CaptureFixture[str]) -> None:
         'line 12: 0.2444 at 0.0733 m/s',
         'aft_stern with this law at 1000N',
         'Hopf margin',
-        'of the laws drawn, at this speed: unstable 0.0%',
+        'Monte Carlo samples at this speed: unstable 0.0%',
         'friction: {law: stribeck, static: 0.29',
     ):
         assert words in text

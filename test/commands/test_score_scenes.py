@@ -120,7 +120,7 @@ CALM = [
         (
             {'effects': [*CALM, {'operating_point': {'rate': 1.0}}, {
                 'load_steps': {'unit': 'N', 'steps': [[0, 0], [10, 4000]], 'rise': 1.0}}]},
-            'without the effect lining_motion nobody knows whether the lining sticks',
+            'without the effect lining_motion it is unknown whether the lining sticks',
         ),
         (
             {'duration': between(9, 3)},

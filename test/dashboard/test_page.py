@@ -296,7 +296,7 @@ def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -
     dashboard.do(lambda: setattr(dashboard.ship.shown, 'alarms', None))
     dashboard.do(dashboard.ship.show)
     browser.open(dashboard.url)
-    words = 'The list of alarms of /stickslip_monitor has not come'
+    words = 'No list of alarms from /stickslip_monitor yet'
     browser.until(f'document.getElementById("banner").textContent.includes("{words}")')
     assert browser.js('document.getElementById("quiet").hidden')
     assert browser.js('document.getElementById("unsure").checkVisibility()')
@@ -604,7 +604,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     # The last word of one that is not heard was normal: it does not stay so in the table.
     dashboard.do(lambda: setattr(dashboard.ship.shown.bearings['b23'], 'at', 0.0))
     row = 'document.querySelector("#rows tr").innerText.replace(/\\s+/g, " ")'
-    fleet.until(f'{row}.startsWith("b23 ✕ not heard")')
+    fleet.until(f'{row}.startsWith("b23 ✕ no data")')
     assert fleet.js('document.title').startswith('✕ ')
     # One lost speed is one entry, above what is acknowledged.
     entries = fleet.js(

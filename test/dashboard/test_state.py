@@ -136,7 +136,7 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
 def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> None:
     board.monitors[0].take_record(document)
     board.monitors[0].take_alarms(document)
-    assert not board.heard
+    assert not board.receiving
     assert board.alarms is None
 
 
@@ -196,10 +196,10 @@ def wait(now: list[float], seconds: float) -> None:
 FOREIGN = 'fore: watched by test, but not in --config'
 IDLE = 'Not monitoring: test is not active'
 DOUBTS: list[tuple[Happening, str]] = [
-    (lambda m, now: None, 'Nothing has been heard of the monitor test yet.'),
-    (lambda m, now: m.take_other('port/monitor'), 'other monitors: /port/monitor; see --node'),
-    (lambda m, now: hear(m), 'The list of alarms of test has not come'),
-    (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'Nothing has been heard'),
+    (lambda m, now: None, 'No data from the monitor test yet.'),
+    (lambda m, now: m.take_other('port/monitor'), 'Other monitors run: /port/monitor; see --node'),
+    (lambda m, now: hear(m), 'No list of alarms from test yet'),
+    (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'No data from'),
     (lambda m, now: hear(m, 'aft_stern', 'fore'), FOREIGN),
     (lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))), FOREIGN),
     (lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))), IDLE),
@@ -224,14 +224,14 @@ def test_never_all_clear_by_mistake(
     assert words in ' '.join(board.monitor()['faults'])
 
 
-def test_a_bearing_that_the_node_does_not_have_is_told(now: list[float]) -> None:
+def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> None:
     board = board_of(now, VIEW, replace(VIEW, name='fore'))
     board.monitors[0].take_alarms(alarms(alarm(bearing='bow'), alarm()))
     assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
     board.monitors[0].take_alarms(alarms())
     hear(board.monitors[0])
-    assert (board.heard, bool(board.faults())) == (True, True)
-    assert 'Of fore nothing is heard: test does not watch it.' in board.faults()
+    assert (board.receiving, bool(board.faults())) == (True, True)
+    assert 'No data on fore: test does not watch it.' in board.faults()
 
 
 def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> None:
@@ -289,9 +289,9 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
         hear(monitor, text='aft_stern: fine')
     waiting = alarm(state='unacknowledged', active=True, text='aft_stern: bad')
     port.take_alarms(alarms(waiting, unacknowledged=1, rows=[waiting]))
-    assert (board.heard, bool(board.faults())) == (True, True)
+    assert (board.receiving, bool(board.faults())) == (True, True)
     starboard.take_alarms(alarms(alarm()))
-    assert (board.heard, board.faults()) == (True, [])
+    assert (board.receiving, board.faults()) == (True, [])
     assert board.alarms['unacknowledged'] == 1
     assert [(a['bearing'], a['state']) for a in board.alarms['alarms']] == [
         ('port/aft_stern', 'unacknowledged'),

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
-from stickslip_monitor.lab.voyages import said_by
+from stickslip_monitor.lab.voyages import output_of
 from stickslip_monitor.lab.warning_quality import (
     Episode,
     Quality,
-    Said,
+    RuleOutput,
     announced,
     false_alarms,
     given_of,
@@ -50,16 +50,16 @@ def truth(episodes: Spans, margin: Sequence[float] = ()) -> TruthRecord:
     return record((0, HOUR), episodes, values)
 
 
-def said(
+def output(
     warned: Spans = (), alarmed: Spans = (), changes: int = 0, raised: Sequence[int] = ()
-) -> Said:
-    return Said(ns(warned), ns(alarmed), [(time * 10**9, 1) for time in raised], changes)
+) -> RuleOutput:
+    return RuleOutput(ns(warned), ns(alarmed), [(time * 10**9, 1) for time in raised], changes)
 
 
 def test_leads_misses_and_detection() -> None:
     """Of four episodes: 20 s before, 4 s before, 3 s late, never; two of them are detected."""
     quality = quality_of(
-        said(
+        output(
             warned=[(80, 150), (996, 1001), (2003, 2010)],
             alarmed=[(105, 150), (2003, 2010)],
             changes=9,
@@ -88,7 +88,7 @@ def test_leads_misses_and_detection() -> None:
 def test_an_alarm_is_false_where_no_episode_is_within_a_minute() -> None:
     """60 s before and after an episode belong to it; the rest of an alarm is wrong time."""
     quality = quality_of(
-        said(alarmed=[(900, 941), (1100, 1300), (2000, 2010), (3590, HOUR)]),
+        output(alarmed=[(900, 941), (1100, 1300), (2000, 2010), (3590, HOUR)]),
         truth([(1000, 1050)]),
         plain=False,
     )
@@ -103,7 +103,7 @@ def test_far_warnings_and_far_time() -> None:
     """Far for the first 1800 s; a warning that goes on into what is near is none of them."""
     margin = [0.4] * 1800
     quality = quality_of(
-        said(warned=[(10, 20), (30, 31), (1790, 1810), (2000, 2010)]), truth([], margin), True
+        output(warned=[(10, 20), (30, 31), (1790, 1810), (2000, 2010)]), truth([], margin), True
     )
     assert quality.far_warnings == 2
     assert quality.far_seconds == 1800.0
@@ -122,7 +122,7 @@ def test_largest_burst_in_ten_minutes(times: list[int], expected: int) -> None:
 def test_a_warning_is_newly_given_in_time_and_after_the_episode_before() -> None:
     """Of three bouts, one of two episodes: 11 s before; only held since then; 9 s before."""
     quality = quality_of(
-        said(warned=[(50, 2000)], raised=[89, 100, 110, 2991]),
+        output(warned=[(50, 2000)], raised=[89, 100, 110, 2991]),
         truth([(100, 120), (1000, 1010), (1040, 1050), (3000, 3010)]),
         plain=True,
     )
@@ -133,7 +133,7 @@ def test_a_warning_is_newly_given_in_time_and_after_the_episode_before() -> None
 def test_holding_an_alarm_is_time_without_an_episode_and_time_under_a_warning() -> None:
     """An episode of 50 s in an alarm of 200 s; of 1000 s far away 150 s are under a warning."""
     quality = quality_of(
-        said(warned=[(850, 1100)], alarmed=[(1990, 2190)]),
+        output(warned=[(850, 1100)], alarmed=[(1990, 2190)]),
         truth([(2000, 2050)], [0.5] * 1000),
         plain=True,
     )
@@ -148,7 +148,7 @@ def test_what_comes_back_within_a_minute_is_the_alarm_that_was_given() -> None:
 
 
 def test_voyages_add_up() -> None:
-    one = quality_of(said(warned=[(0, 10)], changes=2), truth([(5, 8)]), True)
+    one = quality_of(output(warned=[(0, 10)], changes=2), truth([(5, 8)]), True)
     both = pooled([one, one])
     assert (both.seconds, both.episodes, both.changes) == (7200.0, 2, 4)
     assert both.figures()['warned'] == one.figures()['warned'] == 1.0
@@ -160,7 +160,7 @@ NORMAL, CAUTION, BISTABLE = Condition.NORMAL, Condition.CAUTION, Condition.BISTA
 STICK_SLIP, STALE = Condition.STICK_SLIP, Condition.INPUT_STALE
 
 
-def by_monitor(*changes: tuple[float, Condition]) -> Said:
+def by_monitor(*changes: tuple[float, Condition]) -> RuleOutput:
     """What a monitor says whose condition changes at some seconds."""
     found, before = [], NORMAL
     for second, after in changes:
@@ -170,7 +170,7 @@ def by_monitor(*changes: tuple[float, Condition]) -> Said:
     class Recorded:
         events = found
 
-    return said_by(cast(Scan, Recorded()), truth([]))
+    return output_of(cast(Scan, Recorded()), truth([]))
 
 
 @pytest.mark.parametrize(
@@ -198,18 +198,18 @@ def test_an_episode_from_50_to_60_s(
     alarm_lead: float | None,
     false: int,
 ) -> None:
-    said = by_monitor(*changes)
+    output = by_monitor(*changes)
     what_was = truth([(50, 60)])
-    assert announced(said, what_was) == [Episode(50 * 10**9, 60 * 10**9, lead, alarm_lead)]
-    assert len(false_alarms(said, what_was)) == false
+    assert announced(output, what_was) == [Episode(50 * 10**9, 60 * 10**9, lead, alarm_lead)]
+    assert len(false_alarms(output, what_was)) == false
     good = lead is not None and lead >= 0.0 and not false
-    assert quality_of(said, what_was, True).is_good == good
+    assert quality_of(output, what_was, True).is_good == good
 
 
 def test_only_the_time_of_the_truth_is_judged() -> None:
-    """From 30 to 70 s: an episode that goes on ends there; what was said before counts from 30."""
-    said = Said(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], 0)
+    """From 30 to 70 s: an episode that goes on ends there; what stood before counts from 30."""
+    output = RuleOutput(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], 0)
     known = record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
-    assert announced(said, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
-    quality = quality_of(said, known, True)
+    assert announced(output, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
+    quality = quality_of(output, known, True)
     assert (quality.seconds, quality.false, quality.unalarmed) == (40.0, 0, 10.0)

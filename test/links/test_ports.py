@@ -160,7 +160,7 @@ async def test_silence_is_a_fault_where_lines_are_expected() -> None:
     await at_work(listens.port)
     await at_work(sends.port)
     await until(lambda: listens.states == [False])
-    assert listens.reasons[-1] == 'nothing heard for 0.1 s'
+    assert listens.reasons[-1] == 'no data for 0.1 s'
     assert sends.states == [True]
 
 

@@ -101,7 +101,7 @@ def test_a_value_that_the_server_had_kept_is_dropped_once() -> None:
     reader = Reader()
     assert reader.take(delta(3.0, second=-45.0), 0.1) == []
     assert reader.take(delta(3.1, second=-44.0), 0.2) == [3.1]  # a clock that is slow all the time
-    assert reader.take(delta(3.2, second=-4.0, source='young'), 0.3) == []  # another is heard
+    assert reader.take(delta(3.2, second=-4.0, source='young'), 0.3) == []  # another sends
     reader = Reader()
     assert reader.take(delta(3.0, second=-4.0), 0.5) == [3.0]
     reader.inputs.greet({**HELLO, 'timestamp': '2026-11-21T22:01:00.000Z'}, 160.0)
@@ -132,8 +132,8 @@ def test_one_source_at_a_time() -> None:
     for source, second, taken in steps:
         assert bool(reader.take(delta(3.0, second, source), second)) is taken, (source, second)
     assert reader.said == [
-        f"Signal K: source 'b' of {PATH} is left aside; another is heard",
-        f"Signal K: source 'a' of {PATH} is left aside; another is heard",
+        f"Signal K: source 'b' of {PATH} is left out; another sends",
+        f"Signal K: source 'a' of {PATH} is left out; another sends",
     ]
     chosen = Reader(source='b')
     assert chosen.take(delta(3.0, 1.0, 'a'), 1.0) == []

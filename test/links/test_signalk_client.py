@@ -187,7 +187,7 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
         ship.client.tick(False)
         await asyncio.sleep(0.05)
         assert ship.kept('notifications.p.shaft.monitor')['message'] == (
-            'The monitor is not heard.'
+            'No data from the monitor.'
         )
         await ship.client.finish()
         await asyncio.sleep(0.1)

@@ -503,7 +503,7 @@ def test_after_a_clock_step_or_a_gap_an_untidy_sender_is_heard_again(
 def test_a_numpy_number_is_a_number() -> None:
     monitor = Monitor(_config('ship', level__threshold=40.0, **MILLIMETRES))
     for time, kind in enumerate((np.float32, np.float64, np.int32, int)):
-        assert monitor.update(Sample(NAME, 'level', time * SECOND, kind(3))).status.believed
+        assert monitor.update(Sample(NAME, 'level', time * SECOND, kind(3))).status.valid
 
 
 @pytest.mark.parametrize('dropping', ['speed', 'load'])

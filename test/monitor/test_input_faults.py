@@ -13,8 +13,8 @@ from stickslip_monitor.monitor.source_faults import StampGaps
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)
-FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], heard=True, other='/load')
-LOST = replace(FINE, lost=True, heard=False)
+FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], receiving=True, other='/load')
+LOST = replace(FINE, lost=True, receiving=False)
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ LOST = replace(FINE, lost=True, heard=False)
             replace(LOST, without_clock=True, publishers=[]),
             'use_sim_time is set, but nothing comes on /clock: no sample can be used.',
         ),
-        (replace(LOST, publishers=[]), 'Nobody publishes on /speed.'),
+        (replace(LOST, publishers=[]), 'No publisher on /speed.'),
         (
             replace(LOST, publishers=[Publisher('/plc', 'std_msgs/msg/Float32')]),
             f'/plc publishes std_msgs/msg/Float32 on /speed, but {FLOAT} is configured.',

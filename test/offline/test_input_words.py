@@ -25,7 +25,11 @@ def facts(**known: object) -> str:
 
 
 CASES = {
-    'missing': (None, None, facts()[:-1] + f": topic '{LOAD}' is not in the bag: it has {SPEED}"),
+    'missing': (
+        None,
+        None,
+        facts()[:-1] + f": the recording has no topic '{LOAD}': it has {SPEED}",
+    ),
     'silent': (FLOAT, (), facts()),
     'type': (
         'std_msgs/msg/Bool',

@@ -115,7 +115,7 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     mixed = [talk(Float64, 'mixed/speed') for _ in range(2)]
     expected = {
         'silent': f'{node} publishes on {topic("silent/speed")}, but nothing arrives.',
-        'nobody': f'Nobody publishes on {topic("nobody/speed")}.',
+        'nobody': f'No publisher on {topic("nobody/speed")}.',
         'wrong': (
             f'/other publishes std_msgs/msg/Float32 on {topic("wrong/speed")}, but'
             ' std_msgs/msg/Float64 is configured.'

@@ -215,9 +215,9 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
     [
         ('port/monitor', {'/port/monitor': (0, 'Monitoring.')}, 0),
         (None, {'/port/monitor': (1, 'Not monitoring: the node is not active.')}, 1),
-        ('other', {'/monitor': (0, '')}, 'nothing is heard of /other for 0.01 s; heard of: /mon'),
-        (None, {}, 'nothing is heard of a monitor for 0.01 s'),
-        (None, {'/a': (0, ''), '/b': (0, '')}, 'several monitors are heard: name one of /a, /b'),
+        ('other', {'/monitor': (0, '')}, 'no message from /other within 0.01 s; running: /mon'),
+        (None, {}, 'no message from a monitor within 0.01 s'),
+        (None, {'/a': (0, ''), '/b': (0, '')}, 'several monitors run: choose one of /a, /b'),
     ],
 )
 def test_what_health_says(
@@ -227,12 +227,12 @@ def test_what_health_says(
     from stickslip_monitor.ros import watcher
 
     @contextmanager
-    def hear(diagnostics: str, take: Any) -> Any:
+    def receive(diagnostics: str, take: Any) -> Any:
         for node_name, (level, text) in heard.items():
             take(node_name, level, text)
         yield
 
-    monkeypatch.setattr(watcher, 'hear_health', hear)
+    monkeypatch.setattr(watcher, 'receive_health', receive)
     monkeypatch.setattr(health, 'ALONE', 0.0)
     args: Any = SimpleNamespace(node=name, timeout=0.01, diagnostics='/diagnostics')
     if isinstance(expected, int):

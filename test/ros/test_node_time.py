@@ -88,8 +88,8 @@ def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> Non
             if tenth < 10 * start + 3:  # the first message comes later than the first look
                 continue
             for place, number in enumerate((60.0, 1000.0)):
-                if session.take(name, place, now.time_ns, number, now).status.believed:
-                    watchdog.hear(name)
+                if session.take(name, place, now.time_ns, number, now).status.valid:
+                    watchdog.note(name)
         session.end()
     assert kept
     assert events == []

@@ -26,14 +26,14 @@ const ORDER = Object.keys(STATES);
 const PRIORITIES = ['alarm', 'warning', 'caution'];
 const ASIDE = ['shelved', 'suppressed', 'out_of_service'];
 const WAITING = ['unacknowledged', 'returned_unacknowledged'];
-// Triangle, circle and square, as on a bridge: the priority can be told without its colour.
+// Triangle, circle and square, as on a bridge: the priority can be seen without its colour.
 const SHAPES = {
   alarm: ['path', { d: 'M17 3L32 30H2Z' }, 27],
   warning: ['circle', { cx: 17, cy: 17, r: 14 }, 22],
   caution: ['rect', { x: 4, y: 4, width: 26, height: 26 }, 22],
 };
 
-/** How times are told: UTC, or by the clock of the device; the date where it is not today's. */
+/** How times are written: UTC, or by the clock of the device; the date where it is not today's. */
 export const time = { local: false, now: null };
 export function moment(ms) {
   const shift = time.local ? new Date(ms).getTimezoneOffset() * 60000 : 0;
@@ -90,7 +90,7 @@ function courseOf(row) {
 
 export class AlarmList {
   /** act is called with an action, an alarm and the button; say with words that cannot wait; now gives
-      what is said of a bearing now. */
+      the text of a bearing now. */
   constructor(act, say, now) {
     [this.act, this.say, this.now] = [act, say, now];
     this.items = new Map();
@@ -164,10 +164,10 @@ export class AlarmList {
     (focused.isConnected && focused.checkVisibility() ? focused : this.section).focus({ preventScroll: true });
   }
 
-  /** What is said of a bearing changes oftener than its alarms. */
-  retell() { for (const item of this.items.values()) this.tell(item); }
+  /** The text of a bearing changes oftener than its alarms. */
+  refresh() { for (const item of this.items.values()) this.describe(item); }
 
-  tell({ root, alarm }) {
+  describe({ root, alarm }) {
     const now = alarm.aside || alarm.members.length > 1 ? null : this.now(alarm.bearing);
     put(root.querySelector('.text'), withoutName(now ? { text: now, bearing: alarm.bearing } : alarm));
   }
@@ -206,7 +206,7 @@ export class AlarmList {
     root.querySelector('.state').textContent = `${where}, ${stateOf(alarm)}`;
     root.querySelector('.course').textContent = courseOf(alarm);
     root.querySelector('.places').textContent = places.length > 1 ? places.join(', ') : '';
-    this.tell(item);
+    this.describe(item);
     const focused = document.activeElement;
     for (const [action, button] of Object.entries(item.buttons)) {
       button.hidden = !alarm.actions.includes(action);

@@ -84,7 +84,7 @@ export class Charts {
         ...kind.lines.map(([, label], k) => ({ label: kind.lines.length > 1 ? `${STROKES[k]} ${label}` : label, dash: DASHES[k], width: k ? 1.5 : 2, stroke: () => css(k ? '--ink' : '--trail'), value: (_, value) => digits(value), points: { show: false } })),
       ],
       hooks: {
-        // Without a pointer the newest values are told.
+        // Without a pointer the newest values are read.
         draw: [(u) => this.mark(u), (u) => { if (!(u.cursor.left >= 0)) u.setLegend({ idx: u.data[0].length - 1 }, false); }],
         setSelect: [(u) => { if (u.select.width > 3) this.zoom(u.posToVal(u.select.left, 'x'), u.posToVal(u.select.left + u.select.width, 'x')); }],
         ready: [(u) => u.over.addEventListener('dblclick', () => { this.window = null; this.show(); })],
@@ -107,7 +107,7 @@ export class Charts {
 
   show() {
     const times = this.history.column('time').map((ms) => ms / 1000);
-    // Where nothing was heard for long the line is broken.
+    // Where no data came for long the line is broken.
     const breaks = times.map((at, k) => k > 0 && at - times[k - 1] > GAP);
     const broken = (column, of) => column.flatMap((value, k) => (breaks[k] ? [of(null, k), of(value, k)] : [of(value, k)]));
     const xs = broken(times, (value, k) => value ?? times[k - 1] + 1);

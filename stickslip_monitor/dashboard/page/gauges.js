@@ -17,7 +17,7 @@ function build(name) {
   return { root, svg, note, scale, number };
 }
 
-function tell(parts, low, high, now, number, note) {
+function describe(parts, low, high, now, number, note) {
   parts.number.textContent = number;
   parts.note.textContent = note;
   give(parts.root, { 'aria-valuemin': low, 'aria-valuemax': high, 'aria-valuenow': now, 'aria-valuetext': `${number}, ${note}` });
@@ -51,12 +51,12 @@ export class MarginGauge {
     if (this.look === 'bad') bars.push(rect('hatched', 0, zero));
     bars.push(make('path', { class: 'zero', d: `M${zero} 3V25` }));
     if (margin === null) {
-      tell(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'unknown');
+      describe(this.parts, -100, 100, known ? 100 : 0, '–', known ? 'no such boundary at this load' : 'unknown');
     } else {
       const x = Math.min(Math.max(this.x(margin), 8), W - 8), percent = 100 * margin, size = Math.abs(percent);
       bars.push(make('path', { class: 'needle', d: `M${x} 22L${x - 8} 0H${x + 8}Z` }));
       const number = size > 999 ? '> +999 %' : `${percent < 0 ? '−' : '+'}${size.toFixed(size < 99.95 ? 1 : 0)} %`;
-      tell(this.parts, -100, 100, Math.min(Math.max(percent, -100), 100).toFixed(1), number, this.words[margin < 0 ? 0 : 1]);
+      describe(this.parts, -100, 100, Math.min(Math.max(percent, -100), 100).toFixed(1), number, this.words[margin < 0 ? 0 : 1]);
     }
     this.parts.svg.replaceChildren(...bars);
   }
@@ -88,6 +88,6 @@ export class AmplitudeGauge {
     const number = best === null ? (known ? '0 mm' : '–') : mm(best);
     const about = best === null ? (known ? 'no stick-slip cycle exists' : 'unknown') : `${sticking ? 'predicted' : 'if something starts it'}${amplitude === null ? '' : `; by averaging (KBM) ${mm(amplitude)}`}`;
     const limit = this.limit === null ? '' : `; limit ${mm(this.limit)}`;
-    tell(this.parts, 0, 1e3 * this.top, (1e3 * (best ?? 0)).toFixed(3), number, about + limit);
+    describe(this.parts, 0, 1e3 * this.top, (1e3 * (best ?? 0)).toFixed(3), number, about + limit);
   }
 }

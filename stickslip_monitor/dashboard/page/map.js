@@ -137,7 +137,7 @@ export class StabilityMap {
   }
 }
 
-/** Hatching for what must be told apart without colour. */
+/** Hatching for what must be distinct without colour. */
 function hatching() {
   const pattern = make('pattern', { id: 'hatch', width: 8, height: 8, patternUnits: 'userSpaceOnUse', patternTransform: 'rotate(45)' });
   pattern.append(make('path', { class: 'hatch', d: 'M0 0V8' }));

@@ -4,10 +4,10 @@
 import { get, put } from '/dom.js';
 
 const FEW = 4;
-// Of one that is not heard nobody knows how bad it is: it comes first, with those that nobody watches.
+// One without data comes first, with those that nobody watches: its state is unknown.
 const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'vibration', 'caution', 'normal'];
 const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', vibration: '! vibration', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
-const badness = ({ status, unheard }) => (unheard ? 0 : status ? WORST.indexOf(status.reason) : WORST.indexOf('waiting'));
+const badness = ({ status, missing }) => (missing ? 0 : status ? WORST.indexOf(status.reason) : WORST.indexOf('waiting'));
 
 export class Overview {
   /** reveal is called with the set of names of those that are to be shown in full. */
@@ -34,7 +34,7 @@ export class Overview {
       row.innerHTML = `<td><button type="button"></button></td>${'<td></td>'.repeat(4)}`;
       const button = row.querySelector('button');
       button.dataset.name = button.textContent = name;
-      this.rows.set(name, { row, status, name, unheard: false });
+      this.rows.set(name, { row, status, name, missing: false });
       this.fill(name, status);
     }
     this.order();
@@ -53,18 +53,18 @@ export class Overview {
     const own = this.rows.get(name);
     if (!own) return;
     own.status = status;
-    own.row.dataset.reason = own.unheard ? 'unheard' : status?.reason ?? 'waiting';
+    own.row.dataset.reason = own.missing ? 'missing' : status?.reason ?? 'waiting';
     if (!status) status = { reason: 'waiting', load: null, fold_margin: null, rpm: null };
     const load = status.load === null ? '–' : (status.load / 1000).toFixed(1);
     const margin = status.fold_margin === null ? '–' : (Math.round(100 * status.fold_margin) + 0).toFixed(0);
-    const texts = [own.unheard ? '✕ not heard' : `${WORDS[status.reason] ?? status.reason}${status.held_until ? ' (held)' : ''}`, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)}`, load, margin];
+    const texts = [own.missing ? '✕ no data' : `${WORDS[status.reason] ?? status.reason}${status.held_until ? ' (held)' : ''}`, status.rpm === null ? '–' : `${Math.abs(status.rpm).toFixed(1)}`, load, margin];
     texts.forEach((text, k) => put(own.row.cells[k + 1], text));
   }
 
-  /** The last word of one that is not heard any more is not how it is. */
-  believe(unheard) {
-    const before = [...this.rows.values()].filter((own) => own.unheard !== unheard.includes(own.name));
-    for (const own of before) { own.unheard = !own.unheard; this.fill(own.name, own.status); }
+  /** The last record of one without data is not its state. */
+  mark(missing) {
+    const before = [...this.rows.values()].filter((own) => own.missing !== missing.includes(own.name));
+    for (const own of before) { own.missing = !own.missing; this.fill(own.name, own.status); }
     if (before.length) this.order();
   }
 

@@ -135,7 +135,7 @@ class Page {
     this.replay = new ReplayBar();
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text), (name) => this.bearings.get(name)?.status?.text);
-    this.heardAt = Date.now();
+    this.receivedAt = Date.now();
     setInterval(() => this.watch(), 1000);
     document.addEventListener('visibilitychange', () => this.watch());
     const does = {
@@ -144,41 +144,41 @@ class Page {
       map: (map) => this.bearings.get(map.bearing)?.map.remake(map),
       replay: (replay) => this.replay.show(replay),
       alarms: (record) => this.take(record),
-      monitor: (monitor) => this.believe(monitor),
-      beat: (monitor) => this.believe(monitor),
+      monitor: (monitor) => this.showMonitor(monitor),
+      beat: (monitor) => this.showMonitor(monitor),
     };
-    this.again = connect(({ kind, told }) => {
+    this.again = connect(({ kind, data }) => {
       if (kind === 'lost') { this.lose(); return; }
       if (kind === 'login') { location.assign('/login'); return; }
-      this.heardAt = Date.now();
-      does[kind](told);
+      this.receivedAt = Date.now();
+      does[kind](data);
     });
   }
 
-  /** However often a bearing is told, it is drawn no oftener than an eye can follow. */
+  /** However often a bearing is sent, it is drawn no oftener than an eye can follow. */
   later(status) {
-    this.told ??= new Map();
-    this.told.set(status.bearing, status);
+    this.newest ??= new Map();
+    this.newest.set(status.bearing, status);
     this.drawing ??= setTimeout(() => this.draw(), Date.now() - (this.drawnAt ?? 0) < REDRAW ? REDRAW : 0);
   }
 
   draw() {
     [this.drawing, this.drawnAt] = [null, Date.now()];
-    for (const status of this.told.values()) {
+    for (const status of this.newest.values()) {
       this.bearings.get(status.bearing)?.take(status);
       this.overview.take(status);
       this.time(status.time);
     }
-    this.told.clear();
-    this.alarms.retell();
+    this.newest.clear();
+    this.alarms.refresh();
   }
 
   watch() {
-    if (Date.now() - this.heardAt > SILENCE) { this.heardAt = Date.now(); this.lose(); this.again(); }
+    if (Date.now() - this.receivedAt > SILENCE) { this.receivedAt = Date.now(); this.lose(); this.again(); }
   }
 
   begin(state) {
-    this.told?.clear();
+    this.newest?.clear();
     this.source = state.source;
     get('leave').hidden = !state.signed_in;
     const eventsOf = (name) => () => this.log.filter((entry) => entry.bearing === name && entry.time);
@@ -190,7 +190,7 @@ class Page {
     this.replay.show(state.replay);
     this.time(Math.max(0, ...state.bearings.map((bearing) => bearing.status?.time ?? 0)));
     this.take(state);
-    this.believe(state.monitor);
+    this.showMonitor(state.monitor);
   }
 
   take({ alarms, log }) {
@@ -214,20 +214,20 @@ class Page {
   /** The colours, or the clock, have changed. */
   redraw() { for (const { charts } of this.bearings.values()) charts.redraw(); }
 
-  believe(monitor) {
+  showMonitor(monitor) {
     const where = this.source ? `${this.source.replay ? 'replay of ' : ''}${this.source.name}` : '';
-    if (monitor.finished) this.tell('over', where, 'The recording is over: this is how it ended.');
-    else if (!monitor.there) this.tell('silent', where, [...monitor.faults, 'Nothing here is current.'].join(' '));
-    else this.tell(monitor.faults.length ? 'doubtful' : 'live', where, monitor.faults.join(' '));
+    if (monitor.finished) this.showLink('over', where, 'The recording is over: this is how it ended.');
+    else if (!monitor.there) this.showLink('silent', where, [...monitor.faults, 'Nothing here is current.'].join(' '));
+    else this.showLink(monitor.faults.length ? 'doubtful' : 'live', where, monitor.faults.join(' '));
     this.replay.show(null, monitor.finished);
     if (get('notices').textContent !== monitor.notices.join(' ')) { put(get('notices'), monitor.notices.join(' ')); put(get('say'), monitor.notices.join(' ')); }
     get('notices').hidden = !monitor.notices.length;
-    for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('unheard', monitor.unheard.includes(name));
-    this.overview.believe(monitor.unheard);
+    for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('missing', monitor.missing.includes(name));
+    this.overview.mark(monitor.missing);
     this.trust(monitor.there && !monitor.faults.length);
   }
 
-  /** The title, too, tells a tab that is not looked at what it does not know. */
+  /** The title, too, shows a tab that is not looked at that it is out of date. */
   trust(trusted) {
     this.alarms.trust(trusted);
     this.trusted = trusted;
@@ -236,11 +236,11 @@ class Page {
   }
 
   lose() {
-    this.tell('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
+    this.showLink('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
     this.trust(false);
   }
 
-  tell(link, words, banner) {
+  showLink(link, words, banner) {
     if (banner && (document.body.dataset.link !== link || link === 'doubtful') && get('banner').textContent !== banner) put(get('say-now'), banner);
     document.body.dataset.link = link;
     this.sound.die(link === 'lost' || link === 'silent');

@@ -7,11 +7,11 @@ const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(se
 
 export class ReplayBar {
   constructor() {
-    [this.root, this.hold, this.again, this.place, this.told] = ['replay', 'hold', 'again', 'place', 'replay-time'].map(get);
+    [this.root, this.hold, this.again, this.place, this.label] = ['replay', 'hold', 'again', 'place', 'replay-time'].map(get);
     this.hold.addEventListener('click', () => ask(this.over ? { at: 0, paused: false } : { paused: !this.paused }));
     this.again.addEventListener('click', () => ask({ at: 0, paused: false }));
     // While a finger is on it, it is not moved.
-    this.place.addEventListener('input', () => { this.held = true; this.tell(Number(this.place.value)); });
+    this.place.addEventListener('input', () => { this.held = true; this.showTime(Number(this.place.value)); });
     this.place.addEventListener('change', () => { this.held = false; ask({ at: Number(this.place.value) }); });
   }
 
@@ -26,16 +26,16 @@ export class ReplayBar {
     this.place.step = Math.max(Math.ceil(this.known.length / 20) / 10, 0.1);
     if (this.held) return;
     this.place.value = this.known.at;
-    this.tell(this.known.at);
+    this.showTime(this.known.at);
   }
 
-  tell(at) {
+  showTime(at) {
     const text = `${minutes(at)} of ${minutes(this.known.length)}`;
-    this.told.textContent = text;
+    this.label.textContent = text;
     this.place.setAttribute('aria-valuetext', text);
   }
 }
 
 function ask(course) {
-  fetch('/replay', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(course) }).catch(() => { /* the banner tells of a lost connection */ });
+  fetch('/replay', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(course) }).catch(() => { /* the banner reports a lost connection */ });
 }

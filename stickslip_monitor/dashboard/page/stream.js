@@ -8,18 +8,18 @@ const KINDS = ['state', 'status', 'map', 'alarms', 'monitor', 'replay', 'beat'];
 export class Stream {
   constructor() {
     this.tabs = new Set();
-    // The state, and the newest of every kind and bearing since: all that a new tab must be told.
+    // The state, and the newest of every kind and bearing since: all that a new tab must get.
     this.known = new Map();
   }
 
-  join(tell) {
-    this.tabs.add(tell);
-    for (const message of this.known.values()) tell(message);
+  join(send) {
+    this.tabs.add(send);
+    for (const message of this.known.values()) send(message);
     if (!this.source) this.open();
   }
 
-  leave(tell) {
-    this.tabs.delete(tell);
+  leave(send) {
+    this.tabs.delete(send);
     if (this.tabs.size) return;
     this.source?.close();
     this.source = null;
@@ -29,7 +29,7 @@ export class Stream {
   open() {
     this.source?.close();
     this.source = new EventSource('/events');
-    for (const kind of KINDS) this.source.addEventListener(kind, (event) => this.send({ kind, told: JSON.parse(event.data) }));
+    for (const kind of KINDS) this.source.addEventListener(kind, (event) => this.send({ kind, data: JSON.parse(event.data) }));
     this.source.onerror = () => {
       this.send({ kind: 'lost' });
       // The browser itself comes back after a broken connection, but not after a refusal.
@@ -41,15 +41,15 @@ export class Stream {
     setTimeout(async () => {
       if (!this.tabs.size || this.source?.readyState !== EventSource.CLOSED) return;
       const answer = await fetch('/page.js', { method: 'HEAD', cache: 'no-store' }).catch(() => null);
-      if (answer?.status === 401) for (const tell of this.tabs) tell({ kind: 'login' });
+      if (answer?.status === 401) for (const send of this.tabs) send({ kind: 'login' });
       if (answer?.ok) this.open(); else this.retry();
     }, AGAIN);
   }
 
   send(message) {
     if (['state', 'lost'].includes(message.kind)) this.known.clear();
-    this.known.set(`${message.kind} ${message.told?.bearing}`, message);
-    for (const tell of this.tabs) tell(message);
+    this.known.set(`${message.kind} ${message.data?.bearing}`, message);
+    for (const send of this.tabs) send(message);
   }
 
   /** Nothing has come for long. */
@@ -61,10 +61,10 @@ export class Stream {
 if (typeof SharedWorkerGlobalScope !== 'undefined' && self instanceof SharedWorkerGlobalScope) {
   const stream = new Stream();
   self.onconnect = ({ ports: [port] }) => {
-    const tell = (message) => port.postMessage(message);
+    const send = (message) => port.postMessage(message);
     port.onmessage = ({ data }) => {
-      if (data === 'join') stream.join(tell);
-      else if (data === 'leave') stream.leave(tell);
+      if (data === 'join') stream.join(send);
+      else if (data === 'leave') stream.leave(send);
       else if (data === 'again') stream.again();
     };
   };

@@ -90,10 +90,10 @@ class DipResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What the evidence tells of a bearing."""
+    """What the evidence gives of a bearing."""
 
-    prior: Prior  # what was believed before
-    posterior: Posterior  # what is believed now
+    prior: Prior  # before the evidence
+    posterior: Posterior  # after the evidence
     dips: tuple[DipResult, ...]  # in order of time
     floor: float = FLOOR  # relative error of a boundary that no evidence takes away
     seed: int = SEED  # of the points drawn
@@ -117,7 +117,7 @@ class Calibration:
         found = []
         if not self.episodes:
             found.append(
-                'no episode was seen: quiet bounds the Hopf speed, and of the fold it tells little'
+                'no episode was seen: quiet bounds the Hopf speed, and says little of the fold'
             )
         if self.episodes == 1:
             found += [
@@ -154,7 +154,7 @@ class Calibration:
 
     @property
     def remarks(self) -> list[str]:
-        """What more evidence would tell, a sentence each."""
+        """What more evidence would give, a sentence each."""
         low, high = self.loads
         found = [self.ends_text] if self.ends_text else []
         found += [f'{name} was given before and counts once' for name in self.repeated]
@@ -167,13 +167,13 @@ class Calibration:
         if high < _ONE_LOAD * low:
             found.append(
                 f'all evidence is at {low:.4g} to {high:.4g} N: at other loads the boundaries rest'
-                ' on the friction law alone, and beyond a fifth they are believed less'
+                ' on the friction law alone, and beyond a fifth they are worth less'
             )
         correlation = self.correlation
         if abs(correlation) > 0.95:
             found.append(
                 f'decay and N0 are known together only (correlation {correlation:.2f}): episodes'
-                ' at other loads, or reports of the onset too, would tell them apart'
+                ' at other loads, or reports of the onset too, would separate them'
             )
         return found
 
@@ -251,11 +251,11 @@ def calibrate(
 
     Args:
         dips: The evidence.
-        prior: What is believed before.
+        prior: The distribution before the evidence.
         floor: Relative error of a boundary that no evidence takes away.
         forget: Standard deviation that ``ln N0`` is given anew before each dip: the bearing wears.
         seed: Of the points drawn.
-        progress: Told the work done and the work to do at the most.
+        progress: Given the work done and the work to do at the most.
         known: Fingerprint, begin and end [ns] of the dips that the prior rests on.
 
     Raises:

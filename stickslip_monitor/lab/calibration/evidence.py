@@ -201,7 +201,7 @@ class TelemetryBins:
 
     @property
     def fingerprint(self) -> str:
-        """Tells recordings of other contents apart, whatever their names."""
+        """Separates recordings of other contents, whatever their names."""
         columns = (self.time_ns, self.speed, self.load)
         return f'{zlib.crc32(b"".join(column.tobytes() for column in columns)):08x}'
 
@@ -226,7 +226,7 @@ class Dip:
 
     @property
     def episode(self) -> bool:
-        """Whether a report tells of vibration."""
+        """Whether a report is of vibration."""
         return any(report.squeal for report in self.reports)
 
     @property
@@ -364,7 +364,7 @@ def chance(reports: Sequence[VibrationReport], k: int, seconds: float) -> float:
     """The probability with which a worthless report ``k`` would have read just this.
 
     A wrong squeal could have begun, and ended, at any of the dip's seconds, so that it meets a
-    report of quiet only by chance. An end at which no quiet is reported tells nothing of that.
+    report of quiet only by chance. An end at which no quiet is reported says nothing of that.
     """
     report = reports[k]
     if not report.squeal:

@@ -126,7 +126,7 @@ def _follow(path: Any, curve: Any, log_beta: float, point: Any, doubts: Any) -> 
             _move(state, 1.0 - stay * (1.0 - on), off)
         state[_BEFORE] = value - d
         if path[t, STATE] > 0.0:
-            _hear(state, path[t, STATE], path[t, BEGIN])
+            _take_report(state, path[t, STATE], path[t, BEGIN])
             right, wrong = path[t, RIGHT], path[t, WRONG]
             if right > 0.0 or wrong > 0.0:
                 report += 1
@@ -181,11 +181,11 @@ def _move(state: Any, on: float, off: float) -> None:
         state[k + 1] += moved
 
 
-def _hear(state: Any, said: float, begins: float) -> None:
+def _take_report(state: Any, report: float, begins: float) -> None:
     """What a running report leaves of the states, if it is right."""
     if begins > 0.0:
         state[2], state[3] = state[0], state[1]
-    if said == QUIET:
+    if report == QUIET:
         state[3] = 0.0
     else:
         state[2] = 0.0
@@ -218,7 +218,7 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is believed before the evidence: a Gaussian over :data:`PARAMETERS`."""
+    """The distribution before the evidence: a Gaussian over :data:`PARAMETERS`."""
 
     mean: FloatArray  # shape (7,)
     covariance: FloatArray  # shape (7, 7)
@@ -320,7 +320,7 @@ def sample_posterior(
 ) -> Posterior:
     """Sample what the dips, each of shape (bins, 8), leave of a prior.
 
-    Progress is told the dips done and the dips to do at the most.
+    Progress is given the dips done and the dips to do at the most.
 
     Raises:
         CalibrationError: The points do not settle on a posterior.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What recordings tell of a bearing: its speed and load, and when it vibrated.
+"""The evidence in recordings of a bearing: its speed and load, and when it vibrated.
 
 The evidence is an operator's list, the bearing's level of vibration, or the truth in a simulated
-recording; never what the monitor itself said, which would be a circle. :func:`learned`
+recording; never the verdict of the monitor itself, which would be a circle. :func:`learned`
 says in a sentence what a calibration would change, which changes nothing by itself.
 """
 
@@ -45,7 +45,7 @@ from stickslip_monitor.physics.belief import QUANTILES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What one recording tells of a bearing."""
+    """The evidence of one recording on a bearing."""
 
     name: str  # of the recording
     courses: tuple[TelemetryBins, ...]  # speed and load between two jumps of the clock
@@ -65,35 +65,35 @@ def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
 
 @dataclass(frozen=True, slots=True)
 class EvidenceSource:
-    """Who tells when a bearing vibrated.
+    """The source of when a bearing vibrated.
 
     Where nobody is named it is the level that is configured for the bearing, or else the truth in
     a simulated recording.
     """
 
-    told: tuple[VibrationReport, ...] | None = None  # an operator's reports
+    reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
     true: bool = False  # whether it is the truth, and nothing else
 
     def of_recording(self, whole: WholeBag, config: BearingConfig) -> Evidence:
-        """What one recording tells.
+        """The evidence of one recording.
 
         Raises:
-            CalibrationError: It has no truth, and nobody else tells.
+            CalibrationError: It has no truth, and there is no other source.
         """
         name, scan = whole.bag.path.name, whole.bearings[config.name].scan
-        if self.told is not None:
-            return Evidence(name, courses_of(name, scan), self._told_of(config))
+        if self.reports is not None:
+            return Evidence(name, courses_of(name, scan), self._reports_of(config))
         if (topic := self._level_of(config)) is None:
             return _true_evidence(whole, config)
         reports = measured_reports(config, scan, f'{topic} in {name}')
         return Evidence(name, courses_of(name, scan), reports)
 
-    def _told_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
-        return tuple(report for report in self.told or () if report.bearing == config.name)
+    def _reports_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
+        return tuple(report for report in self.reports or () if report.bearing == config.name)
 
     def _level_of(self, config: BearingConfig) -> str | None:
-        """The topic of the level that tells, if one does."""
-        if config.level is None or self.told is not None or self.true:
+        """The topic of the level that is the source, if one is."""
+        if config.level is None or self.reports is not None or self.true:
             return None
         return config.level.topic
 
@@ -102,9 +102,9 @@ class EvidenceSource:
 
         Raises:
             CalibrationError: There are none, a report is about no recording, or the level does
-                not tell vibration from quiet.
+                not separate vibration from quiet.
         """
-        _require_inside(self._told_of(config), found)
+        _require_inside(self._reports_of(config), found)
         topic = self._level_of(config)
         if topic is not None and not any(one.reports for one in found):
             raise CalibrationError(
@@ -130,7 +130,7 @@ class EvidenceSource:
 def measured_reports(
     config: BearingConfig, scan: Scan, source: str
 ) -> tuple[VibrationReport, ...]:
-    """What the configured level said in a recording; nothing where it was not known."""
+    """What the configured level shows in a recording; nothing where it was not known."""
     state, time = scan.measured, scan.time_ns
     if state is None or not time.size:
         return ()
@@ -162,9 +162,9 @@ def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
     return Evidence(name, courses_of(name, scan), tuple(reports))
 
 
-def _require_inside(told: Sequence[VibrationReport], found: Sequence[Evidence]) -> None:
+def _require_inside(reports: Sequence[VibrationReport], found: Sequence[Evidence]) -> None:
     spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses]
-    for report in told:
+    for report in reports:
         if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
             raise CalibrationError(
                 f'{report.source}: the report lies outside the recordings: give the bag that it'
@@ -181,7 +181,7 @@ def learned(
 ) -> list[str]:
     """What the recordings teach of a bearing, a sentence each.
 
-    Each has told what it knows, or why it tells nothing; the command is what would calibrate it.
+    Each has given its evidence, or why there is none; the command is what would calibrate it.
     """
     known = [one for one in found if isinstance(one, Evidence)]
     try:
@@ -199,7 +199,7 @@ def learned(
 
 
 def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
-    """How the fold that the evidence tells lies to the one that is predicted."""
+    """How the fold from the evidence lies to the one that is predicted."""
     load = math.sqrt(result.loads[0] * result.loads[1])
     rpm = config.bearing.speed.factor('rpm')
     belief = result.belief()

@@ -18,7 +18,7 @@ from stickslip_monitor.monitor.configure import CALIBRATION_SCHEMA, INPUT_KEYS
 from stickslip_monitor.physics.friction import Stribeck
 
 FRAGMENT_MARK = b'Made by stickslip calibrate'
-"""Tells a fragment from the files of others."""
+"""Marks a fragment among the files of others."""
 _DIGITS = 6
 _LARGEST = 100.0
 

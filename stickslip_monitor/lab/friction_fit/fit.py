@@ -107,7 +107,7 @@ class StribeckFit(Solution):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know before believing the fit, one sentence each."""
+        """What a user should know before using the fit, one sentence each."""
         curve, found = self.curve, _questions(self.curve)
         share = self.outliers.size / self.weight.size
         if share > _MANY_OUTLIERS:

@@ -31,7 +31,7 @@ def write_bag(
 ) -> dict[str, int]:
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
-    The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is told the
+    The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is given the
     seconds simulated so far after each block. The messages written are returned by topic.
 
     Raises:

@@ -68,7 +68,7 @@ class Scene:
     config: MonitorConfig  # the configuration of the bearings
     channels: tuple[Channel, ...]  # the channels of telemetry
     effects: tuple[Settings, ...]  # the settings of each effect, in the order in which they act
-    # By parameter the largest relative error of what the monitor is told.
+    # By parameter the largest relative error of what the monitor is configured with.
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:
@@ -100,7 +100,7 @@ def load_scene(
 
 
 def _document(path: str | Path, kind: str, what: str, schema: str) -> Any:
-    """The mapping in a file of a kind, which its first key tells."""
+    """The mapping in a file of a kind, which its first key names."""
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
@@ -144,7 +144,7 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
         effects=_effects(settings, given),
         parameter_error=read_parameter_error(errors),
     )
-    # Built here only to hear of wrong settings before anything is written.
+    # Built here only to find wrong settings before anything is written.
     scene.build()
     return scene
 
@@ -287,7 +287,7 @@ def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: 
 
 
 def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
-    """Refuse an operating point that the monitor of one of its bearings would not believe."""
+    """Refuse an operating point that the monitor of one of its bearings would refuse."""
     for bearing in channel.bearings:
         size = np.abs(value) * channel.ratio(bearing.name)
         most = bearing.inputs[channel.quantity].maximum

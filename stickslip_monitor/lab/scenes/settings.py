@@ -196,7 +196,9 @@ def read_parameter_error(settings: Settings) -> dict[str, float]:
     return {name: own.number(name, '-', least=0.0, most=0.9) for name in PARAMETERS if name in own}
 
 
-def as_believed(config: BearingConfig, errors: Mapping[str, float], seed: int) -> BearingConfig:
+def with_parameter_errors(
+    config: BearingConfig, errors: Mapping[str, float], seed: int
+) -> BearingConfig:
     """The configuration of a bearing as the monitor gets it, with errors drawn for a seed.
 
     Errors are given by parameter; each is drawn evenly up to it, either way.

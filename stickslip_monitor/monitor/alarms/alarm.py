@@ -74,12 +74,12 @@ class Causes:
 
     Args:
         config: The bearing.
-        recalled: Causes that held before a restart: they are believed until the bearing has been
+        recalled: Conditions that held before a restart: they hold until the bearing has been
             watched for long enough to know.
 
     Attributes:
         shaft_locked: Whether somebody says that the shaft is locked.
-        texts: What was last said of each cause, for a person.
+        texts: The latest text of each condition, for a person.
     """
 
     def __init__(self, config: BearingConfig, recalled: Set[AlarmKind] = frozenset()) -> None:
@@ -139,7 +139,7 @@ class Causes:
                 self.texts[kind] = says
 
     def take_fault(self, place: int, status: Status, now_ns: int) -> None:
-        """A sample's value could not be believed.
+        """A sample's value was not valid.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the
         off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
@@ -197,34 +197,34 @@ class AlarmState(SentenceEnum):
 
     letter: str
 
-    NORMAL = 'normal', 'A', 'The cause is absent, and nothing waits for anybody.'
-    UNACKNOWLEDGED = 'unacknowledged', 'B', 'The cause is there and nobody has acknowledged it.'
-    ACKNOWLEDGED = 'acknowledged', 'C', 'The cause is there and somebody knows.'
+    NORMAL = 'normal', 'A', 'Not active, nothing to acknowledge.'
+    UNACKNOWLEDGED = 'unacknowledged', 'B', 'Active, not acknowledged.'
+    ACKNOWLEDGED = 'acknowledged', 'C', 'Active, acknowledged.'
     RETURNED = (
         'returned_unacknowledged',
         'D, E',
-        'The cause came and went and nobody has acknowledged it.',
+        'Cleared, not acknowledged.',
     )
-    LATCHED = 'latched', 'F', 'The cause is gone and acknowledged; the alarm waits for its reset.'
-    SHELVED = 'shelved', 'G', 'Put aside by somebody until a set time.'
-    SUPPRESSED = 'suppressed', 'H', 'Kept quiet by design: here the cause means nothing.'
-    OUT_OF_SERVICE = 'out_of_service', 'I', 'Taken out of service until somebody restores it.'
+    LATCHED = 'latched', 'F', 'Cleared and acknowledged, waits for its reset.'
+    SHELVED = 'shelved', 'G', 'Shelved by a person until a set time.'
+    SUPPRESSED = 'suppressed', 'H', 'Suppressed by design: the condition has no meaning now.'
+    OUT_OF_SERVICE = 'out_of_service', 'I', 'Out of service until a person restores it.'
 
 
 class Trigger(SentenceEnum):
     """What can happen to an alarm."""
 
-    RAISE = 'raise', 'the cause has come'
-    RECUR = 'recur', 'stick-slip has begun anew while its alarm stands'
-    CLEAR = 'clear', 'the cause has gone'
+    RAISE = 'raise', 'the condition became active'
+    RECUR = 'recur', 'stick-slip began anew while its alarm was active'
+    CLEAR = 'clear', 'the condition cleared'
     SUPPRESS = 'suppress', 'a reason for suppression holds'
     UNSUPPRESS = 'unsuppress', 'no reason for suppression holds any longer'
-    ACKNOWLEDGE = 'acknowledge', 'somebody has taken note'
-    RESET = 'reset', 'somebody has released the latch'
-    SHELVE = 'shelve', 'somebody has put it aside'
-    UNSHELVE = 'unshelve', 'somebody has taken it back, or its time has passed'
-    REMOVE = 'remove', 'somebody has taken it out of service'
-    RESTORE = 'restore', 'somebody has returned it to service'
+    ACKNOWLEDGE = 'acknowledge', 'a person acknowledged it'
+    RESET = 'reset', 'a person reset the latch'
+    SHELVE = 'shelve', 'a person shelved it'
+    UNSHELVE = 'unshelve', 'a person unshelved it, or its time was up'
+    REMOVE = 'remove', 'a person took it out of service'
+    RESTORE = 'restore', 'a person returned it to service'
 
 
 class Facts(NamedTuple):

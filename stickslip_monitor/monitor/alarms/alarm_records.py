@@ -182,7 +182,7 @@ def recall_state(annunciator: Annunciator, document: Any, time_ns: int) -> None:
     """Take over what was kept, into an annunciator that is still fresh.
 
     Bearings that are no longer configured are passed over; new ones start fresh. The time that
-    has passed meanwhile, as far as the clock can tell, counts for the shelves.
+    has passed meanwhile, as far as the clock shows, counts for the shelves.
 
     Raises:
         AlarmStateError: The document is not one of :func:`state_record`; nothing is taken over.

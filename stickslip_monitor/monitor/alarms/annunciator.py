@@ -106,10 +106,10 @@ class LiveAlarm:
     by: str = ''  # who made that change
     shelved_until_ns: int | None = None  # stamp, while shelved
     count: int = 0  # how often it was given to people since the start
-    text: str = ''  # what was last said of its cause
+    text: str = ''  # the latest text of its condition
     came_back: int = 0  # how often its cause has come again since it came first
     first_ns: int | None = None  # stamp of that first time
-    first_text: str = ''  # what was said then
+    first_text: str = ''  # the text then
     came_ns: int | None = None  # when its cause came last, on the running time
     shelf_end_ns: int = 0  # on the running time
     silence_end_ns: int = 0  # on the running time
@@ -139,7 +139,7 @@ class AlarmChange:
     before: AlarmState
     after: AlarmState
     by: str  # a person's name, 'ros service', 'monitor' or 'timer'
-    text: str  # what was last said of the alarm's cause
+    text: str  # the latest text of the alarm's condition
     quiet: bool = False  # given without a sound, because too many were given lately
 
     @property
@@ -186,7 +186,7 @@ class Annunciator:
                 self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
 
     def restart(self) -> None:
-        """The monitor starts afresh: what it knew is believed until it knows again."""
+        """The monitor starts afresh: what it knew holds until it knows again."""
         for name, old in self.causes.items():
             active = {alarm.kind for alarm in self.alarms[name].values() if alarm.active}
             self.causes[name] = Causes(old.config, active)
@@ -278,12 +278,12 @@ class Annunciator:
             return []
         self.causes[name].shaft_locked = locked
         changes = self._sync(name, time_ns, by)
-        # An alarm that waits for somebody stays as it is; that it was asked is told all the same.
-        told = {change.kind for change in changes}
+        # An alarm that waits for somebody stays as it is; the request is reported all the same.
+        reported = {change.kind for change in changes}
         return changes + [
             _change(alarm, time_ns, action.value, alarm.state, by)
             for alarm in self.alarms[name].values()
-            if alarm.kind not in told
+            if alarm.kind not in reported
         ]
 
     def _silence(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:

@@ -197,7 +197,7 @@ def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatAr
     result = np.empty_like(v)
     near = alpha <= v
     result[near] = delta * i1e(alpha[near]) * np.exp(alpha[near] - v[near])
-    # Further out the two terms cancel, and an angle close to pi/2 does not tell the amplitude to
+    # Further out the two terms cancel, and an angle close to pi/2 does not give the amplitude to
     # the last digit: quadrature on each side of the reversal does better.
     close = (alpha <= v + _REACH) & (amplitude <= _RATIO * speed)
     beyond = ~near & close & (delta != 0.0)

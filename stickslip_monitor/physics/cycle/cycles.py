@@ -123,7 +123,7 @@ class Cycle:
 def _beginning(
     bearing: Bearing, speed: float, load: float, start: float, slips: bool
 ) -> MotionState:
-    """The state in which a cycle begins, from the place that :class:`slip.Found` tells."""
+    """The state in which a cycle begins, from the place in :class:`slip.Found`."""
     law, side = law_numbers(bearing.friction), math.copysign(1.0, speed)
     medium = slip.slip_medium(law, _body(bearing), abs(speed), load)
     place = medium[1] * law[HOLD] - medium[2]

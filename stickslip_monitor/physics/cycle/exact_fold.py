@@ -3,7 +3,7 @@
 
 Of many loads the question is turned round: from which load on does the slip phase meet the belt at
 a speed? That load is in a smooth ratio to the one by averaging. The ratio is solved at some speeds
-and told by polynomials between them, and the folds are read from the curve.
+and interpolated by polynomials, and the folds are read from the curve.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ class _Care(NamedTuple):
         orbit: The orbits that are followed.
         close: Relative width of a bracket at which its root is found.
         sure: Step from a first guess, in ln N, that needs no second look.
-        told: How far a polynomial may be off in the middle between solved speeds, to be believed
+        tolerance: How far a polynomial may be off in the middle between solved speeds, to be used
             at their quarters.
     """
 
     orbit: Orbit
     close: float
     sure: float
-    told: float
+    tolerance: float
 
 
 # Of a smooth law, where a polynomial's error falls by 256 as its stretch is halved, and of one in
@@ -72,7 +72,7 @@ _ROUGH_ROOT = 1e-7
 # The growth rate of slip at breakaway that is steep, N |mu'(0)| / (m omega).
 _STEEP_RATE = 4.0
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
-# averaging has the fold to 1e-10, and orbits gain too little to tell it better.
+# averaging has the fold to 1e-10, and orbits gain too little to improve it.
 _WEAKLY, _SLIGHT = 1.003, 1e-6
 # Loads from which on a curve costs less than each by itself.
 _FEW = 12
@@ -167,7 +167,7 @@ class _Grazing:
             last = found / n if 0.0 < found < math.inf else last
             return found / n
 
-        return averaged * interpolated(np.log(speed), ratio, care.told)
+        return averaged * interpolated(np.log(speed), ratio, care.tolerance)
 
     def _polished(self, speed: float, guess: float, care: _Care) -> float:
         """The load that grazes, by the secant method; ``nan`` where that leads to none [N]."""
@@ -260,7 +260,7 @@ class _Grazing:
         return (growth > _STEEP_RATE * self.bearing.momentum) & (growth < math.inf)
 
     def _is_slight(self, load: float, speed: float) -> bool:
-        """Whether averaging tells the fold better than orbits, whose energy hardly changes."""
+        """Whether averaging gives the fold better than orbits, whose energy hardly changes."""
         if not computes_as(self.friction, Stribeck):
             return False
         drop = (self.law[HOLD] - self.law[KINETIC]) * load / self.bearing.momentum

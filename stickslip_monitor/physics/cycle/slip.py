@@ -6,8 +6,8 @@ Plain functions of numbers, which run as they stand and compiled alike. Lengths 
 count from breakaway, relative speeds ``z`` from the belt. A lining turns where its own velocity
 vanishes (``z`` = 1). It can meet the belt (``z`` = 0) only on its way back from the turning point
 below, and only before it has passed the displacement at which the belt could just hold it: there,
-with the law continued below ``z`` = 0, the sign of ``z`` tells hit from miss, so no step can jump
-over a contact, and that ``z`` depends smoothly on speed and load.
+with the law continued below ``z`` = 0, the sign of ``z`` separates hit from miss, so no step can
+jump over a contact, and that ``z`` depends smoothly on speed and load.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ import pytest
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects.ship import cos_turns, exp
 from stickslip_monitor.lab.scenes.scene import Scene
-from stickslip_monitor.lab.scenes.settings import as_believed, drawn
+from stickslip_monitor.lab.scenes.settings import drawn, with_parameter_errors
 from stickslip_monitor.lab.scenes.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.physics.friction import Coulomb
@@ -125,7 +125,7 @@ def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
 
 def test_parameters_are_off_by_no_more_than_is_said() -> None:
     errors = {'damping': 0.1, 'friction.static': 0.05, 'load.scale': 0.02}
-    believed = [as_believed(BEARING, errors, seed) for seed in range(200)]
+    believed = [with_parameter_errors(BEARING, errors, seed) for seed in range(200)]
     for name, most, values in (
         ('damping', 0.1, [b.bearing.damping / 400.0 for b in believed]),
         ('static', 0.05, [b.bearing.friction.static / 0.3 for b in believed]),
@@ -134,11 +134,11 @@ def test_parameters_are_off_by_no_more_than_is_said() -> None:
         off = np.abs(np.array(values) - 1.0)
         assert 0.9 * most < off.max() <= most * (1.0 + 1e-12), name
     assert {b.bearing.mass for b in believed} == {50.0}
-    assert as_believed(BEARING, errors, 3) == believed[3]
-    assert as_believed(BEARING, {}, 3) == BEARING
+    assert with_parameter_errors(BEARING, errors, 3) == believed[3]
+    assert with_parameter_errors(BEARING, {}, 3) == BEARING
     coulomb = replace(BEARING, bearing=replace(BEARING.bearing, friction=Coulomb(0.3, 0.1)))
     with pytest.raises(SceneError, match=r'parameter_error of bearing aft_stern: .*decay'):
-        as_believed(coulomb, {'friction.decay': 0.1}, 0)
+        with_parameter_errors(coulomb, {'friction.decay': 0.1}, 0)
     with pytest.raises(SceneError, match='say nothing about bearing aft_stern'):
         nominal_load(coulomb)
 

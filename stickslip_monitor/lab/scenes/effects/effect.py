@@ -99,7 +99,7 @@ class SceneRun:
     ) -> np.random.Generator:
         """The random stream of an effect, its own whatever else the scene lists.
 
-        It is for a channel or for the whole ship; ``purpose`` tells several of one effect apart.
+        It is for a channel or for the whole ship; ``purpose`` separates several of one effect.
         """
         topic = () if channel is None else (channel.topic,)
         effect, _, _ = settings.name.partition('.')
