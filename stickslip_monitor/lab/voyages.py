@@ -18,8 +18,7 @@ import numpy as np
 
 from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.recording import write_bag
-from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene
+from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.scenes.settings import with_parameter_errors
 from stickslip_monitor.lab.truth import (
     TruthRecord,
