@@ -224,13 +224,16 @@ def voyages() -> dict[str, Any]:
     for number in range(_TEN):
         learning = [case for name in _LEARNING for case in _simulated(name, _TEN + number)]
         judged_cases = [case for name in _JUDGED for case in _simulated(name, 2 * _TEN + number)]
-        true = learning[0].config
+        true = learning[0].sent.config
         told = {'as it is': true, 'wrong drawing': _drawn_wrong(true), 'worn': _unworn(true)}
         for name, config in told.items():
             calibrated = _calibrated(config, learning)
             for state, own in (('', config), (', calibrated', calibrated)):
                 part = found.setdefault(name + state, [])
-                part += [replace(c, config=own).rules()[OURS] for c in judged_cases]
+                part += [
+                    replace(case, sent=replace(case.sent, config=own)).rules()[OURS]
+                    for case in judged_cases
+                ]
     figures = {name: pooled(parts).figures() for name, parts in found.items()}
     return {name: {key: own[key] for key in ('hours', *_MEASURES)} for name, own in
             figures.items()}  # fmt: skip

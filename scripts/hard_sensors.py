@@ -15,21 +15,21 @@ from functools import partial
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.lab.voyages import Sailed
 from stickslip_monitor.monitor.signals import LEVEL, Stream
+from stickslip_monitor.offline.check import WholeBearing
 
-Spoil = Callable[[Sailed, np.random.Generator], Sailed]
+Spoil = Callable[[WholeBearing, np.random.Generator], WholeBearing]
 SECOND = 10**9
 
 
-def without_level(case: Sailed, _: np.random.Generator) -> Sailed:
+def without_level(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     """No level at all."""
     return replace(
         _kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None)
     )
 
 
-def in_bursts(case: Sailed, _: np.random.Generator) -> Sailed:
+def in_bursts(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     """Speed and load are handed over once a second, stamped within milliseconds of each other."""
     stamp = case.stream.time_ns.copy()
     for place in range(LEVEL):
@@ -40,7 +40,9 @@ def in_bursts(case: Sailed, _: np.random.Generator) -> Sailed:
     return _sorted(case, stamp)
 
 
-def oddly_stamped(case: Sailed, random: np.random.Generator, off: float, share: float) -> Sailed:
+def oddly_stamped(
+    case: WholeBearing, random: np.random.Generator, off: float, share: float
+) -> WholeBearing:
     """A share of the stamps of speed and load is off by some seconds, either way."""
     stream = case.stream
     odd = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
@@ -49,7 +51,7 @@ def oddly_stamped(case: Sailed, random: np.random.Generator, off: float, share: 
     return replace(case, stream=Stream(stamp, stream.inputs, stream.value))
 
 
-def with_threshold(case: Sailed, _: np.random.Generator, factor: float) -> Sailed:
+def with_threshold(case: WholeBearing, _: np.random.Generator, factor: float) -> WholeBearing:
     """The threshold is another one; nan: it is left out and learned."""
     level = case.config.level
     assert level is not None
@@ -57,31 +59,31 @@ def with_threshold(case: Sailed, _: np.random.Generator, factor: float) -> Saile
     return replace(case, config=replace(case.config, level=level))
 
 
-def amplified(case: Sailed, _: np.random.Generator, gain: float) -> Sailed:
+def amplified(case: WholeBearing, _: np.random.Generator, gain: float) -> WholeBearing:
     """The level is too high by a factor."""
     return _levelled(case, lambda _, level: gain * level)
 
 
-def blind(case: Sailed, random: np.random.Generator) -> Sailed:
+def blind(case: WholeBearing, random: np.random.Generator) -> WholeBearing:
     """The level shows its background only: it is in the wrong place, or its cable is off."""
     return _levelled(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
 
 
-def stuck(case: Sailed, _: np.random.Generator) -> Sailed:
+def stuck(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     """The level does not move any more after the first minute."""
     return _levelled(
         case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1])
     )
 
 
-def with_engine_order(case: Sailed, _: np.random.Generator) -> Sailed:
+def with_engine_order(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     """The background is half as loud again as the threshold, at all times."""
     assert case.config.level is not None
     loud = 1.5 * case.config.level.threshold
     return _levelled(case, lambda _, level: np.hypot(level, loud))
 
 
-def with_bursts(case: Sailed, random: np.random.Generator) -> Sailed:
+def with_bursts(case: WholeBearing, random: np.random.Generator) -> WholeBearing:
     """For two to four seconds of each minute something else is three times the threshold."""
     assert case.config.level is not None
     loud = 3.0 * case.config.level.threshold
@@ -96,7 +98,7 @@ def with_bursts(case: Sailed, random: np.random.Generator) -> Sailed:
     return _levelled(case, spoilt)
 
 
-def half_lost(case: Sailed, _: np.random.Generator) -> Sailed:
+def half_lost(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     """The level comes for half of each minute only."""
     return _kept(case, (case.stream.inputs != LEVEL) | (case.arrival_ns // (30 * SECOND) % 2 == 0))
 
@@ -124,13 +126,13 @@ STAMPS: Mapping[str, Spoil] = {
 }
 
 
-def _kept(case: Sailed, rows: BoolArray) -> Sailed:
+def _kept(case: WholeBearing, rows: BoolArray) -> WholeBearing:
     own = case.stream
     stream = Stream(own.time_ns[rows], own.inputs[rows], own.value[rows])
     return replace(case, stream=stream, arrival_ns=case.arrival_ns[rows])
 
 
-def _sorted(case: Sailed, stamp: IntArray) -> Sailed:
+def _sorted(case: WholeBearing, stamp: IntArray) -> WholeBearing:
     """The samples with other stamps, which are also when they arrive."""
     order = np.argsort(stamp, kind='stable')
     own = case.stream
@@ -138,7 +140,9 @@ def _sorted(case: Sailed, stamp: IntArray) -> Sailed:
     return replace(case, stream=stream, arrival_ns=stamp[order])
 
 
-def _levelled(case: Sailed, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Sailed:
+def _levelled(
+    case: WholeBearing, change: Callable[[FloatArray, FloatArray], FloatArray]
+) -> WholeBearing:
     """The voyage with another level, made of its times [s] and values."""
     own = case.stream
     rows = own.inputs == LEVEL

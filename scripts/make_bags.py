@@ -23,8 +23,7 @@ from rich.console import Console
 
 from stickslip_monitor.bags.reader import Bag, open_bag
 from stickslip_monitor.errors import BagError, StickslipError
-from stickslip_monitor.lab.scenes.recording import write_bag
-from stickslip_monitor.lab.scenes.scene import Scene, load_scene
+from stickslip_monitor.lab.scenes.scene import Scene, load_scene, write_bag
 from stickslip_monitor.lab.truth import has_truth, read_truth
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +22,27 @@ from trade_off import Curve, TradeOff, draw_trade_offs
 from stickslip_monitor.commands.score import RULES, judge_all
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.lab.voyages import (
     BELOW_FOLD,
     BELOW_HOPF,
     OURS,
     Call,
+    Sailed,
     Voyage,
     cases_of,
+    output_of,
 )
-from stickslip_monitor.lab.warning_quality import FIGURES, Quality, pooled, written
+from stickslip_monitor.lab.warning_quality import (
+    FIGURES,
+    Quality,
+    pooled,
+    quality_of,
+    written,
+)
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds
+from stickslip_monitor.offline.check import WholeBearing
 from stickslip_monitor.offline.fleet import core_count, run_in_processes
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -78,8 +89,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     voyages = judge_all(_calls(seeds), args.jobs)
-    spoilt = _judged_spoilt(seeds, args.jobs)
-    text = '\n'.join([*_page(voyages, seeds), '', *_spoilt_table(spoilt)])
+    changed = _judged_changed(seeds, args.jobs)
+    text = '\n'.join([*_page(voyages, seeds), '', *_spoilt_table(changed)])
     if args.print:
         print(text)
         return 0
@@ -107,11 +118,10 @@ def _field(name: str, value: float) -> dict[str, Any]:
 
 
 def _calls(seeds: Iterable[int]) -> list[Call]:
-    variants = tuple(_field(name, v) for name, values in _known().items() for v in values)
     # What the lining does is followed with the first of them.
     sensors = tuple(map(str, (WITH_LEVEL, *SENSORS)))
     return [
-        Call(str(scene), seed, sensors, variants, varied_sensors=str(ORDINARY))
+        Call(str(scene), seed, sensors)
         for scene in sorted(SCENES.glob('*.yaml'))
         for seed in seeds
     ]
@@ -160,23 +170,44 @@ def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
         yield f'- {label}: reported on {sum(found)} of {len(found)} voyages'
 
 
-def judge_spoilt(scene: str, seed: int) -> dict[str, Quality]:
-    """The monitor on a voyage with ordinary sensors and a level, each spoilt in every way."""
+def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
+    """The monitor on a voyage with what its sensors send spoilt, or its alarm set otherwise.
+
+    With ordinary sensors: a level and stamps spoilt in every way, by the way's name, and each
+    parameter at each of its values, by both.
+    """
     found: dict[str, list[Quality]] = {}
-    for case in cases_of(load_scene(scene, seed, str(WITH_LEVEL))):
-        if case.config.level is None:
+    truths: dict[str, TruthRecord] = {}
+    for case in cases_of(load_scene(scene, seed, str(WITH_LEVEL)), truths):
+        if case.sent.config.level is None:
             continue
         for number, (name, spoil) in enumerate((LEVELS | STAMPS).items()):
             random = np.random.default_rng([seed, number])
-            found.setdefault(name, []).append(spoil(case, random).varied({}))
+            found.setdefault(name, []).append(_heard(spoil(case.sent, random), case))
+    for case in cases_of(load_scene(scene, seed, str(ORDINARY)), truths):
+        config = case.sent.config
+        for name, values in _known().items():
+            for value in values:
+                alarm = replace(config.alarm, **_field(name, value))
+                sent = replace(case.sent, config=replace(config, alarm=alarm))
+                found.setdefault(_variant(name, value), []).append(_heard(sent, case))
     return {name: pooled(parts) for name, parts in found.items()}
 
 
-def _judged_spoilt(seeds: range, jobs: int) -> dict[str, Quality]:
+def _heard(sent: WholeBearing, case: Sailed) -> Quality:
+    """The judgement of the monitor by the clock of the samples."""
+    return quality_of(output_of(sent.scan, case.truth), case.truth, case.plain)
+
+
+def _variant(name: str, value: float) -> str:
+    return f'{name} = {value:g}'
+
+
+def _judged_changed(seeds: range, jobs: int) -> dict[str, Quality]:
     scenes = [str(scene) for scene in sorted(SCENES.glob('*.yaml')) if scene.stem != WRONG_SOURCE]
     calls = [(scene, seed) for scene in scenes for seed in seeds]
     found: dict[str, list[Quality]] = {}
-    for _, outcome in run_in_processes(judge_spoilt, dict(enumerate(calls)), jobs):
+    for _, outcome in run_in_processes(judge_changed, dict(enumerate(calls)), jobs):
         if isinstance(outcome, BaseException):
             raise outcome
         for name, quality in outcome.items():
@@ -194,7 +225,7 @@ def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
             yield _row(f'{what}: {name}', *(written(f, figures[f]) for f in _OF_SPOILT))
 
 
-def _panels(voyages: Sequence[Voyage]) -> list[TradeOff]:
+def _panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:
     own = [v for v in voyages if _is_main(v) and v.sensors == str(ORDINARY)]
     bare = {
         rule: pooled(v.rules[rule] for v in own).figures() for rule in (BELOW_FOLD, BELOW_HOPF)
@@ -208,14 +239,14 @@ def _panels(voyages: Sequence[Voyage]) -> list[TradeOff]:
             'Stick-slip alarm',
             'false alarms per 100 h',
             'episodes not detected [%]',
-            _curves(own, _OF_ALARM, 'false_per_100h', 'detected_plain'),
+            _curves(changed, _OF_ALARM, 'false_per_100h', 'detected_plain'),
             rules,
         ),
         TradeOff(
             'Warning',
             'warnings per 1000 h far from the boundary',
             'episodes without a lead of 10 s [%]',
-            _curves(own, _OF_WARNING, 'far_per_1000h', 'lead_10s'),
+            _curves(changed, _OF_WARNING, 'far_per_1000h', 'lead_10s'),
         ),
     ]
 
@@ -224,12 +255,13 @@ def _missing(share: float | None) -> float:
     return 0.0 if share is None else 1.0 - share
 
 
-def _curves(voyages: Sequence[Voyage], names: Iterable[str], false: str, kept: str) -> list[Curve]:
-    found, place = [], 0
+def _curves(
+    changed: Mapping[str, Quality], names: Iterable[str], false: str, kept: str
+) -> list[Curve]:
+    found = []
     defaults = {parameter.name: parameter.default for parameter in BEARING_PARAMETERS}
     for name, values in _known().items():
-        rows = [_variant(voyages, place + k) for k in range(len(values))]
-        place += len(values)
+        rows = [changed[_variant(name, value)].figures() for value in values]
         if name in names:
             found.append(
                 Curve(
@@ -241,11 +273,6 @@ def _curves(voyages: Sequence[Voyage], names: Iterable[str], false: str, kept: s
                 )
             )
     return found
-
-
-def _variant(voyages: Sequence[Voyage], number: int) -> dict[str, float | None]:
-    parts: list[Quality] = [voyage.variants[number] for voyage in voyages]
-    return pooled(parts).figures()
 
 
 if __name__ == '__main__':

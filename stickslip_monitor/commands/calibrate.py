@@ -132,14 +132,13 @@ def _prior(
                 ' of them'
             )
         return prior_from(args.add, earlier, prior_of(config.bearing, config.tolerance))
-    prior = prior_of(config.bearing, config.tolerance)
     if args.bench is None:
-        return prior
+        return prior_of(config.bearing, config.tolerance)
     try:
         document = read_json(args.bench, LARGEST_JSON)
     except (OSError, ValueError) as error:
         raise ConfigurationError(f'{args.bench} cannot be read: {cause(error)}') from error
-    return prior_with_bench(prior, args.bench, document)
+    return prior_with_bench(config.bearing, config.tolerance, args.bench, document)
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:

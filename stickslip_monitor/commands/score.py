@@ -30,7 +30,7 @@ from stickslip_monitor.lab.voyages import (
     BELOW_HOPF,
     OURS,
     Call,
-    JudgedBag,
+    Sailed,
     Voyage,
     judge_bag,
     judge_calls,
@@ -89,20 +89,20 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     scenes = [path for path in args.bags if Path(path).suffix in ('.yaml', '.yml')]
     judged = [] if scenes else _judged_bags(args)
-    voyages = _judged_scenes(args, scenes) if scenes else [bag.voyage for bag in judged]
+    voyages = _judged_scenes(args, scenes) if scenes else [voyage for voyage, _ in judged]
     output.write_outputs(args, picture=lambda: _drawn(judged))
     if args.json:
         output.print_json(_scenes_json(voyages) if scenes else _bags_json(judged))
     else:
         out = output.console()
         _print(out, voyages, 'scene' if scenes else 'bag')
-        for bag in judged:
-            for text in _remarks(bag):
-                out.print(f'{escape(_name(voyages, bag.voyage))}: {text}')
+        for voyage, case in judged:
+            for text in _remarks(case):
+                out.print(f'{escape(_name(voyages, voyage))}: {text}')
     return int(not pooled(voyage.rules[OURS] for voyage in voyages).is_good)
 
 
-def _judged_bags(args: argparse.Namespace) -> list[JudgedBag]:
+def _judged_bags(args: argparse.Namespace) -> list[tuple[Voyage, Sailed]]:
     if args.config is None:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
@@ -139,21 +139,22 @@ def judge_all(calls: Sequence[Call], jobs: int) -> list[Voyage]:
     return [voyage for number in range(len(calls)) for voyage in found[number]]
 
 
-def _bags_json(judged: Sequence[JudgedBag]) -> dict[str, Any]:
+def _bags_json(judged: Sequence[tuple[Voyage, Sailed]]) -> dict[str, Any]:
     bags: dict[str, dict[str, Any]] = {}
-    for bag in judged:
-        bags.setdefault(bag.voyage.scene, {})[bag.voyage.bearing] = {
-            'figures': bag.voyage.rules[OURS].figures(),
-            'episodes': [asdict(episode) for episode in announced(bag.output, bag.truth)],
+    for voyage, case in judged:
+        given = case.output()
+        bags.setdefault(voyage.scene, {})[voyage.bearing] = {
+            'figures': voyage.rules[OURS].figures(),
+            'episodes': [asdict(episode) for episode in announced(given, case.truth)],
             'false_alarms': [
                 {'start_ns': start, 'end_ns': end}
-                for start, end in false_alarms(bag.output, bag.truth)
+                for start, end in false_alarms(given, case.truth)
             ],
         }
     return {
         'schema': OF_BAGS,
         'bags': [{'path': path, 'bearings': bearings} for path, bearings in bags.items()],
-        'total': _totals([bag.voyage for bag in judged]),
+        'total': _totals([voyage for voyage, _ in judged]),
     }
 
 
@@ -229,19 +230,20 @@ def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
     return f'{bag} {voyage.bearing}' if several else bag
 
 
-def _remarks(bag: JudgedBag) -> list[str]:
+def _remarks(case: Sailed) -> list[str]:
     """A sentence for every episode and for every false alarm."""
+    given, truth = case.output(), case.truth
 
     def at(time_ns: int) -> str:
-        return f'{(time_ns - bag.truth.start_ns) / 1e9:.1f} s'
+        return f'{(time_ns - truth.start_ns) / 1e9:.1f} s'
 
     found = [
         f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
-        for e in announced(bag.output, bag.truth)
+        for e in announced(given, truth)
     ]
     return found + [
         f'[red]false[/]: stick-slip alarm from {at(start)} to {at(end)}'
-        for start, end in false_alarms(bag.output, bag.truth)
+        for start, end in false_alarms(given, truth)
     ]
 
 
@@ -258,16 +260,17 @@ def _before(lead: float) -> str:
     return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
 
 
-def _drawn(judged: Sequence[JudgedBag]) -> Any:
+def _drawn(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
     if len(judged) != 1:
-        names = ', '.join(f'{bag.voyage.bearing} in {bag.voyage.scene}' for bag in judged)
+        names = ', '.join(f'{voyage.bearing} in {voyage.scene}' for voyage, _ in judged)
         raise ConfigurationError(
             f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
             ' --bearing where it has several'
         )
     from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
 
-    (bag,) = judged
-    spells = condition_intervals(bag.scan.events, bag.truth.start_ns, bag.truth.end_ns)
-    title = f'{Path(bag.voyage.scene).name}: {bag.config.name}'
-    return draw_timeline(Timeline(bag.config, bag.scan, spells, bag.truth, title))
+    ((voyage, case),) = judged
+    scan, truth = case.recorded(), case.truth
+    spells = condition_intervals(scan.events, truth.start_ns, truth.end_ns)
+    title = f'{Path(voyage.scene).name}: {voyage.bearing}'
+    return draw_timeline(Timeline(case.sent.config, scan, spells, truth, title))

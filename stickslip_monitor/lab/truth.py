@@ -22,9 +22,7 @@ from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.bags.values import Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.signals import Status, Stream
-from stickslip_monitor.offline.check import WholeBag
 
 EVENT_SCHEMA = 'stickslip_monitor/truth/1'
 ROOT = '/truth'
@@ -163,12 +161,6 @@ def event_text(bearing: str, event: str, time_ns: int, **more: float) -> str:
     """An event of the lining as JSON; docs/interfaces.md has the schema."""
     record = {'schema': EVENT_SCHEMA, 'bearing': bearing, 'event': event, 'time': time_ns}
     return json.dumps(record | more)
-
-
-def scan_on_recorder_clock(whole: WholeBag, config: BearingConfig) -> Scan:
-    """The verdicts on one bearing of a bag, with times of the recorder."""
-    own = whole.bearings[config.name]
-    return on_recorder_clock(own.stream, own.arrival_ns, own.scan)
 
 
 def on_recorder_clock(stream: Stream, log_time_ns: IntArray, scan: Scan) -> Scan:

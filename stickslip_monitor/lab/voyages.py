@@ -8,21 +8,17 @@ so that the calls can be made in processes. A scene is judged by its recording, 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
-from stickslip_monitor import jit
-from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import Bag
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.recording import write_bag
-from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene
+from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.scenes.settings import with_parameter_errors
 from stickslip_monitor.lab.truth import (
     TruthRecord,
@@ -30,7 +26,6 @@ from stickslip_monitor.lab.truth import (
     known_truth,
     on_recorder_clock,
     read_truth,
-    scan_on_recorder_clock,
 )
 from stickslip_monitor.lab.warning_quality import (
     Interval,
@@ -39,16 +34,15 @@ from stickslip_monitor.lab.warning_quality import (
     merged,
     quality_of,
 )
-from stickslip_monitor.monitor.bulk import BearingScan, Scan
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.bulk import Scan
+from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
-from stickslip_monitor.monitor.signals import Stream, to_si
+from stickslip_monitor.monitor.signals import to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
-from stickslip_monitor.offline.check import scan_whole
+from stickslip_monitor.offline.check import WholeBearing, scan_whole
 from stickslip_monitor.offline.fleet import run_in_processes
 from stickslip_monitor.offline.outline import condition_intervals
 
-Alarm = Mapping[str, Any]
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
 
 
@@ -60,9 +54,6 @@ class Call:
     seed: int | None  # the seed; None: the file's
     # Files of sensors, one after the other; None: what the scene itself says.
     sensors: tuple[str | None, ...] = (None,)
-    # Fields of the alarm's configuration that are changed: each is judged as well.
-    variants: tuple[Alarm, ...] = ()
-    varied_sensors: str | None = None  # the file of sensors with which the variants are judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +65,6 @@ class Voyage:
     sensors: str | None  # the file of sensors; None: what the scene itself says
     bearing: str  # name of the bearing
     rules: dict[str, Quality]  # the judgement of each rule by name
-    variants: tuple[Quality, ...] = ()  # that of the monitor with each of the call's variants
 
 
 def judge_calls(
@@ -111,12 +101,10 @@ def judge(call: Call) -> list[Voyage]:
     truths: dict[str, TruthRecord] = {}
     for sensors in call.sensors:
         scene = load_scene(call.scene, call.seed, sensors)
-        variants = call.variants if sensors == call.varied_sensors else ()
         try:
             for case in cases_of(scene, truths):
-                rules, varied = case.rules(), tuple(map(case.varied, variants))
-                name = case.config.name
-                found.append(Voyage(call.scene, scene.seed, sensors, name, rules, varied))
+                name = case.sent.config.name
+                found.append(Voyage(call.scene, scene.seed, sensors, name, case.rules()))
         except SceneError as error:
             raise SceneError(f'{call.scene}, seed {scene.seed}: {error}') from error
     return found
@@ -145,67 +133,40 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
     with TemporaryDirectory(prefix='stickslip_') as folder:
         path = Path(folder) / 'voyage.mcap'
         write_bag(_without_lining(scene) if known else scene, path)
-        whole = scan_whole(path, replace(scene.config, bearings=tuple(configured)))
-        for own in configured:
-            if own.name not in truths:
-                truths[own.name] = _truth(whole.bag, own.name)
-    for own in configured:
-        found = whole.bearings[own.name]
-        truth = truths[own.name]
-        yield Sailed(own, found.stream, found.arrival_ns, truth, _is_plain(scene))
+        # Of many voyages a second of compiling is soon repaid.
+        whole = scan_whole(path, replace(scene.config, bearings=tuple(configured)), many=True)
+        for name in whole.bearings:
+            if name not in truths:
+                truths[name] = _truth(whole.bag, name)
+    for name, own in whole.bearings.items():
+        yield Sailed(own, truths[name], _is_plain(scene))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
     """One bearing on one voyage: what the monitor is configured with and gets, and the truth."""
 
-    config: BearingConfig  # as the monitor has it
-    stream: Stream  # the samples
-    arrival_ns: IntArray  # when the recorder got each [ns]
+    sent: WholeBearing  # the bearing as the monitor has it, and its samples
     truth: TruthRecord  # the truth
     plain: bool  # whether what happens shows in speed and load, and does so once
 
-    def rules(self, recorded: Scan | None = None) -> dict[str, Quality]:
-        """The judgement of the monitor, by its verdicts where they are known, and bare rules."""
-        recorded = self.recorded() if recorded is None else recorded
-        ours = self._judged(output_of(recorded, self.truth))
-        wrong_source = _has_wrong_source(self.config, self.stream, self.arrival_ns)
-        bare = {name: self._judged(output) for name, output in _bare_rules(recorded).items()}
-        return {OURS: replace(ours, wrong_source=int(wrong_source)), **bare}
-
-    def varied(self, variant: Alarm) -> Quality:
-        """The judgement of the monitor with some fields of its alarm changed."""
-        config = replace(self.config, alarm=replace(self.config.alarm, **variant))
-        return self._judged(output_of(self._scan(config), self.truth))
-
     def recorded(self) -> Scan:
         """The verdicts, on the recorder's clock."""
-        return on_recorder_clock(self.stream, self.arrival_ns, self._scan(self.config))
+        return on_recorder_clock(self.sent.stream, self.sent.arrival_ns, self.sent.scan)
 
-    def _scan(self, config: BearingConfig) -> Scan:
-        """Between begin and end on the clock of the samples, as a check of a recording does."""
-        span, time = (self.truth.start_ns, self.truth.end_ns), self.stream.time_ns
-        if time.size and (time[0] < span[0] or time.max() > span[1]):
-            span = int(time[0]), int(time.max())
-        # Of many voyages a second of compiling is soon repaid.
-        return BearingScan(config, span[0], jit.has_compiler()).finish(self.stream, span[1])
+    def output(self) -> RuleOutput:
+        """What they come to."""
+        return output_of(self.recorded(), self.truth)
 
-    def _judged(self, output: RuleOutput) -> Quality:
-        return quality_of(output, self.truth, self.plain)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JudgedBag:
-    """One bearing in one bag."""
-
-    voyage: Voyage  # the judgement
-    config: BearingConfig  # the bearing
-    scan: Scan  # the verdicts, on the recorder's clock
-    output: RuleOutput  # what they come to
-    truth: TruthRecord  # what they are judged by
+    def rules(self) -> dict[str, Quality]:
+        """The judgement of the monitor and of the bare rules."""
+        outputs = {OURS: self.output(), **_bare_rules(self.recorded())}
+        found = {name: quality_of(own, self.truth, self.plain) for name, own in outputs.items()}
+        wrong_source = int(_has_wrong_source(self.sent))
+        return found | {OURS: replace(found[OURS], wrong_source=wrong_source)}
 
 
-def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
+def judge_bag(path: str | Path, config: MonitorConfig) -> list[tuple[Voyage, Sailed]]:
     """Judge the bearings of a bag about which it holds the truth.
 
     Raises:
@@ -214,12 +175,9 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[JudgedBag]:
     whole = scan_whole(path, config)
     found = []
     for own in [b for b in config.bearings if has_truth(whole.bag, b.name)] or config.bearings[:1]:
-        truth = read_truth(whole.bag, own.name)
-        scan, sent = scan_on_recorder_clock(whole, own), whole.bearings[own.name]
         # A recording does not say whether all that happened in it shows in speed and load.
-        rules = Sailed(own, sent.stream, sent.arrival_ns, truth, plain=False).rules(scan)
-        voyage = Voyage(str(path), None, None, own.name, rules)
-        found.append(JudgedBag(voyage, own, scan, output_of(scan, truth), truth))
+        case = Sailed(whole.bearings[own.name], read_truth(whole.bag, own.name), plain=False)
+        found.append((Voyage(str(path), None, None, own.name, case.rules()), case))
     return found
 
 
@@ -286,12 +244,13 @@ def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
     return found
 
 
-def _has_wrong_source(config: BearingConfig, stream: Stream, arrival_ns: IntArray) -> bool:
-    """Whether the source of an input is reported as wrong."""
+def _has_wrong_source(sent: WholeBearing) -> bool:
+    """Whether the source of an input is told to be wrong."""
+    config, stream = sent.config, sent.stream
     for place, source in enumerate((config.speed, config.load)):
         own = stream.inputs == place
         si = to_si(source, stream.value[own])
-        gap = least_gap(config, place)
-        if SourceWatch(gap).see_many(arrival_ns[own], stream.time_ns[own], si):
+        watch = SourceWatch(least_gap(config, place))
+        if watch.see_many(sent.arrival_ns[own], stream.time_ns[own], si):
             return True
     return False

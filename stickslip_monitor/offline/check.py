@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
 from stickslip_monitor.bags.series import Progress
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.bulk import BearingScan, Scan, scan_bearing
+from stickslip_monitor.monitor.bulk import BearingScan, Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import MEASURED
 from stickslip_monitor.monitor.signals import Stream
@@ -257,11 +258,14 @@ class WholeBearing:
     stream: Stream  # its samples, m of them
     arrival_ns: IntArray  # when the recorder got each, shape (m,)
     span: SampleSpan
+    many: bool  # whether it is one of many, for which compiling pays however short it is
 
     @cached_property
     def scan(self) -> Scan:
         """The verdicts, worked out when they are first asked for."""
-        return scan_bearing(self.config, self.stream, self.span.start_ns, self.span.end_ns)
+        long = jit.has_compiler() if self.many else None
+        own = BearingScan(self.config, self.span.start_ns, long)
+        return own.finish(self.stream, self.span.end_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,8 +277,8 @@ class WholeBag:
     start_ns: int | None  # on the clock of the samples
 
 
-def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
-    """Run the monitor over a bag and keep everything.
+def scan_whole(path: str | Path, config: MonitorConfig, many: bool = False) -> WholeBag:
+    """Run the monitor over a bag and keep everything, of one bag or of ``many``.
 
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
@@ -286,7 +290,10 @@ def scan_whole(path: str | Path, config: MonitorConfig) -> WholeBag:
     span.extend(series.values())
     found = {
         bearing.name: WholeBearing(
-            bearing, *_streamed([series[request] for request in asked[bearing.name]]), span
+            bearing,
+            *_streamed([series[request] for request in asked[bearing.name]]),
+            span,
+            many,
         )
         for bearing in config.bearings
     }

@@ -34,7 +34,7 @@ TOLD = [
 def judged(name: str) -> dict[str, Quality]:
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
     found = judge_bag(ROOT / 'bags' / name, config)
-    return {one.config.name: one.voyage.rules[OURS] for one in found}
+    return {voyage.bearing: voyage.rules[OURS] for voyage, _ in found}
 
 
 # Where the shaft breaks away from rest no warning can come before, and the speed sensor of one is

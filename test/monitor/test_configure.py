@@ -71,7 +71,7 @@ def test_damaged_files_are_refused_in_a_sentence(tmp_path: Path, kind: dict[str,
         path.write_text(json.dumps(mutated(kind, source)))
         with contextlib.suppress(StickslipError):
             if kind is FIT:
-                prior_with_bench(prior_of(BEARING), 'fit', json.loads(path.read_text()))
+                prior_with_bench(BEARING, EXACT, 'fit', json.loads(path.read_text()))
             else:
                 document = load_calibration(path)
                 require_same_sensors(path, document, 'aft', {'speed': SENSOR})

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
-from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
+from stickslip_monitor.physics.law_numbers import forward_coefficient, law_numbers
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
     MotionOutcome,
@@ -45,19 +45,6 @@ def typical_period(bearing: Bearing, speed: float, load: float) -> float:
 _CYCLES = 10.0
 _WATCHED = 0.6
 _QUIET, _DECAYS = 0.5, 0.8
-_STEEPEST = 50.0  # a solver's wild trial step must not overflow
-
-
-def scalar_law(law: FrictionLaw) -> Callable[[float], float]:
-    """The coefficient at one relative speed [m/s], without the cost of an array.
-
-    Below zero the forward branch goes on smoothly, for trial steps that overshoot a contact.
-    """
-    if isinstance(law, Stribeck):
-        kinetic, gap = law.kinetic, law.static - law.kinetic
-        decay, viscous = law.decay, law.viscous
-        return lambda v: kinetic + gap * math.exp(min(-decay * v, _STEEPEST)) + viscous * v
-    return lambda v: float(law.coefficient(v))
 
 
 def _turning(_: float, y: FloatArray) -> float:
@@ -89,10 +76,10 @@ def smoothed(
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
     rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
-    law = scalar_law(bearing.friction)
+    law = law_numbers(bearing.friction)
 
     def friction(relative: float) -> float:
-        return load * math.tanh(relative / width) * law(abs(relative))
+        return load * math.tanh(relative / width) * forward_coefficient(law, abs(relative))
 
     flow = _flow(bearing, speed, friction)
     way = solve_ivp(
@@ -155,8 +142,8 @@ def switching(
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
     """``(x', x'')`` while it slips behind (side 1) or ahead (-1) of the belt."""
-    law = scalar_law(bearing.friction)
-    return _flow(bearing, speed, lambda relative: load * side * law(side * relative))
+    law = law_numbers(bearing.friction)
+    return _flow(bearing, speed, lambda v: load * side * forward_coefficient(law, side * v))
 
 
 def _contact(speed: float, side: float, earliest: float) -> Event:

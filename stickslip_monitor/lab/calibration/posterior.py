@@ -200,7 +200,7 @@ def _close(state: Any, right: float, wrong: float) -> float:
 
 
 SEED = 13
-_DAMPING, _DECAY, _FALL = 0.40, 0.30, 0.25
+DAMPING, _DECAY, _FALL = 0.40, 0.30, 0.25
 """Deviations of damping, decay and ``mu_s - mu_k`` where the configuration has none."""
 _FIRST, _POINTS = 2048, 1024
 _ROUNDS, _MORE_ROUNDS = 4, 4
@@ -223,8 +223,6 @@ class Prior:
     mean: FloatArray  # shape (7,)
     covariance: FloatArray  # shape (7, 7)
     viscous: float = 0.0  # ``nu/c``, which is not inferred [1/N]
-    log_damping: float = math.nan  # mean of ``ln c``, for what is known of the law alone
-    damping_variance: float = math.nan  # of ``ln c``
 
 
 def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
@@ -243,7 +241,7 @@ def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
     except PhysicsError as error:
         raise CalibrationError(str(error)) from error
     fall = law.static - law.kinetic
-    damping = (tolerance.damping or _DAMPING) ** 2
+    damping = (tolerance.damping or DAMPING) ** 2
     decay = (tolerance.decay or _DECAY) ** 2
     level = (tolerance.of_fall(law) or _FALL) ** 2
     time = 2.0 * bearing.mass / bearing.damping
@@ -256,13 +254,7 @@ def prior_of(bearing: Bearing, tolerance: Tolerance = EXACT) -> Prior:
     covariance = np.diag([decay, damping + decay + level, onset, *np.square(spreads)])
     covariance[0, 1] = covariance[1, 0] = -decay
     covariance[2, 6] = covariance[6, 2] = _FOLD_PRIOR[1] ** 2
-    return Prior(
-        np.log(values),
-        covariance,
-        law.viscous / bearing.damping,
-        math.log(bearing.damping),
-        damping,
-    )
+    return Prior(np.log(values), covariance, law.viscous / bearing.damping)
 
 
 @dataclass(frozen=True, slots=True)

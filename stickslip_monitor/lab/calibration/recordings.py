@@ -34,7 +34,7 @@ from stickslip_monitor.lab.calibration.evidence import (
     cut_dips,
 )
 from stickslip_monitor.lab.calibration.posterior import Prior, Progress, prior_of
-from stickslip_monitor.lab.truth import has_truth, read_truth, scan_on_recorder_clock
+from stickslip_monitor.lab.truth import has_truth, on_recorder_clock, read_truth
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
@@ -154,7 +154,8 @@ def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
             ' give --reports, or configure its level'
         )
     truth = read_truth(bag, config.name)
-    scan = scan_on_recorder_clock(whole, config)
+    own = whole.bearings[config.name]
+    scan = on_recorder_clock(own.stream, own.arrival_ns, own.scan)
     name, span = bag.path.name, (truth.start_ns, truth.end_ns)
     source = f'truth of {name}'
     reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)

@@ -12,10 +12,12 @@ import numpy as np
 from stickslip_monitor.errors import CalibrationError, PhysicsError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.lab.calibration.evidence import Dip
-from stickslip_monitor.lab.calibration.posterior import PARAMETERS, Prior
+from stickslip_monitor.lab.calibration.posterior import DAMPING, PARAMETERS, Prior, prior_of
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 from stickslip_monitor.monitor.configure import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.physics.belief import Tolerance
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
 
 FRAGMENT_MARK = b'Made by stickslip calibrate'
 """Marks a fragment among the files of others."""
@@ -143,8 +145,10 @@ def known_dips(document: Mapping[str, Any], dips: Sequence[Dip]) -> list[tuple[s
         raise CalibrationError(f'the earlier result is damaged: {error!r}') from error
 
 
-def prior_with_bench(prior: Prior, path: str, document: Mapping[str, Any]) -> Prior:
-    """A prior with the law of ``stickslip fit --json``; the damping stays.
+def prior_with_bench(
+    bearing: Bearing, tolerance: Tolerance, path: str, document: Mapping[str, Any]
+) -> Prior:
+    """A bearing's prior with the law of ``stickslip fit --json``; the damping stays.
 
     Raises:
         CalibrationError: The document is none of these.
@@ -169,15 +173,16 @@ def prior_with_bench(prior: Prior, path: str, document: Mapping[str, Any]) -> Pr
         raise CalibrationError(
             f'{path} must be what stickslip fit --json printed of a Stribeck law: {error}'
         ) from error
-    # ln N0 = ln c - ln Delta - ln beta, with the damping of the prior.
-    of_damping = prior.damping_variance
+    # ln N0 = ln c - ln Delta - ln beta.
+    prior = prior_of(bearing, tolerance)
+    of_damping = (tolerance.damping or DAMPING) ** 2
     mean, total = prior.mean.copy(), prior.covariance.copy()
     mean[0] = math.log(fitted.decay)
-    mean[1] = prior.log_damping - math.log(fall) - mean[0]
+    mean[1] = math.log(bearing.damping) - math.log(fall) - mean[0]
     total[0, 0] = of_beta
     total[1, 1] = of_damping + of_fall + of_beta + 2.0 * both
     total[0, 1] = total[1, 0] = -of_beta - both
-    return Prior(mean, total, prior.viscous, prior.log_damping, of_damping)
+    return Prior(mean, total, prior.viscous)
 
 
 def fragment(config: BearingConfig, found: Calibration) -> str:

@@ -36,7 +36,8 @@ _UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
     'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm', '1/s': 'Hz', 'm s-1': 'm/s',
 }  # fmt: skip
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
-_TOO_LARGE = 1e100
+# The squares and cubes of what is below are still numbers.
+_TOO_LARGE = 1e30
 # Time and memory of a fit grow with its points; a bench that samples for long averages them.
 _MOST_POINTS = 20_000
 _LARGEST = 16 << 20

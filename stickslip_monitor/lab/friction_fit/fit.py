@@ -35,8 +35,6 @@ MOST_CORRELATION = 0.999
 SPARE_POINTS = 2
 
 _FARTHEST = 5.0
-# Of speeds, coefficients and deviations: their squares and cubes are still numbers.
-_LARGEST = 1e30
 # Above these a number looks like percent, or like revolutions a minute.
 _UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
 _MANY_OUTLIERS, _MUCH_LEVERAGE = 0.2, 0.9
@@ -174,7 +172,6 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
     Raises:
         FitError: The curve cannot identify the law.
     """
-    _require_numbers(curve)
     questions = ''.join(f' {question}' for question in _questions(curve))
     try:
         with np.errstate(all='ignore'):
@@ -236,27 +233,6 @@ def _viscous_test(full: Solution) -> ViscousTest:
     with_slope, without = (2.0 * k * count / max(count - k - 1.0, 1e-9) for k in (5, 4))
     slope = float(full.values[3])
     return ViscousTest(slope, slope / error, f_value, p_value, lower - with_slope + without)
-
-
-def _require_numbers(curve: FrictionCurve) -> None:
-    """Refuse numbers that no friction bench measures, and columns of different length."""
-    shape = curve.speed.shape
-    if not shape == curve.coefficient.shape == curve.std.shape or len(shape) != 1:
-        raise FitError(
-            f'speeds, coefficients and deviations of shapes {shape}, {curve.coefficient.shape} and'
-            f' {curve.std.shape} must be one column each, of one length'
-        )
-    for name, column, least in (
-        ('speed', curve.speed, 0.0),
-        ('coefficient', curve.coefficient, -_LARGEST),
-        ('std', curve.std, 1.0 / _LARGEST),
-    ):
-        odd = np.flatnonzero(~((column >= least) & (column <= _LARGEST)))
-        if odd.size:
-            raise FitError(
-                f'line {curve.line[odd[0]]}: {name} = {column[odd[0]]:g} must be a number from'
-                f' {least:g} to {_LARGEST:g}'
-            )
 
 
 def _questions(curve: FrictionCurve) -> list[str]:

@@ -171,7 +171,8 @@ class Episodes:
 
 PERIODS = 4
 """Natural periods in a window that an amplitude is taken from."""
-_STEPS = 16 * PERIODS
+PER_PERIOD = 16
+"""Samples of the motion in each of them."""
 
 
 class Samples:
@@ -183,8 +184,8 @@ class Samples:
 
     def __init__(self, rate: float, duration: float, period: float = 0.0) -> None:
         self._rate, self._count = rate, telemetry.count(rate, duration)
-        self.step = PERIODS * period / _STEPS
-        self._before = np.arange(_STEPS if period else 0, -1, -1) * self.step
+        steps = PERIODS * PER_PERIOD if period else 0
+        self._before = np.arange(steps, -1, -1) * (period / PER_PERIOD)
         # A window before the scene's start is not there.
         self._next = 1 if period else 0
         self._asked = self._next * self._before.size

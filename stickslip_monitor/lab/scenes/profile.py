@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -142,22 +142,12 @@ def _numbers(name: str, row: list[str]) -> list[float]:
     return [time, value]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Windows:
-    """Stretches of time that do not overlap."""
-
-    starts: FloatArray  # their starts, rising, shape (n,) [s]
-    ends: FloatArray  # their ends, which do not belong to them, shape (n,) [s]
-
-    def hold(self, time: FloatArray) -> BoolArray:
-        """Whether some times [s] lie in a window."""
-        window = np.searchsorted(self.starts, time, side='right') - 1
-        held: BoolArray = (window >= 0) & (time < self.ends[window])
-        return held
+Hit = Callable[[FloatArray], BoolArray]
+"""Whether the next samples, at some times [s], are hit."""
 
 
-def read_windows(settings: Settings, duration: float) -> Windows:
-    """The ``windows``: pairs [start, end] in s, in order of time."""
+def read_windows(settings: Settings, duration: float) -> Hit:
+    """The ``windows``: pairs [start, end) in s, in order of time."""
     rows = settings.rows('windows', 'window', 'a list of windows [start in s, end in s]')
     for name, window in rows:
         _check_pair(name, window, '[start in s, end in s]')
@@ -173,29 +163,16 @@ def read_windows(settings: Settings, duration: float) -> Windows:
                 ' follow one another'
             )
     starts, ends = np.array([window for _, window in rows], float).T.copy()
-    return Windows(starts, ends)
+
+    def hold(time: FloatArray) -> BoolArray:
+        window = np.searchsorted(starts, time, side='right') - 1
+        held: BoolArray = (window >= 0) & (time < ends[window])
+        return held
+
+    return hold
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SampleMask:
-    """Which samples an effect changes."""
-
-    windows: Windows | None  # where it acts; None: everywhere
-    share: float  # the probability that a sample there is hit, each by itself
-    random: np.random.Generator | None  # its random stream, None where the share is 1
-
-    def hit(self, time: FloatArray) -> BoolArray:
-        """Whether the next samples, at some times [s], are hit."""
-        hit = np.ones(time.size, np.bool_) if self.windows is None else self.windows.hold(time)
-        if self.random is not None:
-            # One draw for each sample, in a window or not: windows do not change the draws.
-            hit &= self.random.random(time.size) < self.share
-        return hit
-
-
-def read_sample_mask(
-    settings: Settings, duration: float, random: np.random.Generator
-) -> SampleMask:
+def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
     """The ``windows`` and the ``share`` of samples, of which at least one is there.
 
     The random stream is drawn from only where there is a share.
@@ -204,5 +181,13 @@ def read_sample_mask(
         raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')
     windows = read_windows(settings, duration) if 'windows' in settings else None
     if 'share' not in settings:
-        return SampleMask(windows, 1.0, None)
-    return SampleMask(windows, settings.number('share', '-', above=0.0, most=1.0), random)
+        assert windows is not None  # one of both is there
+        return windows
+    share = settings.number('share', '-', above=0.0, most=1.0)
+
+    def hit(time: FloatArray) -> BoolArray:
+        # One draw for each sample, in a window or not: windows do not change the draws.
+        hit: BoolArray = random.random(time.size) < share
+        return hit if windows is None else hit & windows(time)
+
+    return hit

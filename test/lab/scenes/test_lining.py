@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from stickslip_monitor.lab.scenes.lining import (
+    PER_PERIOD,
     EpisodeEvent,
     Episodes,
     Samples,
@@ -243,7 +244,7 @@ def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
     v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))
     windows.add(np.stack([x, v, x, v]))
     time, motion = windows.due()
-    amplitude = half_peak_to_peak(motion[0], motion[1], windows.step)
+    amplitude = half_peak_to_peak(motion[0], motion[1], PERIOD / PER_PERIOD)
     assert np.array_equal(time, np.arange(1, 21) / 2.0)
     # The last maximum and minimum lie within the last period.
     assert amplitude == pytest.approx(1e-3 * np.exp((time - 0.5 * PERIOD) / 5.0), rel=4e-3)

@@ -26,7 +26,6 @@ from stickslip_monitor.lab.scenes.telemetry import (
     TimeBlock,
 )
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
-from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
 # Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
@@ -107,9 +106,10 @@ class SceneRun:
         return random_stream(self.seed, effect, *topic, *purpose)
 
 
+Change = Callable[[Signal], None]
+"""Changes the signal of the next block."""
 Builder = Callable[[Settings, SceneRun], None]
-ChannelEffect = Callable[[Settings, Channel, SceneRun], None]
-SensorEffect = Callable[[Settings, Channel, SceneRun], Callable[[Signal], None] | None]
+ChannelEffect = Callable[[Settings, Channel, SceneRun], Change | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,49 +136,34 @@ def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
 
 
 def channel_effect(
-    stage: str, quantities: Sequence[str], *keys: str
+    stage: str, quantities: Sequence[str], *keys: str, section: str = ''
 ) -> Callable[[ChannelEffect], ChannelEffect]:
-    """Declare an effect on each channel of some quantities of its ``bearing``, else of all."""
+    """Declare an effect on each channel of some quantities of its ``bearing``, else of all.
+
+    The function returns what changes the signal of each next block, if it is of that kind. With a
+    ``section`` the keys are those of a section for each quantity, of which one is there at least;
+    what is said of it stands in the sentence where it is wrong.
+    """
 
     def declare(function: ChannelEffect) -> ChannelEffect:
         def build(settings: Settings, run: SceneRun) -> None:
-            for quantity in quantities:
-                for channel in run.pick(settings, quantity):
-                    function(settings, channel, run)
-
-        DECLARED[function.__name__] = Effect(stage, ('bearing', *keys), build)
-        return function
-
-    return declare
-
-
-def sensor_effect(
-    stage: str, what: str, *keys: str, quantities: Sequence[str] = INPUTS
-) -> Callable[[SensorEffect], SensorEffect]:
-    """Declare an effect on sensors, which has a section of settings for each quantity.
-
-    The function returns what changes the signal of each next block, if it is of that kind. The
-    keys are those of a section; ``what`` it says is for the sentence where it is wrong.
-    """
-
-    def declare(function: SensorEffect) -> SensorEffect:
-        def build(settings: Settings, run: SceneRun) -> None:
-            named = [quantity for quantity in quantities if quantity in settings]
+            named = [q for q in quantities if not section or q in settings]
             if not named:
                 raise SceneError(f'{settings.name} must name speed, load or both')
             for quantity in named:
-                own = settings.section(quantity, keys, what)
+                own = settings.section(quantity, keys, section) if section else settings
                 for channel in run.pick(settings, quantity):
                     if change := function(own, channel, run):
                         run.effects.append(_on_signal(channel.topic, change))
 
-        DECLARED[function.__name__] = Effect(stage, ('bearing', *quantities), build)
+        known = ('bearing', *(quantities if section else keys))
+        DECLARED[function.__name__] = Effect(stage, known, build)
         return function
 
     return declare
 
 
-def _on_signal(topic: str, change: Callable[[Signal], None]) -> Callable[[TimeBlock], None]:
+def _on_signal(topic: str, change: Change) -> Callable[[TimeBlock], None]:
     return lambda block: change(block.signals[topic])
 
 

@@ -30,6 +30,7 @@ from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scenes.effects.effect import UNITS, SceneRun, effect
 from stickslip_monitor.lab.scenes.lining import (
     FACTOR,
+    PER_PERIOD,
     PERIODS,
     STEP,
     Episodes,
@@ -125,7 +126,7 @@ _HIGHEST_MOTION_RATE = 100_000.0
 _GAP = 50.0
 _MOTION = ('displacement', 'velocity', 'acceleration')
 Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
-"""Takes what is due in a block: times [s] and values."""
+"""Takes what is due in a block: times [s], and the motion of :meth:`.Samples.due`."""
 LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1.0 / 9.80665)}
 """Of each unit of a level the power of the frequency, and how many make an SI unit."""
 
@@ -220,10 +221,10 @@ class FollowedLining:
     def ask_amplitude(self, rate: float) -> None:
         """Record the amplitude at a rate [Hz]."""
 
-        def record(block: TimeBlock, time: FloatArray, amplitude: FloatArray) -> None:
-            block.truth.append(self._column('amplitude', FLOAT64, time, amplitude))
+        def record(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+            block.truth.append(self._column('amplitude', FLOAT64, time, self._amplitude(motion)))
 
-        self._ask_amplitude(rate, record)
+        self._asked.append((Samples(rate, self._run.duration, self.period), record))
 
     def ask_motion(self, rate: float) -> None:
         """Record the motion at a rate [Hz]."""
@@ -242,23 +243,18 @@ class FollowedLining:
         frequency = self.lining.config.bearing.natural_frequency
         scale = frequency**power * factor * math.sqrt(0.5)
 
-        def send(block: TimeBlock, time: FloatArray, amplitude: FloatArray) -> None:
+        def send(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
             signal = block.signals[channel.topic]
             own = np.zeros(signal.time.size)
             # There is no window before the scene's start.
-            own[np.searchsorted(signal.time, time)] = amplitude * scale
+            own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
             signal.value[:] = np.hypot(signal.value, own)
 
-        self._ask_amplitude(channel.rate, send)
+        self._asked.append((Samples(channel.rate, self._run.duration, self.period), send))
 
-    def _ask_amplitude(self, rate: float, take: Take) -> None:
-        samples = Samples(rate, self._run.duration, self.period)
-
-        def take_amplitude(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-            amplitude = half_peak_to_peak(motion[0], motion[1], samples.step)
-            take(block, time, np.round(amplitude, _PLACES))
-
-        self._asked.append((samples, take_amplitude))
+    def _amplitude(self, motion: FloatArray) -> FloatArray:
+        step = self.period / PER_PERIOD
+        return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
 
     def apply(self, block: TimeBlock) -> None:
         """Follow the lining through a block."""

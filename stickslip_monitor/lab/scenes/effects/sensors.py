@@ -14,7 +14,6 @@ index, and a folder has no metadata.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
 
@@ -23,11 +22,11 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects.effect import (
+    Change,
     SceneRun,
     channel_effect,
     effect,
     require_header,
-    sensor_effect,
     unit_of,
 )
 from stickslip_monitor.lab.scenes.profile import check_points, read_sample_mask, read_windows
@@ -35,8 +34,6 @@ from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.scenes.telemetry import Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 
-Change = Callable[[Signal], None]
-"""Changes the signal of the next block."""
 # Time constants and windows that a sensor's grid can resolve and hold [s].
 _SHORTEST, _LONGEST = 1e-3, 600.0
 # After that many time constants the initial state counts 2e-9.
@@ -45,7 +42,7 @@ _HOUR = 3600.0
 
 
 # A level is made of its samples already, so memories are for the other quantities.
-@sensor_effect('sensing', 'the filter', 'time_constant', quantities=QUANTITIES)
+@channel_effect('sensing', QUANTITIES, 'time_constant', section='the filter')
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Gives a sensor a first-order lag."""
     lag = settings.number('time_constant', 's', least=_SHORTEST, most=_LONGEST)
@@ -69,7 +66,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
     return following
 
 
-@sensor_effect('sensing', 'the averaging', 'window', quantities=QUANTITIES)
+@channel_effect('sensing', QUANTITIES, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Lets a sensor average over the last seconds."""
     window = settings.number('window', 's', least=_SHORTEST, most=_LONGEST)
@@ -101,7 +98,7 @@ def moving_mean(window: float, step: float, value: float) -> Term:
 
 
 @channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
-def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> None:
+def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Adds to a level what is not the lining.
 
     The floor of the sensor, and the engine, given at the fold speed and growing with the square
@@ -117,18 +114,17 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     scatter = settings.number('scatter', '-', least=0.0, most=0.3)
     random = run.random(settings, channel)
 
-    def add(block: TimeBlock) -> None:
-        signal = block.signals[channel.topic]
-        ratio = block.shaft.speed(bearing, signal.time) / fold
+    def add(signal: Signal) -> None:
+        ratio = run.shaft.speed(bearing, signal.time) / fold
         swell = 1.0 + sea * np.sin(2.0 * np.pi / period * signal.time)
         total = np.hypot(signal.value, (floor + engine * ratio**2) * swell)
         total *= 1.0 + scatter * random.standard_normal(total.size)
         signal.value[:] = np.maximum(total, 0.0)
 
-    run.effects.append(add)
+    return add
 
 
-@sensor_effect('sensor', 'the error', 'bias', 'drift', 'unit')
+@channel_effect('sensor', INPUTS, 'bias', 'drift', 'unit', section='the error')
 def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Adds an error that is constant or drifts."""
     unit, factor = unit_of(settings, channel)
@@ -141,7 +137,7 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return add
 
 
-@sensor_effect('sensor', 'the noise', 'standard_deviation', 'unit')
+@channel_effect('sensor', INPUTS, 'standard_deviation', 'unit', section='the noise')
 def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Adds white normal noise."""
     unit, factor = unit_of(settings, channel)
@@ -154,23 +150,23 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return add
 
 
-@sensor_effect('sensor', 'the spikes', 'size', 'unit', 'windows', 'share')
+@channel_effect('sensor', INPUTS, 'size', 'unit', 'windows', 'share', section='the spikes')
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Puts single samples off by a size, up or down."""
     unit, factor = unit_of(settings, channel)
     size = settings.number('size', unit) * factor
-    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
     random = run.random(settings, channel, 'sign')
 
     def add(signal: Signal) -> None:
-        hit = mask.hit(signal.time)
+        off = hit(signal.time)
         signs = np.where(random.random(signal.time.size) < 0.5, -1.0, 1.0)
-        signal.value[hit] += size * signs[hit]
+        signal.value[off] += size * signs[off]
 
     return add
 
 
-@sensor_effect('sensor', 'the step', 'step', 'unit')
+@channel_effect('sensor', INPUTS, 'step', 'unit', section='the step')
 def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Rounds to the nearest multiple of a step."""
     unit, factor = unit_of(settings, channel)
@@ -182,10 +178,10 @@ def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return round_off
 
 
-@sensor_effect('sensor', 'when it is stuck', 'windows')
+@channel_effect('sensor', INPUTS, 'windows', section='when it is stuck')
 def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Repeats in a window the last value before it, or else the first within."""
-    windows = read_windows(settings, run.duration)
+    held = read_windows(settings, run.duration)
     last: float | None = None
 
     def hold(signal: Signal) -> None:
@@ -193,7 +189,7 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
         value = signal.value
         if not value.size:
             return
-        place = np.where(windows.hold(signal.time), -1, np.arange(value.size))
+        place = np.where(held(signal.time), -1, np.arange(value.size))
         source = np.maximum.accumulate(place)
         first = value[0] if last is None else last
         value[:] = np.where(source < 0, first, value[np.maximum(source, 0)])
@@ -202,13 +198,13 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return hold
 
 
-@sensor_effect('sensor', 'when it sends NaN', 'windows', 'share')
+@channel_effect('sensor', INPUTS, 'windows', 'share', section='when it sends NaN')
 def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Sends NaN in the place of some samples."""
-    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def spoil(signal: Signal) -> None:
-        signal.value[mask.hit(signal.time)] = np.nan
+        signal.value[hit(signal.time)] = np.nan
 
     return spoil
 
@@ -217,7 +213,7 @@ def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 _MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 
 
-@sensor_effect('recording', 'the jitter', 'standard_deviation')
+@channel_effect('recording', INPUTS, 'standard_deviation', section='the jitter')
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Scatters the stamps; none comes to lie before 1970."""
     deviation = settings.number('standard_deviation', 's', least=0.0, most=_MOST_JITTER)
@@ -232,7 +228,7 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 
 @channel_effect('recording', INPUTS, 'jumps')
-def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> None:
+def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Shifts all stamps after each jump."""
     jumps = _jumps(settings, run.duration)
     if any(by < 0.0 for _, by in jumps):
@@ -253,7 +249,7 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> None:
     def shift_stamps(signal: Signal) -> None:
         signal.stamp_ns += shifts_ns[np.searchsorted(times, signal.time, side='right')]
 
-    run.effects.append(lambda block: shift_stamps(block.signals[channel.topic]))
+    return shift_stamps
 
 
 def _jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
@@ -267,45 +263,47 @@ def _jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
     return jumps
 
 
-@sensor_effect('recording', 'which messages arrive late', 'delay', 'windows', 'share')
+@channel_effect(
+    'recording', INPUTS, 'delay', 'windows', 'share', section='which messages are late'
+)
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Delays some messages."""
     require_header(channel, 'none of its messages can be out of order')
     # A shorter delay overtakes nothing.
     delay = settings.number('delay', 's', above=1.0 / channel.rate, most=60.0)
     delay_ns = round(delay * 1e9)
-    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def hold_up(signal: Signal) -> None:
         assert signal.arrival_ns is not None  # it has a header
-        signal.arrival_ns[mask.hit(signal.time)] += delay_ns
+        signal.arrival_ns[hit(signal.time)] += delay_ns
 
     return hold_up
 
 
-@sensor_effect('recording', 'which messages come twice', 'windows', 'share')
+@channel_effect('recording', INPUTS, 'windows', 'share', section='which messages come twice')
 def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Records some messages twice."""
-    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def repeat(signal: Signal) -> None:
-        signal.copies[mask.hit(signal.time)] *= 2
+        signal.copies[hit(signal.time)] *= 2
 
     return repeat
 
 
-@sensor_effect('recording', 'which messages are lost', 'windows', 'share')
+@channel_effect('recording', INPUTS, 'windows', 'share', section='which messages are lost')
 def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Loses some messages."""
-    mask = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def lose(signal: Signal) -> None:
-        signal.copies[mask.hit(signal.time)] = 0
+        signal.copies[hit(signal.time)] = 0
 
     return lose
 
 
-@sensor_effect('recording', 'what it sends', 'value', 'unit', 'rate')
+@channel_effect('recording', INPUTS, 'value', 'unit', 'rate', section='what it sends')
 def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Sends a constant value on the same topic, between the regular instants of its rate."""
     unit, factor = unit_of(settings, channel)

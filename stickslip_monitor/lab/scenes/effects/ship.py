@@ -191,8 +191,6 @@ def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 COMPONENTS = 200
-# Cosines that are computed together: few enough for the processor's cache.
-_AT_ONCE = 8192
 # Period of the shortest waves at sea that are not ripples [s].
 _SHORTEST = 0.1
 # The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
@@ -234,12 +232,8 @@ class Sea:
     def elevation(self, time: FloatArray) -> FloatArray:
         """Elevation at some times [s], shape (n,) [m]; added up one by one, in one order."""
         total = np.zeros_like(time)
-        at_once = max(1, _AT_ONCE // max(1, time.size))
-        for first in range(0, self.frequency.size, at_once):
-            some = slice(first, first + at_once)
-            turns = np.multiply.outer(self.frequency[some], time) + self.phase[some, None]
-            for wave in cos_turns(turns):
-                total += wave
+        for frequency, phase in zip(self.frequency, self.phase, strict=True):
+            total += cos_turns(frequency * time + phase)
         return total * self.amplitude
 
 

@@ -14,8 +14,7 @@ import yaml
 
 from stickslip_monitor.lab.scenes.effects import effect as effect_module
 from stickslip_monitor.lab.scenes.effects import lining_motion
-from stickslip_monitor.lab.scenes.recording import write_bag
-from stickslip_monitor.lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene
+from stickslip_monitor.lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.scenes.settings import random_stream
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.monitor.signals import INPUTS

@@ -16,8 +16,7 @@ import pytest
 
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.recording import write_bag
-from stickslip_monitor.lab.scenes.scene import Scene
+from stickslip_monitor.lab.scenes.scene import Scene, write_bag
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import scan_whole
