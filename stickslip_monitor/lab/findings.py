@@ -35,7 +35,7 @@ from stickslip_monitor.physics.cycle.cycles import (
     exact_fold_speed,
     exact_unstable_cycle,
 )
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Stribeck, as_stribeck
 from stickslip_monitor.physics.motion.integrator import Drive, Motion, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -50,25 +50,13 @@ REFERENCE = Bearing(
 REFERENCE_RPM, REFERENCE_LOAD = 20.0, 1000.0
 
 
-def stribeck_of(bearing: Bearing) -> Stribeck:
-    """The Stribeck law of a bearing.
-
-    Raises:
-        PhysicsError: It has another law, which the findings do not cover.
-    """
-    if not isinstance(bearing.friction, Stribeck):
-        name = type(bearing.friction).__name__.lower()
-        raise PhysicsError(f'friction law = {name} must be stribeck: the findings are about it')
-    return bearing.friction
-
-
 def check_point(bearing: Bearing, speed: float, load: float) -> None:
     """Check that stick-slip starts by itself at a point [m/s, N] and ends at a higher speed.
 
     Raises:
         PhysicsError: The friction law or the point is none that the findings are about.
     """
-    stribeck_of(bearing)
+    as_stribeck(bearing.friction, 'a finding')
     fold, hopf = float(fold_speed(bearing, load)), float(hopf_speed(bearing, load))
     if not (math.isfinite(fold) and fold > 0.0):
         raise PhysicsError(
@@ -223,7 +211,7 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
     ``kappa = (c + N nu)/(N Delta beta)`` the Hopf lies at ``kappa = exp(-v)`` and the fold under
     KBM at ``kappa = 2 I1e(v)/v``.
     """
-    law = stribeck_of(bearing)
+    law = as_stribeck(bearing.friction, 'a finding')
     v = law.decay * speed
     damping = (bearing.damping + load * law.viscous) / (load * law.decay)
     hopf, averaged_fold = damping * math.exp(v), damping * 0.5 * v / float(i1e(v))

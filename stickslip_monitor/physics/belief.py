@@ -48,7 +48,7 @@ from stickslip_monitor.physics.chances import (
     HOPF,
     WIDEST,
 )
-from stickslip_monitor.physics.friction import Stribeck, require_not_negative
+from stickslip_monitor.physics.friction import Stribeck, as_stribeck, require_not_negative
 from stickslip_monitor.physics.oscillator import Bearing
 
 QUANTILES = (0.05, 0.5, 0.95)
@@ -427,10 +427,7 @@ def require_stribeck(bearing: Bearing, what: str = 'a tolerance') -> Stribeck:
     Raises:
         PhysicsError: Its law is not Stribeck's, or neither damped nor falling.
     """
-    law = bearing.friction
-    if not isinstance(law, Stribeck):
-        name = type(law).__name__.lower()
-        raise PhysicsError(f'{what} needs the friction law stribeck, and this is {name}')
+    law = as_stribeck(bearing.friction, what)
     if not bearing.damping > 0.0:
         raise PhysicsError(f'damping = 0 N s/m must be greater than 0 where {what} is given')
     if not law.static > law.kinetic:

@@ -82,7 +82,7 @@ REFUSED = {
     f'dashboard -c own.yaml --bag {BAG} --host localhost.evil.test': 'lets others in: give',
     # Files.
     'figures -c none.yaml': 'none.yaml: No such file',
-    'figures -c coulomb.yaml': 'friction law = coulomb must be stribeck',
+    'figures -c coulomb.yaml': 'a finding needs the friction law stribeck, and this is coulomb',
     'figures -o own.yaml': 'own.yaml: File exists',
     'map -c own.yaml -o a.jpeg': "output 'a.jpeg' must end in one of .png, .svg, .csv",
     'map -c own.yaml -o a': "output 'a' must end in one of .png, .svg, .csv",

@@ -178,7 +178,12 @@ def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history:
 @pytest.mark.parametrize(
     ('changes', 'rpm', 'load', 'words'),
     [
-        ({'friction': Coulomb(0.3, 0.1)}, 20.0, 1e3, 'friction law = coulomb must be stribeck'),
+        (
+            {'friction': Coulomb(0.3, 0.1)},
+            20.0,
+            1e3,
+            'needs the friction law stribeck, and this is coulomb',
+        ),
         ({'friction': Stribeck(0.2, 0.2, 10.0)}, 20.0, 1e3, 'has no fold'),
         ({'damping': 0.0}, 20.0, 1e3, 'load = 1000 N has no fold'),
         ({}, 20.0, 100.0, 'load = 100 N has no fold'),

@@ -257,5 +257,7 @@ def test_a_bad_calibration_or_one_of_other_sensors_is_refused(
 def test_a_tolerance_needs_a_law_with_boundaries(configure: Configure) -> None:
     with pytest.raises(ConfigurationError, match='aft: a tolerance needs the friction law'):
         configure(friction__law='coulomb', tolerance__damping=0.1)
+    with pytest.raises(ConfigurationError, match='and this is that with an exponent'):
+        configure(friction__exponent=2.0, tolerance__damping=0.1)
     with pytest.raises(ConfigurationError, match=r'tolerance\.damping = -0\.1 must be'):
         configure(tolerance__damping=-0.1)
