@@ -87,10 +87,10 @@ def while_true(time_ns: IntArray, state: BoolArray, end_ns: int) -> list[Interva
 
 @dataclass(frozen=True, slots=True)
 class RuleOutput:
-    """What a rule gave over a voyage."""
+    """What a rule announced over a voyage."""
 
-    warned: Intervals  # when it warned of anything
-    alarmed: Intervals  # when it gave that stick-slip runs
+    warned: Intervals  # when any warning was active
+    alarmed: Intervals  # when its stick-slip alarm was active
     # When a condition got worse, or stick-slip began anew, rising [ns], and to which rung.
     raised: Sequence[tuple[int, int]]
     changes: int  # changes of condition

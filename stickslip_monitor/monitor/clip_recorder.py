@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Event clips: the messages around an alarm, kept in bounded memory until they are a clip.
 
-Nothing is written here and no clock is read: the recorder is given messages, of events and of
-the time, and hands out whole clips. All times are those of the samples.
+Nothing is written here and no clock is read: the recorder is given messages, events and times,
+and hands out whole clips. All times are those of the samples.
 """
 
 from __future__ import annotations
