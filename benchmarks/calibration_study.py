@@ -155,7 +155,7 @@ def operator() -> dict[str, Any]:
 
 
 def reliability() -> dict[str, Any]:
-    """What was said of passages never seen, after five, and what was."""
+    """Predicted probabilities of passages never seen, after five, and what was observed."""
     ships, random = fleet(_SAID, 404)
     said: dict[str, list[tuple[Array, Array]]] = {name: [] for name in ('can', 'will', 'runs')}
     for ship, own in zip(ships, sail(ships, 13, random), strict=True):
@@ -323,7 +323,7 @@ def _level_text(result: Mapping[str, Any]) -> str:
         'Median error of the posterior median, median half-width of the 90 % interval, and how'
         ' often it\ncovers the truth.\n\n'
         + _coverage(result['rows'])
-        + f'\nA change of the bearing was said, falsely, of {result["warned"]} ships;'
+        + f'\nA change of the bearing was reported falsely for {result["warned"]} ships;'
         f' results refused: {result["refused"]}.\n'
     )
 
@@ -331,7 +331,7 @@ def _level_text(result: Mapping[str, Any]) -> str:
 def _operator_text(result: Mapping[str, Any]) -> str:
     return (
         f'## Reports of an operator: {result["ships"]} ships\n\n'
-        'Times off by up to 5 s and told with 10 s; one report in ten says the opposite; trust'
+        'Times off by up to 5 s and given with 10 s; one report in ten says the opposite; trust'
         f' 0.9.\nResults refused: {result["refused"]}.\n\n' + _coverage(result['rows'])
     )
 
@@ -339,10 +339,10 @@ def _operator_text(result: Mapping[str, Any]) -> str:
 def _reliability_text(result: Mapping[str, Any]) -> str:
     brier = ', '.join(f'{text} {result[name]["brier"]:.4f}' for name, text in _SAYINGS.items())
     return (
-        '## Reliability: what was said, and what was\n\n'
+        '## Reliability: predicted and observed\n\n'
         f'{result["ships"]} ships, calibrated with five passages, then eight passages never seen.'
         f' Brier scores: {brier}.\n`runs` goes by thresholds and begins before the noise has'
-        ' grown: it is for warnings.\n\n![What was said, and what was](images/reliability.png)\n'
+        ' grown: it is for warnings.\n\n![Predicted and observed](images/reliability.png)\n'
     )
 
 
@@ -350,7 +350,7 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
     with style():
         figure = new_figure(5.6, 5.2)
         axes = figure.add_subplot()
-        axes.plot([0, 1], [0, 1], color=MUTED, lw=1.0, ls='--', label='as often as was said')
+        axes.plot([0, 1], [0, 1], color=MUTED, lw=1.0, ls='--', label='as often as predicted')
         for (name, text), (colour, marker) in zip(_SAYINGS.items(), _LOOKS, strict=True):
             said, was, count = np.array(result[name]['rows']).T
             axes.plot(said, was, color=colour, lw=1.2, marker=marker, label=text)
@@ -369,7 +369,7 @@ def _drift_text(result: Mapping[str, Any]) -> str:
     return (
         '## A bearing that wears\n\n'
         f'`mu_s - mu_k` rises by 42 % over {_PASSAGES} passages; the last one is judged,'
-        f' {result["ships"]} ships.\nThat the bearing may have changed was said, or the result'
+        f' {result["ships"]} ships.\nThat the bearing may have changed was reported, or the result'
         f' refused, for {result["warned"]} of\nthem. The rows are of those that had an answer.\n\n'
         + _coverage(result['rows'], '`--forget`')
     )

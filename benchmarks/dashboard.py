@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.signals import Input
 
 REFERENCE = Path(__file__).parents[1] / 'launch_configs' / 'reference_bearing.yaml'
-COLUMNS = ('bearings, each told', 'tabs', 'main thread of a tab', 'dashboard')
+COLUMNS = ('bearings, each published', 'tabs', 'main thread of a tab', 'dashboard')
 _SETTLE = 3.0
 
 
@@ -48,7 +48,7 @@ def run(quick: bool) -> Table:
         'The share of a core that the main thread of a tab takes in Chromium (`TaskDuration` of'
         ' its `Performance` domain: scripts, layout, painting), without a graphics processor, and'
         ' that of the process of the dashboard, which here also runs the monitor. Every bearing is'
-        ' told anew so often, its speed swinging through all conditions; the node itself tells'
+        ' published so often, its speed swinging through all conditions; the node itself publishes'
         ' once a second and at every change.',
         COLUMNS,
         rows,

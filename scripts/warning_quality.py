@@ -158,16 +158,16 @@ def _totals(voyages: Sequence[Voyage]) -> Iterable[str]:
 
 
 def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
-    told: dict[str, list[int]] = {}
+    reported: dict[str, list[int]] = {}
     for voyage in voyages:
         name = Path(voyage.scene).stem
         if voyage.sensors == str(WITH_LEVEL):
             continue
         kind = name if name in (WRONG_SOURCE, ODD_SAMPLES) else ''
-        told.setdefault(kind, []).append(voyage.rules[OURS].wrong_source)
-    for kind, found in sorted(told.items(), reverse=True):
+        reported.setdefault(kind, []).append(voyage.rules[OURS].wrong_source)
+    for kind, found in sorted(reported.items(), reverse=True):
         label = f'`{kind}`' if kind else 'the other scenes'
-        yield f'- {label}: told on {sum(found)} of {len(found)} voyages'
+        yield f'- {label}: reported on {sum(found)} of {len(found)} voyages'
 
 
 def judge_changed(scene: str, seed: int) -> dict[str, Quality]:

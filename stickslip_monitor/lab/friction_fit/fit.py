@@ -115,6 +115,13 @@ class StribeckFit(Solution):
         if 'kinetic' not in self.names:
             found.append('kinetic would be negative and is held at 0, without a standard error')
         found += self._lack_of_fit()
+        test = self.viscous_test
+        if test is not None and test.slope < 0.0 and test.p_value < VISCOUS_LEVEL:
+            found.append(
+                f'the curve goes on falling at high speeds, by {-test.slope:.2g} s/m (p ='
+                f' {test.p_value:.1g}): it has another shape than the Stribeck law, so that errors'
+                ' and intervals are too small'
+            )
         reach = self.law.decay * float(curve.speed.min())
         if reach > 1.0:
             found.append(

@@ -69,11 +69,17 @@ class FrictionCourse:
     law: FrictionLaw  # the law of the configuration
     drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
 
-    def at(self, time: float) -> FrictionLaw:
-        """The law at a time since the scene's start [s]."""
+    def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
+        """The law at a time since the scene's start [s], with or without its common factor."""
         step = np.array([time // STEP * STEP])
-        values = {name: float(drift.at(step)[0]) for name, drift in self.drifts.items()}
+        moved = {name: own for name, own in self.drifts.items() if scaled or name != FACTOR}
+        values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
         return with_parameters(self.law, values) if values else self.law
+
+    def factor(self, time: FloatArray) -> FloatArray:
+        """The common factor at some times [s], of their shape: as much as one on the load."""
+        drift = self.drifts.get(FACTOR)
+        return np.ones_like(time) if drift is None else drift.at(time // STEP * STEP)
 
 
 # A single stick, after a knock or as the shaft breaks away, is no oscillation.

@@ -12,7 +12,7 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -210,9 +210,10 @@ def with_parameter_errors(
     }
     law: Any = config.bearing.friction  # a dataclass, as every law
     try:
-        friction = replace(law, **_scaled(law, 'friction.', factor))
+        own = _scaled(law, 'friction.', factor)
+        friction = replace(law, **own) if own else law
         bearing = replace(config.bearing, friction=friction, **_scaled(config.bearing, '', factor))
-    except (AttributeError, PhysicsError) as error:
+    except PhysicsError as error:
         raise SceneError(f'parameter_error of bearing {config.name}: {error}') from error
     return replace(
         config,
@@ -222,8 +223,13 @@ def with_parameter_errors(
     )
 
 
-def _scaled(thing: object, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
+def _scaled(thing: Any, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
     """The attributes of a thing that are off, e.g. ``static`` for ``friction.static``."""
     names = {n: n.removeprefix(prefix) for n in factor if n.startswith(prefix)}
     own = {n: name for n, name in names.items() if '.' not in name}
+    known = [f.name for f in fields(thing)]
+    for n, name in own.items():
+        if name not in known:
+            kind = type(thing).__name__.lower()
+            raise PhysicsError(f'{n}: a {kind} law has no {name}')
     return {name: getattr(thing, name) * factor[n] for n, name in own.items()}

@@ -23,6 +23,7 @@ from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
+from stickslip_monitor.physics.averaging.quadrature import equilibrium_table
 
 
 def numbers(rate: float, end: float, duration: float) -> range:
@@ -40,7 +41,11 @@ _NOMINAL = 5.0
 
 def nominal_load(config: BearingConfig) -> float:
     """Five times the least load at which any speed of a bearing is unstable [N]."""
-    load = _NOMINAL * float(hopf_load(config.bearing, 0.0))
+    law = config.bearing.friction
+    # Not every law falls fastest at once: a Gaussian one and a table may begin flat.
+    speeds = equilibrium_table(law)[0] if law.breakpoints else np.empty(0)
+    loads = hopf_load(config.bearing, np.append(0.0, speeds))
+    load = _NOMINAL * float(np.fmin.reduce(loads))
     if not 0.0 < load < math.inf:
         raise SceneError(
             f'units nominal and fold say nothing about bearing {config.name}: its sliding is'

@@ -298,6 +298,8 @@ def _steps(v: Array) -> Array:
         (_steps, 20, 0.005, True),
         (lambda v: 0.30 - 0.04 * np.log(1.0 + v / 0.005), 100, 0.005, True),
         (lambda v: 0.10 + 0.20 / (1.0 + (v / 0.1) ** 6), 40, 0.002, True),
+        # Of so few points no run is long: that the curve goes on falling shows it.
+        (lambda v: 0.20 - 0.05 * np.log(v + 0.01), 15, 0.003, True),
         (LAW.coefficient, 40, 0.002, False),
     ],
 )

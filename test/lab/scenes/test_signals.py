@@ -24,7 +24,7 @@ from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.lab.scenes.settings import drawn, with_parameter_errors
 from stickslip_monitor.lab.scenes.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.physics.friction import Coulomb
+from stickslip_monitor.physics.friction import Coulomb, Stretched, Tabulated
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]
@@ -141,6 +141,11 @@ def test_parameters_are_off_by_no_more_than_is_said() -> None:
         with_parameter_errors(coulomb, {'friction.decay': 0.1}, 0)
     with pytest.raises(SceneError, match='say nothing about bearing aft_stern'):
         nominal_load(coulomb)
+    # The static coefficient of a table is its first value, and none that could be off alone.
+    table = replace(BEARING, bearing=replace(BEARING.bearing, friction=Tabulated([0, 1], [1, 0])))
+    with pytest.raises(SceneError, match='a tabulated law has no static'):
+        with_parameter_errors(table, {'friction.static': 0.1}, 0)
+    assert with_parameter_errors(table, {'damping': 0.1}, 3).bearing.damping != 400.0
 
 
 def test_units_of_the_reference_bearing() -> None:
@@ -148,6 +153,11 @@ def test_units_of_the_reference_bearing() -> None:
     load, speed = (Channel(quantity, (BEARING,), 1.0) for quantity in ('load', 'speed'))
     assert load.factor('nominal') == pytest.approx(5.0 * 400.0 / (10.0 * 0.2))
     assert speed.factor('fold') / speed.factor('rpm') == pytest.approx(40.72, abs=0.005)
+    # A Gaussian curve begins flat: it falls fastest at 1/(beta sqrt(2)).
+    gaussian = replace(BEARING.bearing, friction=Stretched(0.3, 0.1, 10.0, exponent=2.0))
+    steepest = 0.2 * 10.0 * math.sqrt(2.0 / math.e)
+    found = nominal_load(replace(BEARING, bearing=gaussian))
+    assert found == pytest.approx(5.0 * 400.0 / steepest, rel=1e-9)
 
 
 # Exponential and cosine with the same bits on every machine.

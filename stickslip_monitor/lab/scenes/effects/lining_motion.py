@@ -29,6 +29,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scenes.effects.effect import UNITS, SceneRun, effect
 from stickslip_monitor.lab.scenes.lining import (
+    FACTOR,
     PER_PERIOD,
     PERIODS,
     STEP,
@@ -102,13 +103,16 @@ def _operating_point(
 ) -> dict[str, FloatArray]:
     """Speed, load, and the margins with the true friction, each shape (n,)."""
     speed, load = shaft.speed(config.name, time), shaft.load(config.name, time)
-    step = time // STEP if course.drifts else np.zeros(time.size)
+    # A law is one of its own for each step only if its shape moves: slow where it is solved.
+    step = time // STEP if course.drifts.keys() - {FACTOR} else np.zeros(time.size)
     hopf, fold = np.empty(time.size), np.empty(time.size)
+    carried = load * course.factor(time)
     for own in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
         if own.size:
-            bearing = replace(config.bearing, friction=course.at(float(time[own[0]])))
-            hopf[own] = hopf_speed(bearing, load[own])
-            fold[own] = fold_speed(bearing, load[own])
+            law = course.at(float(time[own[0]]), scaled=False)
+            bearing = replace(config.bearing, friction=law)
+            hopf[own] = hopf_speed(bearing, carried[own])
+            fold[own] = fold_speed(bearing, carried[own])
     margins = {'hopf_margin': hopf, 'fold_margin': fold}
     return {'speed': speed, 'load': load} | {
         name: np.round(margin(np.abs(speed), boundary), _DIGITS)
