@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run.
-
-It runs block by block: memory does not grow with its duration.
-"""
+"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run."""
 
 from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,6 @@ from stickslip_monitor.bags.encode import (
 )
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import ConfigurationError, SceneError
-from stickslip_monitor.lab.scenes import telemetry
 from stickslip_monitor.lab.scenes.effects import lining_motion, sensors, ship
 from stickslip_monitor.lab.scenes.effects.effect import DECLARED, Effect, SceneRun
 from stickslip_monitor.lab.scenes.settings import (
@@ -33,7 +30,7 @@ from stickslip_monitor.lab.scenes.settings import (
     read_parameter_error,
     suggestion,
 )
-from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
+from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, read_channels, readings
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
@@ -55,7 +52,7 @@ STAGES: Mapping[str, tuple[str, ...]] = {
 }
 """The effects of each stage. Stages act in this order, and so do the effects of a stage, whatever
 the order in the file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it
-between the samples; the others change block after block."""
+between the samples; the others change the samples."""
 EFFECTS: Mapping[str, Effect] = {
     name: DECLARED[name] for names in STAGES.values() for name in names
 }
@@ -257,38 +254,27 @@ def _start_ns(settings: Settings, duration: float) -> int:
     return value
 
 
-BLOCK_LENGTH = 60.0
+def simulate(scene: Scene) -> SceneRun:
+    """Run a scene to its end, or to where its recording is cut.
 
-
-def simulate(
-    scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
-) -> Iterator[TimeBlock]:
-    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
-
-    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
-    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
+    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own.
     """
-    run = scene.build() if run is None else run
-    finish = scene.duration if run.cut is None else run.cut
-    last = math.ceil(finish / block_length) - 1
-    for number in range(last + 1):
-        start = number * block_length
-        end = finish if number == last else (number + 1) * block_length
-        signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
-        block = TimeBlock(start, end, scene.duration, run.shaft, signals)
-        for effect in run.effects:
-            effect(block)
-        yield block
+    run = scene.build()
+    run.signals = {channel.topic: _measured(run, channel) for channel in scene.channels}
+    for effect in run.effects:
+        effect()
+    return run
 
 
-def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
-    """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
-    span = telemetry.numbers(channel.rate, start, end, scene.duration)
-    numbers = np.array(span, np.int64)
-    time = numbers / channel.rate
-    stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
-    sensor = run.sensors.get(channel.topic)
-    value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
+def _measured(run: SceneRun, channel: Channel) -> Signal:
+    """What a channel's sensor makes of the shaft."""
+    time = run.instants(channel.rate)
+    numbers = np.arange(time.size)
+    stamp_ns = run.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
+    if memories := run.memories[channel.topic]:
+        value = readings(run.shaft, channel, memories, time.size)
+    else:
+        value = run.shaft.value(channel.topic, time)
     _check_range(channel, time, value)
     arrival_ns = stamp_ns.copy() if channel.is_stamped else None
     return Signal(channel, time, stamp_ns, value, np.ones_like(numbers), arrival_ns)
@@ -309,6 +295,8 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
             )
 
 
+# What is written together [s]: a message is behind all of those that are older by more.
+_AT_ONCE = 60.0
 _ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],
     FLOAT64: encode_float64s,
@@ -322,26 +310,29 @@ def write_bag(
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
     The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is given the
-    seconds simulated so far after each block. The messages written are returned by topic.
+    seconds written so far. The messages written are returned by topic.
 
     Raises:
         BagError: The bag exists already or cannot be written.
         SceneError: A speed or load leaves what the telemetry can carry.
     """
-    run = scene.build()
     with BagWriter(path) as writer:
+        run = simulate(scene)
         for channel in scene.channels:
             writer.add_topic(channel.topic, channel.input.type)
-        for block in simulate(scene, run=run):
-            messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
-            for column in block.truth:
-                if block.start == 0.0:
-                    writer.add_topic(column.topic, column.type)
-                data = _ENCODERS[column.type](column.values)
-                messages[column.topic] = (column.stamps(scene.start_ns), data)
+        for column in run.truth:
+            writer.add_topic(column.topic, column.type)
+        starts = np.arange(0.0, run.end, _AT_ONCE).tolist()
+        for start, end in pairwise([*starts, math.inf]):
+            parts = {topic: own.between(start, end) for topic, own in run.signals.items()}
+            messages = {topic: _encoded(part) for topic, part in parts.items()}
+            for column in run.truth:
+                part = column.between(start, end)
+                data = _ENCODERS[column.type](part.values)
+                messages[column.topic] = (part.stamps(scene.start_ns), data)
             writer.write_columns((topic, *own) for topic, own in messages.items())
             if progress:
-                progress(block.end)
+                progress(min(end, run.end))
         if run.cut is not None:
             writer.break_off()
         return writer.message_counts

@@ -21,11 +21,10 @@ from scipy.integrate import quad
 
 from stickslip_monitor.lab.scenes.lining import (
     PER_PERIOD,
-    EpisodeEvent,
-    Episodes,
-    Samples,
+    episodes_of,
     half_peak_to_peak,
     parameters_of,
+    window_times,
     with_parameters,
 )
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
@@ -50,17 +49,12 @@ def effects(
     ]
 
 
-def told(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[Any], list[Any]]]:
+def told(scene: Scene) -> dict[str, tuple[NDArray[Any], list[Any]]]:
     """Times and values of each truth topic of the bearing, by the topic's last part."""
-    found: dict[str, tuple[list[float], list[Any]]] = {}
-    for block in simulate(scene, block_length):
-        for column in block.truth:
-            times, values = found.setdefault(column.topic.rpartition('/')[2], ([], []))
-            assert np.all(column.time >= block.start)
-            assert np.all(column.time < block.end) or block.end == scene.duration
-            times += column.time.tolist()
-            values += list(column.values)
-    return {name: (np.array(times), values) for name, (times, values) in found.items()}
+    return {
+        column.topic.rpartition('/')[2]: (column.time, list(column.values))
+        for column in simulate(scene).truth
+    }
 
 
 def events(
@@ -155,22 +149,6 @@ def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
         assert values == found[name][1], name
 
 
-def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
-    """Bit for bit, with a disturbance, a knock, a drift, and an end off every grid."""
-    listed = effects(
-        [[0, 40], [4, 24], [9, 46]],
-        knocks=[[5.0, 0.5], [6.123, -0.3]],
-        amplitude={'rate': 3.0},
-        motion={'rate': 31.0},
-    )
-    listed.append({'friction_drift': {'parameter': 'static', 'points': [[1, 0.3], [8, 0.34]]}})
-    listed.append({'operating_point': {'rate': 3.0}})
-    scene = make_scene(effects=listed, duration=9.777)
-    whole = told(scene, 100.0)
-    for length in (60.0, 7.3, 0.37):
-        assert_same(told(scene, length), whole)
-
-
 @pytest.mark.skipif(find_spec('numba') is None, reason='compares with numba')
 def test_with_and_without_numba_the_bits_are_the_same(
     make_scene: Make, monkeypatch: pytest.MonkeyPatch
@@ -192,13 +170,8 @@ def watch(
     *sticks: tuple[float, float], until: float = 100.0
 ) -> list[tuple[str, float, float, int, float]]:
     """Name, when known, when it was, number of sticks and time of sticking of each event."""
-    episodes = Episodes(1.0)
-    events: list[EpisodeEvent] = []
-    for start, end in sticks:
-        events += episodes.stick(start)
-        if math.isfinite(end):
-            episodes.release(end)
-    events += episodes.passed(until)
+    changes = [(time, True, k == 0) for stick in sticks for k, time in enumerate(stick)]
+    _, events = episodes_of([change for change in changes if change[0] < math.inf], 1.0, until)
     return [(e.name, e.known, e.time, e.sticks, e.sticking) for e in events]
 
 
@@ -237,15 +210,12 @@ PERIOD = 0.03
 
 def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
-    omega, windows = 2.0 * np.pi / PERIOD, Samples(2.0, 10.0, PERIOD)
-    t = windows.until(10.0)
+    omega, time = 2.0 * np.pi / PERIOD, np.arange(1, 21) / 2.0
+    t = window_times(time, PERIOD)
     grown = 1e-3 * np.exp(t / 5.0)
     x = 1e-6 * t + grown * np.sin(omega * t)
     v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))
-    windows.add(np.stack([x, v, x, v]))
-    time, motion = windows.due()
-    amplitude = half_peak_to_peak(motion[0], motion[1], PERIOD / PER_PERIOD)
-    assert np.array_equal(time, np.arange(1, 21) / 2.0)
+    amplitude = half_peak_to_peak(x, v, PERIOD / PER_PERIOD)
     # The last maximum and minimum lie within the last period.
     assert amplitude == pytest.approx(1e-3 * np.exp((time - 0.5 * PERIOD) / 5.0), rel=4e-3)
 
@@ -293,7 +263,7 @@ def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None
         drift('static', [[4, 0.3], [5, 0.5]]),
     ]
     scene = make_scene(effects=listed, duration=10.0)
-    found = {name: values for name, (_, values) in told(scene, 3.3).items()}
+    found = {name: values for name, (_, values) in told(scene).items()}
     assert {len(values) for values in found.values()} == {21}
     hopf, fold = 30.7380, 40.7231
     assert np.array(found['hopf_margin'])[[4, 12, 20]] == pytest.approx(
