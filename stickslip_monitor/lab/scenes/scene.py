@@ -30,7 +30,7 @@ from stickslip_monitor.lab.scenes.settings import (
     read_parameter_error,
     suggestion,
 )
-from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, read_channels, readings
+from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, read_channels
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
@@ -52,7 +52,7 @@ STAGES: Mapping[str, tuple[str, ...]] = {
 }
 """The effects of each stage. Stages act in this order, and so do the effects of a stage, whatever
 the order in the file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it
-between the samples; the others change the samples."""
+between the samples; the others change block after block."""
 EFFECTS: Mapping[str, Effect] = {
     name: DECLARED[name] for names in STAGES.values() for name in names
 }
@@ -271,10 +271,8 @@ def _measured(run: SceneRun, channel: Channel) -> Signal:
     time = run.instants(channel.rate)
     numbers = np.arange(time.size)
     stamp_ns = run.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
-    if memories := run.memories[channel.topic]:
-        value = readings(run.shaft, channel, memories, time.size)
-    else:
-        value = run.shaft.value(channel.topic, time)
+    sensor = run.sensors.get(channel.topic)
+    value = sensor.read(time.size) if sensor else run.shaft.value(channel.topic, time)
     _check_range(channel, time, value)
     arrival_ns = stamp_ns.copy() if channel.is_stamped else None
     return Signal(channel, time, stamp_ns, value, np.ones_like(numbers), arrival_ns)
@@ -310,7 +308,7 @@ def write_bag(
     """Write a scene's telemetry; the bag appears under its name when it is complete.
 
     The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is given the
-    seconds written so far. The messages written are returned by topic.
+    seconds simulated so far after each block. The messages written are returned by topic.
 
     Raises:
         BagError: The bag exists already or cannot be written.

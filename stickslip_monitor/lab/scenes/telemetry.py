@@ -331,18 +331,27 @@ class Memory:
     follow: Callable[[float, float, FloatArray], FloatArray]
 
 
-def readings(shaft: Shaft, channel: Channel, memories: Sequence[Memory], count: int) -> FloatArray:
-    """What a channel's sensor with some memories reads first, at ``k / rate``, shape (count,).
+class Sensor:
+    """A chain of memories between the shaft and the samples of one channel.
 
-    It follows the shaft between these instants, on a finer regular grid, and starts so long before
-    them that the initial state is negligible.
+    It follows the shaft between its samples, on a finer regular grid.
     """
-    shortest = min(memory.scale for memory in memories)
-    finer = math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / channel.rate)
-    rate = channel.rate * finer
-    begin = -math.ceil(sum(memory.length for memory in memories) * rate)
-    grid = np.arange(begin, (count - 1) * finer + 1) / rate
-    settled, value = np.split(shaft.value(channel.topic, grid), [1])
-    for memory in memories:
-        value = memory.follow(1.0 / rate, float(settled[0]), value)
-    return value[-begin - 1 :: finer]
+
+    def __init__(self, shaft: Shaft, channel: Channel) -> None:
+        self._shaft, self._channel = shaft, channel
+        self.memories: list[Memory] = []
+
+    def read(self, count: int) -> FloatArray:
+        """Its first readings, at instants ``k / rate`` of the channel, shape (count,).
+
+        It starts so long before them that the initial state is negligible.
+        """
+        shortest = min(memory.scale for memory in self.memories)
+        finer = math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / self._channel.rate)
+        rate = self._channel.rate * finer
+        begin = -math.ceil(sum(memory.length for memory in self.memories) * rate)
+        grid = np.arange(begin, (count - 1) * finer + 1) / rate
+        settled, value = np.split(self._shaft.value(self._channel.topic, grid), [1])
+        for memory in self.memories:
+            value = memory.follow(1.0 / rate, float(settled[0]), value)
+        return value[-begin - 1 :: finer]

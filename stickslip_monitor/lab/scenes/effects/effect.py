@@ -7,7 +7,6 @@ takes; its name is the function's. Within a stage effects act in the order of th
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from stickslip_monitor.lab.scenes.settings import Settings, random_stream
 from stickslip_monitor.lab.scenes.telemetry import (
     Channel,
     Memory,
+    Sensor,
     Shaft,
     Signal,
     numbers,
@@ -50,8 +50,7 @@ class SceneRun:
     shaft: Shaft  # speed and load, with what the effects add to them
     # By bearing, the friction that moves in time.
     courses: dict[str, FrictionCourse] = field(default_factory=dict)
-    # By topic, what its sensor does to the shaft's signal, one after the other.
-    memories: defaultdict[str, list[Memory]] = field(default_factory=lambda: defaultdict(list))
+    sensors: dict[str, Sensor] = field(default_factory=dict)  # by topic, the sensors with a memory
     # What changes the signals and tells the truth, one after the other.
     effects: list[Callable[[], None]] = field(default_factory=list)
     cut: float | None = None  # when the recorder ends in mid-write [s]; None: it does not
@@ -102,6 +101,11 @@ class SceneRun:
     def course(self, config: BearingConfig) -> FrictionCourse:
         """The friction of a bearing over time."""
         return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
+
+    def sense(self, channel: Channel, memory: Memory) -> None:
+        """Give the sensor of a channel a memory, behind those it has already."""
+        blank = Sensor(self.shaft, channel)
+        self.sensors.setdefault(channel.topic, blank).memories.append(memory)
 
     def random(
         self, settings: Settings, channel: Channel | None = None, *purpose: str

@@ -46,8 +46,7 @@ _HOUR = 3600.0
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Gives a sensor a first-order lag."""
     lag = settings.number('time_constant', 's', least=_SHORTEST, most=_LONGEST)
-    memory = Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag))
-    run.memories[channel.topic].append(memory)
+    run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
 def low_pass(time_constant: float, step: float, value: float, values: FloatArray) -> FloatArray:
@@ -65,8 +64,7 @@ def low_pass(time_constant: float, step: float, value: float, values: FloatArray
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Lets a sensor average over the last seconds."""
     window = settings.number('window', 's', least=_SHORTEST, most=_LONGEST)
-    memory = Memory(window, window, partial(moving_mean, window))
-    run.memories[channel.topic].append(memory)
+    run.sense(channel, Memory(window, window, partial(moving_mean, window)))
 
 
 def moving_mean(window: float, step: float, value: float, values: FloatArray) -> FloatArray:
