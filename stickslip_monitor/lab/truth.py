@@ -140,17 +140,12 @@ def _numbers(series: Series | None) -> TruthNumbers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """n messages of one truth topic."""
+    """n messages of one truth topic over a stretch of time."""
 
     topic: str
     type: str  # of a number, a truth value or a text
     time: FloatArray  # not falling, shape (n,) [s since the scene's start]
     values: Sequence[Any] | FloatArray
-
-    def between(self, start: float, end: float) -> Column:
-        """Those from a time to before another [s]."""
-        rows = slice(*np.searchsorted(self.time, (start, end)).tolist())
-        return replace(self, time=self.time[rows], values=self.values[rows])
 
     def stamps(self, start_ns: int) -> IntArray:
         """Log times [ns] in a scene that starts at ``start_ns``."""

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run."""
+"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run.
+
+It runs block by block: memory does not grow with its duration.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from stickslip_monitor.bags.encode import (
 )
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import ConfigurationError, SceneError
+from stickslip_monitor.lab.scenes import telemetry
 from stickslip_monitor.lab.scenes.effects import lining_motion, sensors, ship
 from stickslip_monitor.lab.scenes.effects.effect import DECLARED, Effect, SceneRun
 from stickslip_monitor.lab.scenes.settings import (
@@ -30,7 +33,7 @@ from stickslip_monitor.lab.scenes.settings import (
     read_parameter_error,
     suggestion,
 )
-from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, read_channels
+from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config, load_yaml
@@ -254,25 +257,38 @@ def _start_ns(settings: Settings, duration: float) -> int:
     return value
 
 
-def simulate(scene: Scene) -> SceneRun:
-    """Run a scene to its end, or to where its recording is cut.
+BLOCK_LENGTH = 60.0
 
-    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own.
+
+def simulate(
+    scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
+) -> Iterator[TimeBlock]:
+    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
+
+    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
+    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
     """
-    run = scene.build()
-    run.signals = {channel.topic: _measured(run, channel) for channel in scene.channels}
-    for effect in run.effects:
-        effect()
-    return run
+    run = scene.build() if run is None else run
+    finish = scene.duration if run.cut is None else run.cut
+    last = math.ceil(finish / block_length) - 1
+    for number in range(last + 1):
+        start = number * block_length
+        end = finish if number == last else (number + 1) * block_length
+        signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
+        block = TimeBlock(start, end, scene.duration, run.shaft, signals)
+        for effect in run.effects:
+            effect(block)
+        yield block
 
 
-def _measured(run: SceneRun, channel: Channel) -> Signal:
-    """What a channel's sensor makes of the shaft."""
-    time = run.instants(channel.rate)
-    numbers = np.arange(time.size)
-    stamp_ns = run.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
+def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
+    """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
+    span = telemetry.numbers(channel.rate, start, end, scene.duration)
+    numbers = np.array(span, np.int64)
+    time = numbers / channel.rate
+    stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
     sensor = run.sensors.get(channel.topic)
-    value = sensor.read(time.size) if sensor else run.shaft.value(channel.topic, time)
+    value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
     _check_range(channel, time, value)
     arrival_ns = stamp_ns.copy() if channel.is_stamped else None
     return Signal(channel, time, stamp_ns, value, np.ones_like(numbers), arrival_ns)
@@ -293,8 +309,6 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
             )
 
 
-# What is written together [s]: a message is behind all of those that are older by more.
-_AT_ONCE = 60.0
 _ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
     BOOL: lambda values: [encode_bool(value) for value in values],
     FLOAT64: encode_float64s,
@@ -314,23 +328,20 @@ def write_bag(
         BagError: The bag exists already or cannot be written.
         SceneError: A speed or load leaves what the telemetry can carry.
     """
+    run = scene.build()
     with BagWriter(path) as writer:
-        run = simulate(scene)
         for channel in scene.channels:
             writer.add_topic(channel.topic, channel.input.type)
-        for column in run.truth:
-            writer.add_topic(column.topic, column.type)
-        starts = np.arange(0.0, run.end, _AT_ONCE).tolist()
-        for start, end in pairwise([*starts, math.inf]):
-            parts = {topic: own.between(start, end) for topic, own in run.signals.items()}
-            messages = {topic: _encoded(part) for topic, part in parts.items()}
-            for column in run.truth:
-                part = column.between(start, end)
-                data = _ENCODERS[column.type](part.values)
-                messages[column.topic] = (part.stamps(scene.start_ns), data)
+        for block in simulate(scene, run=run):
+            messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
+            for column in block.truth:
+                if block.start == 0.0:
+                    writer.add_topic(column.topic, column.type)
+                data = _ENCODERS[column.type](column.values)
+                messages[column.topic] = (column.stamps(scene.start_ns), data)
             writer.write_columns((topic, *own) for topic, own in messages.items())
             if progress:
-                progress(min(end, run.end))
+                progress(block.end)
         if run.cut is not None:
             writer.break_off()
         return writer.message_counts

@@ -3,7 +3,7 @@
 
 The shaft is not sampled. Telemetry, a sensor that averages between its samples, the lining's
 integrator and the recorded truth each evaluate it at their own instants and get identical values
-at the same instant.
+at the same instant, however time is divided into blocks.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,19 +20,27 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.settings import Settings
+from stickslip_monitor.lab.truth import Column
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging.quadrature import equilibrium_table
 
 
-def numbers(rate: float, end: float, duration: float) -> range:
-    """The ``k`` of the instants ``k / rate`` of a scene, with that at its end, if there is one.
+def count(rate: float, duration: float) -> int:
+    """Instants from 0 to ``duration`` [s], both inclusive, at ``rate`` [Hz]."""
+    return math.floor(duration * rate * (1.0 + 1e-12)) + 1
 
-    Where its recording ends before its ``duration`` [s], they are those before that ``end`` [s].
+
+def numbers(rate: float, start: float, end: float, duration: float) -> range:
+    """The ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
+
+    Stretches that join cover every instant of the scene once, and the last one, which ends at
+    ``duration``, has the instant at its end too.
     """
-    whole = math.floor(duration * rate * (1.0 + 1e-12)) + 1
-    return range(whole if end == duration else min(whole, math.ceil(end * rate)))
+    whole = count(rate, duration)
+    stop = whole if end == duration else min(whole, math.ceil(end * rate))
+    return range(min(stop, math.ceil(start * rate)), stop)
 
 
 # The reference bearing's 1 kN: 200 N is the least load at which its sliding can be unstable.
@@ -125,7 +133,7 @@ class Channel:
 
 @dataclass(slots=True, eq=False)
 class Signal:
-    """The samples of one channel; effects change them."""
+    """The samples of one channel over a stretch of time; effects change them."""
 
     channel: Channel
     time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
@@ -135,18 +143,6 @@ class Signal:
     # When the recorder gets each message, by its own clock, shape (n,) [ns]; None where
     # messages have no stamp of their own, and the recorder's is all there is.
     arrival_ns: IntArray | None = None
-
-    def between(self, start: float, end: float) -> Signal:
-        """The samples from a time to before another [s]."""
-        rows = slice(*np.searchsorted(self.time, (start, end)).tolist())
-        return replace(
-            self,
-            time=self.time[rows],
-            stamp_ns=self.stamp_ns[rows],
-            value=self.value[rows],
-            copies=self.copies[rows],
-            arrival_ns=None if self.arrival_ns is None else self.arrival_ns[rows],
-        )
 
     def messages(self) -> Messages:
         """What the recorder writes."""
@@ -163,7 +159,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """The messages of one channel."""
+    """The messages of one channel over a stretch of time."""
 
     log_time_ns: IntArray  # when each was recorded, shape (n,) [ns]
     stamp_ns: IntArray | None  # the stamps in their headers, shape (n,) [ns]; None: they have none
@@ -315,6 +311,26 @@ def _sum(terms: Iterable[Term], time: FloatArray) -> FloatArray:
     return total
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeBlock:
+    """A stretch of a scene; effects change its signals."""
+
+    start: float  # its start, from the scene's start [s]
+    end: float  # its end [s]
+    duration: float  # duration of the scene [s]
+    shaft: Shaft  # the true operating point, at any instant
+    signals: dict[str, Signal]  # what the sensor of each topic sends
+    # What no sensor measures; a channel is there even if it has no messages.
+    truth: list[Column] = field(default_factory=list)
+
+    def instants(self, rate: float) -> FloatArray:
+        """The regular instants of this block at a rate [Hz], shape (n,) [s].
+
+        Those of all blocks together are ``k / rate`` from 0 to the scene's end, each once.
+        """
+        return np.array(numbers(rate, self.start, self.end, self.duration)) / rate
+
+
 # The ripple of a propeller's blades reaches some 30 Hz.
 _LEAST_RATE = 100.0
 _STEPS_IN_SCALE = 20.0
@@ -326,9 +342,9 @@ class Memory:
 
     length: float  # time after which the past is negligible [s]
     scale: float  # time over which it resolves the past [s]
-    # Given the time between samples [s], the value that was constant before them, and the
-    # samples, shape (n,), returns what becomes of them.
-    follow: Callable[[float, float, FloatArray], FloatArray]
+    # Given the time between samples [s] and the value that was constant until now, returns
+    # what transforms the next samples, shape (n,), again and again.
+    start: Callable[[float, float], Term]
 
 
 class Sensor:
@@ -340,18 +356,27 @@ class Sensor:
     def __init__(self, shaft: Shaft, channel: Channel) -> None:
         self._shaft, self._channel = shaft, channel
         self.memories: list[Memory] = []
+        self._chain: list[Term] = []
+        self._next = 0
 
-    def read(self, count: int) -> FloatArray:
-        """Its first readings, at instants ``k / rate`` of the channel, shape (count,).
-
-        It starts so long before them that the initial state is negligible.
-        """
+    def read(self, numbers: range) -> FloatArray:
+        """Its readings at instants ``k / rate`` of the channel, which follow on the last ones."""
+        if not numbers:
+            return np.empty(0)
         shortest = min(memory.scale for memory in self.memories)
         finer = math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / self._channel.rate)
         rate = self._channel.rate * finer
-        begin = -math.ceil(sum(memory.length for memory in self.memories) * rate)
-        grid = np.arange(begin, (count - 1) * finer + 1) / rate
-        settled, value = np.split(self._shaft.value(self._channel.topic, grid), [1])
-        for memory in self.memories:
-            value = memory.follow(1.0 / rate, float(settled[0]), value)
-        return value[-begin - 1 :: finer]
+        if not self._chain:
+            self._settle(numbers.start * finer, rate)
+        start, self._next = self._next, numbers[-1] * finer + 1
+        value = self._shaft.value(self._channel.topic, np.arange(start, self._next) / rate)
+        for follow in self._chain:
+            value = follow(value)
+        return value[numbers.start * finer - start :: finer]
+
+    def _settle(self, first: int, rate: float) -> None:
+        """Start so long before the first sample that the initial state is negligible."""
+        begin = first - math.ceil(sum(memory.length for memory in self.memories) * rate)
+        value = float(self._shaft.value(self._channel.topic, np.array([begin / rate]))[0])
+        self._chain = [memory.start(1.0 / rate, value) for memory in self.memories]
+        self._next = begin + 1

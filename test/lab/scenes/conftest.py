@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -92,7 +93,17 @@ def make_scene(scene_path: Callable[..., Path]) -> Callable[..., Scene]:
 def messages_of() -> Callable[..., dict[str, Messages]]:
     """What the recorder gets on each topic of a scene."""
 
-    def collect(scene: Scene) -> dict[str, Messages]:
-        return {topic: signal.messages() for topic, signal in simulate(scene).signals.items()}
+    def collect(scene: Scene, *block_length: float) -> dict[str, Messages]:
+        blocks = list(simulate(scene, *block_length))
+        found = {}
+        for topic in blocks[0].signals:
+            parts = [block.signals[topic].messages() for block in blocks]
+            stamps = [p.stamp_ns for p in parts if p.stamp_ns is not None]
+            found[topic] = Messages(
+                np.concatenate([part.log_time_ns for part in parts]),
+                np.concatenate(stamps) if stamps else None,
+                np.concatenate([part.raw for part in parts]),
+            )
+        return found
 
     return collect

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import tracemalloc
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
@@ -21,10 +22,11 @@ from scipy.integrate import quad
 
 from stickslip_monitor.lab.scenes.lining import (
     PER_PERIOD,
-    episodes_of,
+    EpisodeEvent,
+    Episodes,
+    Samples,
     half_peak_to_peak,
     parameters_of,
-    window_times,
     with_parameters,
 )
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
@@ -49,12 +51,17 @@ def effects(
     ]
 
 
-def told(scene: Scene) -> dict[str, tuple[NDArray[Any], list[Any]]]:
+def told(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[Any], list[Any]]]:
     """Times and values of each truth topic of the bearing, by the topic's last part."""
-    return {
-        column.topic.rpartition('/')[2]: (column.time, list(column.values))
-        for column in simulate(scene).truth
-    }
+    found: dict[str, tuple[list[float], list[Any]]] = {}
+    for block in simulate(scene, block_length):
+        for column in block.truth:
+            times, values = found.setdefault(column.topic.rpartition('/')[2], ([], []))
+            assert np.all(column.time >= block.start)
+            assert np.all(column.time < block.end) or block.end == scene.duration
+            times += column.time.tolist()
+            values += list(column.values)
+    return {name: (np.array(times), values) for name, (times, values) in found.items()}
 
 
 def events(
@@ -149,6 +156,22 @@ def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
         assert values == found[name][1], name
 
 
+def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
+    """Bit for bit, with a disturbance, a knock, a drift, and an end off every grid."""
+    listed = effects(
+        [[0, 40], [4, 24], [9, 46]],
+        knocks=[[5.0, 0.5], [6.123, -0.3]],
+        amplitude={'rate': 3.0},
+        motion={'rate': 31.0},
+    )
+    listed.append({'friction_drift': {'parameter': 'static', 'points': [[1, 0.3], [8, 0.34]]}})
+    listed.append({'operating_point': {'rate': 3.0}})
+    scene = make_scene(effects=listed, duration=9.777)
+    whole = told(scene, 100.0)
+    for length in (60.0, 7.3, 0.37):
+        assert_same(told(scene, length), whole)
+
+
 @pytest.mark.skipif(find_spec('numba') is None, reason='compares with numba')
 def test_with_and_without_numba_the_bits_are_the_same(
     make_scene: Make, monkeypatch: pytest.MonkeyPatch
@@ -170,8 +193,13 @@ def watch(
     *sticks: tuple[float, float], until: float = 100.0
 ) -> list[tuple[str, float, float, int, float]]:
     """Name, when known, when it was, number of sticks and time of sticking of each event."""
-    changes = [(time, True, k == 0) for stick in sticks for k, time in enumerate(stick)]
-    _, events = episodes_of([change for change in changes if change[0] < math.inf], 1.0, until)
+    episodes = Episodes(1.0)
+    events: list[EpisodeEvent] = []
+    for start, end in sticks:
+        events += episodes.stick(start)
+        if math.isfinite(end):
+            episodes.release(end)
+    events += episodes.passed(until)
     return [(e.name, e.known, e.time, e.sticks, e.sticking) for e in events]
 
 
@@ -210,14 +238,31 @@ PERIOD = 0.03
 
 def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
-    omega, time = 2.0 * np.pi / PERIOD, np.arange(1, 21) / 2.0
-    t = window_times(time, PERIOD)
+    omega, windows = 2.0 * np.pi / PERIOD, Samples(2.0, 10.0, PERIOD)
+    t = windows.until(10.0)
     grown = 1e-3 * np.exp(t / 5.0)
     x = 1e-6 * t + grown * np.sin(omega * t)
     v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))
-    amplitude = half_peak_to_peak(x, v, PERIOD / PER_PERIOD)
+    windows.add(np.stack([x, v, x, v]))
+    time, motion = windows.due()
+    amplitude = half_peak_to_peak(motion[0], motion[1], PERIOD / PER_PERIOD)
+    assert np.array_equal(time, np.arange(1, 21) / 2.0)
     # The last maximum and minimum lie within the last period.
     assert amplitude == pytest.approx(1e-3 * np.exp((time - 0.5 * PERIOD) / 5.0), rel=4e-3)
+
+
+def test_memory_does_not_grow_with_the_duration(make_scene: Make) -> None:
+    """A day-long scene is simulated block by block, and written as it is made."""
+    peaks = []
+    for duration in (300.0, 1200.0):
+        parts = effects([[0.0, 60.0], [100.0, 50.0]], amplitude={'rate': 5.0})
+        scene = make_scene(effects=parts, duration=duration)
+        tracemalloc.start()
+        for _ in simulate(scene):
+            pass
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
 
 
 def test_peaks_between_samples_are_found_to_the_order_of_the_cubic() -> None:
@@ -263,7 +308,7 @@ def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None
         drift('static', [[4, 0.3], [5, 0.5]]),
     ]
     scene = make_scene(effects=listed, duration=10.0)
-    found = {name: values for name, (_, values) in told(scene).items()}
+    found = {name: values for name, (_, values) in told(scene, 3.3).items()}
     assert {len(values) for values in found.values()} == {21}
     hopf, fold = 30.7380, 40.7231
     assert np.array(found['hopf_margin'])[[4, 12, 20]] == pytest.approx(

@@ -242,7 +242,7 @@ def test_what_the_telemetry_cannot_carry_is_refused(
 ) -> None:
     bearings, effect = map(yaml.safe_load, text.split(' + ' if ' + ' in text else ' +\n'))
     with pytest.raises(SceneError, match=re.escape(sentence)):
-        messages_of(make_scene(bearings, 1.0, effects=[effect]))
+        messages_of(make_scene(bearings, 1.0, effects=[effect]), 7.0)
 
 
 def test_files_that_are_no_scenes_are_named(

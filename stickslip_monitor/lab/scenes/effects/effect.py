@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.lining import FrictionCourse
@@ -24,9 +23,8 @@ from stickslip_monitor.lab.scenes.telemetry import (
     Sensor,
     Shaft,
     Signal,
-    numbers,
+    TimeBlock,
 )
-from stickslip_monitor.lab.truth import Column
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
@@ -51,21 +49,10 @@ class SceneRun:
     # By bearing, the friction that moves in time.
     courses: dict[str, FrictionCourse] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)  # by topic, the sensors with a memory
-    # What changes the signals and tells the truth, one after the other.
-    effects: list[Callable[[], None]] = field(default_factory=list)
+    # What changes the signals block after block; blocks come in order, each once.
+    effects: list[Callable[[TimeBlock], None]] = field(default_factory=list)
     cut: float | None = None  # when the recorder ends in mid-write [s]; None: it does not
-    signals: dict[str, Signal] = field(default_factory=dict)  # what the sensor of each topic sends
-    truth: list[Column] = field(default_factory=list)  # what no sensor measures
     _claimed: set[tuple[str, str]] = field(default_factory=set)
-
-    @property
-    def end(self) -> float:
-        """Where the recording ends [s]."""
-        return self.duration if self.cut is None else self.cut
-
-    def instants(self, rate: float) -> FloatArray:
-        """The regular instants of the recording at a rate [Hz], shape (n,) [s]."""
-        return np.array(numbers(rate, self.end, self.duration)) / rate
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
         """Take an effect for a topic or a bearing, or for one part of it, once."""
@@ -120,7 +107,7 @@ class SceneRun:
 
 
 Change = Callable[[Signal], None]
-"""Changes a signal."""
+"""Changes the signal of the next block."""
 Builder = Callable[[Settings, SceneRun], None]
 ChannelEffect = Callable[[Settings, Channel, SceneRun], Change | None]
 
@@ -153,7 +140,7 @@ def channel_effect(
 ) -> Callable[[ChannelEffect], ChannelEffect]:
     """Declare an effect on each channel of some quantities of its ``bearing``, else of all.
 
-    The function returns what changes the signal, if it is of that kind. With a
+    The function returns what changes the signal of each next block, if it is of that kind. With a
     ``section`` the keys are those of a section for each quantity, of which one is there at least;
     what is said of it stands in the sentence where it is wrong.
     """
@@ -167,7 +154,7 @@ def channel_effect(
                 own = settings.section(quantity, keys, section) if section else settings
                 for channel in run.pick(settings, quantity):
                     if change := function(own, channel, run):
-                        run.effects.append(_on_signal(run, channel.topic, change))
+                        run.effects.append(_on_signal(channel.topic, change))
 
         known = ('bearing', *(quantities if section else keys))
         DECLARED[function.__name__] = Effect(stage, known, build)
@@ -176,8 +163,8 @@ def channel_effect(
     return declare
 
 
-def _on_signal(run: SceneRun, topic: str, change: Change) -> Callable[[], None]:
-    return lambda: change(run.signals[topic])
+def _on_signal(topic: str, change: Change) -> Callable[[TimeBlock], None]:
+    return lambda block: change(block.signals[topic])
 
 
 def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:

@@ -16,10 +16,10 @@ amplitude of the last four periods, as displacement, velocity or acceleration.
 
 from __future__ import annotations
 
+import bisect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,17 +33,17 @@ from stickslip_monitor.lab.scenes.lining import (
     PER_PERIOD,
     PERIODS,
     STEP,
+    Episodes,
     FrictionCourse,
     Lining,
-    episodes_of,
+    Samples,
     half_peak_to_peak,
     parameters_of,
-    window_times,
     with_parameters,
 )
 from stickslip_monitor.lab.scenes.profile import Profile, check_points, read_profile
 from stickslip_monitor.lab.scenes.settings import Settings, random_stream
-from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, nominal_load
+from stickslip_monitor.lab.scenes.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
@@ -86,11 +86,11 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
     rate = settings.number('rate', 'Hz', above=0.0, most=_HIGHEST_POINT_RATE)
     bearings = [(config, run.course(config)) for config in run.bearings(settings)]
 
-    def record() -> None:
-        time = run.instants(rate)
+    def record(block: TimeBlock) -> None:
+        time = block.instants(rate)
         for config, course in bearings:
-            values = _operating_point(config, course, run.shaft, time)
-            run.truth.extend(
+            values = _operating_point(config, course, block, time)
+            block.truth.extend(
                 Column(topic(config.name, name), FLOAT64, time, value)
                 for name, value in values.items()
             )
@@ -99,10 +99,10 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
 
 
 def _operating_point(
-    config: BearingConfig, course: FrictionCourse, shaft: Shaft, time: FloatArray
+    config: BearingConfig, course: FrictionCourse, block: TimeBlock, time: FloatArray
 ) -> dict[str, FloatArray]:
     """Speed, load, and the margins with the true friction, each shape (n,)."""
-    speed, load = shaft.speed(config.name, time), shaft.load(config.name, time)
+    speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
     # A law is one of its own for each step only if its shape moves: slow where it is solved.
     step = time // STEP if course.drifts.keys() - {FACTOR} else np.zeros(time.size)
     hopf, fold = np.empty(time.size), np.empty(time.size)
@@ -125,8 +125,8 @@ _HIGHEST_MOTION_RATE = 100_000.0
 # the ripple of the blades takes to stop sticking and to let it begin again.
 _GAP = 50.0
 _MOTION = ('displacement', 'velocity', 'acceleration')
-Take = Callable[[FloatArray, FloatArray], None]
-"""Takes m instants [s] and the motion at each, shape (4, m, samples in a window)."""
+Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
+"""Takes what is due in a block: times [s], and the motion of :meth:`.Samples.due`."""
 LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1.0 / 9.80665)}
 """Of each unit of a level the power of the frequency, and how many make an SI unit."""
 
@@ -145,18 +145,17 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
         own = [(time, impulse * blow) for time, impulse in knocks]
         random = random_stream(run.seed, settings.name, config.name)
         course = run.course(config)
-        lining = Lining(config, run.shaft, course, factor * deviation, own, random)
+        lining = Lining(config, run.shaft, course, factor * deviation, own, random, run.duration)
         followed = FollowedLining(lining, run)
         # Windows of a higher rate would overlap.
         most = 1.0 / (PERIODS * followed.period)
         if rate := _rate(settings, 'amplitude', most):
-            followed.asked.append((rate, followed.period, followed.record_amplitude))
+            followed.ask_amplitude(rate)
         if rate := _rate(settings, 'motion', _HIGHEST_MOTION_RATE):
-            followed.asked.append((rate, 0.0, followed.record_motion))
+            followed.ask_motion(rate)
         if channel := _level_channel(run, config, most):
-            send = partial(followed.send_level, channel)
-            followed.asked.append((channel.rate, followed.period, send))
-        run.effects.append(followed.record)
+            followed.ask_level(channel)
+        run.effects.append(followed.apply)
 
 
 def _knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
@@ -206,73 +205,99 @@ def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel
 
 
 class FollowedLining:
-    """One bearing: its lining, and what is recorded of it."""
+    """One bearing: its lining, followed block by block, and what is recorded of it."""
 
     def __init__(self, lining: Lining, run: SceneRun) -> None:
         self.lining, self._run = lining, run
         self.period = 2.0 * math.pi / lining.config.bearing.natural_frequency
-        # What is sampled: its rate [Hz], the natural period [s] if it takes windows, and who
-        # takes it.
-        self.asked: list[tuple[float, float, Take]] = []
+        self._episodes = Episodes(_GAP * self.period)
+        # What is sampled, and what becomes of it in the block in which it is due.
+        self._asked: list[tuple[Samples, Take]] = []
+        # What is known and not yet due, by time [s].
+        self._sticks: list[tuple[float, float]] = []
+        self._events: list[tuple[float, str]] = []
+        self._event(0.0, 'start', 0.0)
 
-    def record(self) -> None:
-        """Follow the lining; record its sticks, its events and what is asked for."""
-        run = self._run
-        windows = [self._windows(rate, period) for rate, period, _ in self.asked]
-        times = np.unique(np.concatenate([np.empty(0), *(own.ravel() for own in windows)]))
-        end = min(math.ceil(run.end * self.lining.rate) / self.lining.rate, run.duration)
-        motion, changes = self.lining.follow(end, times)
-        sticks, events = episodes_of(changes, _GAP * self.period, end)
-        told = [(0.0, self._event('start', 0.0))]
-        for event in events:
-            more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
-            only = more if event.name == 'last_stick' else {}
-            told.append((event.known, self._event(event.name, event.time, **only)))
-        told.append((end, self._event('end', end)))
-        self._add('stick', FLOAT64, *self._due([(t, round(d, _INSTANTS)) for t, d in sticks]))
-        self._add('events', STRING, *self._due(told))
-        for own, (_, _, take) in zip(windows, self.asked, strict=True):
-            take(own[:, -1], motion[:, np.searchsorted(times, own)])
+    def ask_amplitude(self, rate: float) -> None:
+        """Record the amplitude at a rate [Hz]."""
 
-    def record_amplitude(self, time: FloatArray, motion: FloatArray) -> None:
-        """Record the amplitude in windows."""
-        self._add('amplitude', FLOAT64, time, self._amplitude(motion))
+        def record(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+            block.truth.append(self._column('amplitude', FLOAT64, time, self._amplitude(motion)))
 
-    def record_motion(self, time: FloatArray, motion: FloatArray) -> None:
-        """Record the motion at some times."""
-        for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
-            self._add(name, FLOAT64, time, values)
-        self._add('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_))
+        self._asked.append((Samples(rate, self._run.duration, self.period), record))
 
-    def send_level(self, channel: Channel, time: FloatArray, motion: FloatArray) -> None:
+    def ask_motion(self, rate: float) -> None:
+        """Record the motion at a rate [Hz]."""
+
+        def record(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+            for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
+                block.truth.append(self._column(name, FLOAT64, time, values))
+            sticking = motion[3, :, 0].astype(np.bool_)
+            block.truth.append(self._column('sticking', BOOL, time, sticking))
+
+        self._asked.append((Samples(rate, self._run.duration), record))
+
+    def ask_level(self, channel: Channel) -> None:
         """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
         power, factor = LEVEL_FACTORS[channel.input.unit]
         frequency = self.lining.config.bearing.natural_frequency
         scale = frequency**power * factor * math.sqrt(0.5)
-        signal = self._run.signals[channel.topic]
-        own = np.zeros(signal.time.size)
-        own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
-        signal.value[:] = np.hypot(signal.value, own)
 
-    def _windows(self, rate: float, period: float) -> FloatArray:
-        """The times to sample at; a window before the scene's start is not there."""
-        instants = self._run.instants(rate)
-        return window_times(instants[1:] if period else instants, period)
+        def send(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+            signal = block.signals[channel.topic]
+            own = np.zeros(signal.time.size)
+            # There is no window before the scene's start.
+            own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
+            signal.value[:] = np.hypot(signal.value, own)
+
+        self._asked.append((Samples(channel.rate, self._run.duration, self.period), send))
 
     def _amplitude(self, motion: FloatArray) -> FloatArray:
         step = self.period / PER_PERIOD
         return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
 
-    def _due(self, pending: Sequence[tuple[float, Any]]) -> tuple[FloatArray, NDArray[Any]]:
-        """The times [s] and values of what is known before the recording ends."""
-        run = self._run
-        due = [own for own in pending if own[0] < run.end or run.end == run.duration]
-        return np.array([time for time, _ in due]), np.array([value for _, value in due])
+    def apply(self, block: TimeBlock) -> None:
+        """Follow the lining through a block."""
+        last = block.end == block.duration
+        if self.lining.reached < block.end:
+            self._follow(self.lining.next_end(block.end))
+        if last:
+            self._finish(block.end)
+        due = math.inf if last else block.end
+        block.truth.append(self._column('stick', FLOAT64, *_due(self._sticks, due)))
+        block.truth.append(self._column('events', STRING, *_due(self._events, due)))
+        for samples, take in self._asked:
+            take(block, *samples.due(due))
 
-    def _event(self, name: str, time: float, **more: float) -> str:
+    def _follow(self, end: float) -> None:
+        asked = [samples.until(end) for samples, _ in self._asked]
+        times = np.unique(np.concatenate([np.empty(0), *asked]))
+        motion, changes = self.lining.follow(end, times)
+        for (samples, _), own in zip(self._asked, asked, strict=True):
+            samples.add(motion[:, np.searchsorted(times, own)])
+        ended, events = self._episodes.see(changes, end)
+        self._sticks += [(time, round(duration, _INSTANTS)) for time, duration in ended]
+        for event in events:
+            more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
+            only = more if event.name == 'last_stick' else {}
+            self._event(event.known, event.name, event.time, **only)
+
+    def _finish(self, end: float) -> None:
+        if (since := self._episodes.since) is not None:
+            self._sticks.append((end, round(end - since, _INSTANTS)))
+        self._event(end, 'end', end)
+
+    def _event(self, known: float, name: str, time: float, **more: float) -> None:
         stamp = self._run.start_ns + round(time * 1e9)
-        return event_text(self.lining.config.name, name, stamp, **more)
+        text = event_text(self.lining.config.name, name, stamp, **more)
+        self._events.append((known, text))
 
-    def _add(self, name: str, kind: str, time: FloatArray, values: Any) -> None:
-        own = topic(self.lining.config.name, name)
-        self._run.truth.append(Column(own, kind, time, values))
+    def _column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
+        return Column(topic(self.lining.config.name, name), kind, time, values)
+
+
+def _due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
+    """Take the times [s] and values of what falls before ``end`` [s]; times do not fall."""
+    count = bisect.bisect_left(pending, end, key=lambda item: item[0])
+    taken, pending[:count] = pending[:count], []
+    return np.array([time for time, _ in taken]), np.array([value for _, value in taken])

@@ -31,7 +31,7 @@ from stickslip_monitor.lab.scenes.effects.effect import (
 )
 from stickslip_monitor.lab.scenes.profile import check_points, read_sample_mask, read_windows
 from stickslip_monitor.lab.scenes.settings import Settings
-from stickslip_monitor.lab.scenes.telemetry import Channel, Memory, Signal
+from stickslip_monitor.lab.scenes.telemetry import Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 
 # Time constants and windows that a sensor's grid can resolve and hold [s].
@@ -49,15 +49,21 @@ def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
     run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
-def low_pass(time_constant: float, step: float, value: float, values: FloatArray) -> FloatArray:
-    """A filter that has settled on a value, of samples ``step`` [s] apart."""
+def low_pass(time_constant: float, step: float, value: float) -> Term:
+    """A filter that has settled on a value; samples are ``step`` [s] apart."""
     from scipy.signal import lfilter
 
     left = math.exp(-step / time_constant)
     lag = -math.expm1(-step / time_constant) * time_constant / step
     forward, back = np.array([1.0 - lag, lag - left]), np.array([1.0, -left])
-    filtered, _ = lfilter(forward, back, values, zi=np.array([lag * value]))
-    return np.asarray(filtered, float)
+    state = np.array([lag * value])
+
+    def following(values: FloatArray) -> FloatArray:
+        nonlocal state
+        filtered, state = lfilter(forward, back, values, zi=state)
+        return np.asarray(filtered, float)
+
+    return following
 
 
 @channel_effect('sensing', QUANTITIES, 'window', section='the averaging')
@@ -67,19 +73,28 @@ def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
     run.sense(channel, Memory(window, window, partial(moving_mean, window)))
 
 
-def moving_mean(window: float, step: float, value: float, values: FloatArray) -> FloatArray:
+def moving_mean(window: float, step: float, value: float) -> Term:
     """``y(t) = (1/window) * integral of x from t - window to t``, by trapezia of the grid.
 
     It has settled on a value; samples are ``step`` [s] apart.
     """
     steps = window / step
     whole, rest = int(steps), steps - int(steps)
-    pieces = 0.5 * (values + np.concatenate([[value], values[:-1]]))
-    # The running integral, in steps, from as many before the first sample as the window needs.
-    total = np.concatenate([value * np.arange(-whole - 1.0, 1.0), np.cumsum(pieces)])
-    now, then = total[whole + 2 :], total[2 : total.size - whole]
-    before = total[1 : total.size - whole - 1]
-    return np.asarray((now - then + rest * (then - before)) / steps)
+    # Of the running integral, in steps, as many as the window needs.
+    integral = value * np.arange(-whole - 1.0, 1.0)
+    last = value
+
+    def following(values: FloatArray) -> FloatArray:
+        nonlocal integral, last
+        pieces = 0.5 * (values + np.concatenate([[last], values[:-1]]))
+        # One running sum through all blocks: their length does not change its rounding.
+        total = np.concatenate([integral, np.cumsum(np.concatenate([integral[-1:], pieces]))[1:]])
+        now, then = total[whole + 2 :], total[2 : total.size - whole]
+        before = total[1 : total.size - whole - 1]
+        integral, last = total[-whole - 2 :], float(values[-1])
+        return (now - then + rest * (then - before)) / steps
+
+    return following
 
 
 @channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
@@ -167,12 +182,18 @@ def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Repeats in a window the last value before it, or else the first within."""
     held = read_windows(settings, run.duration)
+    last: float | None = None
 
     def hold(signal: Signal) -> None:
+        nonlocal last
         value = signal.value
+        if not value.size:
+            return
         place = np.where(held(signal.time), -1, np.arange(value.size))
         source = np.maximum.accumulate(place)
-        value[:] = value[np.maximum(source, 0)]
+        first = value[0] if last is None else last
+        value[:] = np.where(source < 0, first, value[np.maximum(source, 0)])
+        last = float(value[-1])
 
     return hold
 
@@ -289,13 +310,13 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
     value = settings.number('value', unit) * factor
     rate = settings.number('rate', 'Hz', above=0.0, most=1000.0)
 
-    def join() -> None:
-        halves = run.instants(2.0 * rate)
+    def join(block: TimeBlock) -> None:
+        halves = block.instants(2.0 * rate)
         time = halves[np.rint(halves * (2.0 * rate)).astype(np.int64) % 2 == 1]
         stamp = run.start_ns + np.rint(time * 1e9).astype(np.int64)
         more = {'time': time, 'stamp_ns': stamp, 'arrival_ns': stamp}
         more |= {'value': np.full(time.size, value), 'copies': np.ones_like(stamp)}
-        signal = run.signals[channel.topic]
+        signal = block.signals[channel.topic]
         order = np.argsort(np.concatenate([signal.time, time]), kind='stable')
         for name, own in more.items():
             if (known := getattr(signal, name)) is not None:

@@ -67,15 +67,18 @@ def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
     assert re.findall(r'^\| `(\w+)` \| [^|]+ \|$', keys, re.M) == list(KEYS)
 
 
-def test_order_in_the_file_changes_no_bit(make_scene: MakeScene, messages_of: MessagesOf) -> None:
+def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
+    make_scene: MakeScene, messages_of: MessagesOf
+) -> None:
     scene = make_scene('measured', effects=ALL, telemetry=RATES)
     assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
     whole = messages_of(scene)
-    backwards = messages_of(make_scene('measured', effects=ALL[::-1], telemetry=RATES))
-    for topic, messages in whole.items():
-        for name in ('stamp_ns', 'log_time_ns', 'raw'):
-            one, two = (getattr(own, name) for own in (messages, backwards[topic]))
-            assert one.tobytes() == two.tobytes()
+    backwards = make_scene('measured', effects=ALL[::-1], telemetry=RATES)
+    for other in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 7.3, 0.35))):
+        for topic, messages in whole.items():
+            for name in ('stamp_ns', 'log_time_ns', 'raw'):
+                one, two = (getattr(own, name) for own in (messages, other[topic]))
+                assert one.tobytes() == two.tobytes()
 
 
 @pytest.fixture

@@ -31,8 +31,10 @@ SPEED, LOAD = '/shaft/speed', '/bearing/aft/load'
 def send(make_scene: MakeScene, messages_of: MessagesOf) -> Send:
     """The numbers that the two sensors send, at some rate [Hz]."""
 
-    def numbers(*effects: dict[str, Any], rate: float = 100.0) -> tuple[Any, Any]:
-        sent = messages_of(make_scene(effects=list(effects), rate=rate))
+    def numbers(
+        *effects: dict[str, Any], rate: float = 100.0, length: float = 60.0
+    ) -> tuple[Any, Any]:
+        sent = messages_of(make_scene(effects=list(effects), rate=rate), length)
         return sent[SPEED].raw, sent[LOAD].raw
 
     return numbers
@@ -74,11 +76,11 @@ def test_mean_averages_ripple_instead_of_aliasing_it(send: Send, window: float) 
     np.testing.assert_allclose(found, expected, atol=3.0 * (omega / rate) ** 2 / x)
 
 
-def test_filter_comes_before_the_mean(send: Send) -> None:
+def test_filter_comes_before_the_mean_and_both_see_no_blocks(send: Send) -> None:
     """On a long ramp the lag of both together: tau + window/2."""
     both = [filtering(speed=2.0), averaging(speed=3.0)]
     one, _ = send(CORNER, *both, rate=1.0)
-    other, _ = send(*reversed(both), CORNER, rate=1.0)
+    other, _ = send(*reversed(both), CORNER, rate=1.0, length=7.3)
     assert one.tolist() == other.tolist()
     np.testing.assert_allclose(one[60:], 60.0 - 0.5 * (SECONDS[60:] - 20.0 - 3.5), rtol=1e-7)
 
@@ -107,9 +109,10 @@ def test_quantised_numbers_are_the_nearest_multiples(send: Send) -> None:
     assert (speed - RPM).var() == pytest.approx(0.25**2 / 12.0, rel=1e-2)
 
 
-def test_stuck_sensor_repeats_its_last_value(send: Send) -> None:
+@pytest.mark.parametrize('length', [60.0, 7.3, 0.05])
+def test_stuck_sensor_repeats_its_last_value(send: Send, length: float) -> None:
     windows = [[0, 3], [20, 61.5], [61.5, 70], [99, 100]]
-    speed, _ = send(RAMP, {'stuck': {'speed': {'windows': windows}}})
+    speed, _ = send(RAMP, {'stuck': {'speed': {'windows': windows}}}, length=length)
     expected: list[float] = []
     for time, value in zip(TIME.tolist(), RPM.tolist(), strict=True):
         stuck = any(start <= time < end for start, end in windows)
@@ -126,11 +129,11 @@ NS = 10**9
 
 
 def load_of(
-    make_scene: MakeScene, messages_of: MessagesOf, *effects: Any,
-    bearings: Any = 'stamped', rate: float = 10.0,
-) -> Messages:  # fmt: skip
+    make_scene: MakeScene, messages_of: MessagesOf, *effects: Any, **more: Any
+) -> Messages:
+    bearings, rate = more.pop('bearings', 'stamped'), more.pop('rate', 10.0)
     scene = make_scene(bearings, rate, effects=[CLOCK, *effects])
-    return messages_of(scene)[LOAD]
+    return messages_of(scene, *more.values())[LOAD]
 
 
 @pytest.mark.parametrize('bearings', [{'aft': {}}, 'stamped'])
