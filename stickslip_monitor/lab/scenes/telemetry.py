@@ -25,16 +25,6 @@ from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging.quadrature import equilibrium_table
 
-
-def numbers(rate: float, end: float, duration: float) -> range:
-    """The ``k`` of the instants ``k / rate`` of a scene, with that at its end, if there is one.
-
-    Where its recording ends before its ``duration`` [s], they are those before that ``end`` [s].
-    """
-    whole = math.floor(duration * rate * (1.0 + 1e-12)) + 1
-    return range(whole if end == duration else min(whole, math.ceil(end * rate)))
-
-
 # The reference bearing's 1 kN: 200 N is the least load at which its sliding can be unstable.
 _NOMINAL = 5.0
 

@@ -7,6 +7,7 @@ takes; its name is the function's. Within a stage effects act in the order of th
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +25,6 @@ from stickslip_monitor.lab.scenes.telemetry import (
     Memory,
     Shaft,
     Signal,
-    numbers,
 )
 from stickslip_monitor.lab.truth import Column
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
@@ -65,8 +65,14 @@ class SceneRun:
         return self.duration if self.cut is None else self.cut
 
     def instants(self, rate: float) -> FloatArray:
-        """The regular instants of the recording at a rate [Hz], shape (n,) [s]."""
-        return np.array(numbers(rate, self.end, self.duration)) / rate
+        """The instants ``k / rate`` of the recording at a rate [Hz], shape (n,) [s].
+
+        That at the scene's end is one of them, that at a cut is not.
+        """
+        count = math.floor(self.duration * rate * (1.0 + 1e-12)) + 1
+        if self.end < self.duration:
+            count = min(count, math.ceil(self.end * rate))
+        return np.arange(count) / rate
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
         """Take an effect for a topic or a bearing, or for one part of it, once."""
