@@ -28,8 +28,6 @@ class Profile:
     times: FloatArray  # rising times since the scene's start, none before it, shape (n,) [s]
     values: FloatArray  # the value at each, shape (n,)
     ways: FloatArray  # the integral from the scene's start to each, shape (n,)
-    # What multiplies all that is asked of it, e.g. the SI value of the values' unit.
-    factor: float = 1.0
 
     @classmethod
     def of(cls, points: Sequence[tuple[float, float]]) -> Profile:
@@ -40,7 +38,7 @@ class Profile:
 
     def at(self, time: FloatArray) -> FloatArray:
         """Values at some times [s], of their shape."""
-        return np.interp(time, self.times, self.values) * self.factor
+        return np.interp(time, self.times, self.values)
 
     def integral(self, time: FloatArray) -> FloatArray:
         """Integral from the scene's start to some times [s], of their shape."""
@@ -48,7 +46,7 @@ class Profile:
         piece = np.searchsorted(self.times, inside, side='right') - 1
         value = np.interp(inside, self.times, self.values)
         way = self.ways[piece] + 0.5 * (self.values[piece] + value) * (inside - self.times[piece])
-        return (way + value * (time - inside)) * self.factor
+        return way + value * (time - inside)
 
 
 def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:

@@ -14,7 +14,7 @@ them are where the sea has most energy, and the record does not repeat.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,6 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.effects.effect import (
-    UNITS,
     SceneRun,
     channel_effect,
     unit_of,
@@ -68,21 +67,24 @@ def _polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
     return total
 
 
-def _add(channel: Channel, run: SceneRun, course: Profile | Response) -> None:
-    way = course.integral if channel.quantity == 'speed' else None
-    run.shaft.add(channel.topic, course.at, way)
+def _add(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
+    """Add a course in a unit of which one is so many in SI; the integral of a speed turns."""
+
+    def way(time: FloatArray) -> FloatArray:
+        return course.integral(time) * factor
+
+    turns = way if channel.quantity == 'speed' else None
+    run.shaft.add(channel.topic, lambda time: course.at(time) * factor, turns)
 
 
 def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    unit = settings.choice('unit', UNITS[channel.quantity])
-    profile = read_profile(settings, unit, run.duration, run.folder)
-    _add(channel, run, replace(profile, factor=channel.factor(unit)))
+    unit, factor = unit_of(settings, channel)
+    _add(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
 
 
 def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    unit = settings.choice('unit', UNITS[channel.quantity])
-    steps = read_steps(settings, unit, run.duration)
-    _add(channel, run, replace(steps, factor=channel.factor(unit)))
+    unit, factor = unit_of(settings, channel)
+    _add(channel, run, read_steps(settings, unit, run.duration), factor)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
@@ -103,10 +105,10 @@ STEPS = ('dead slow', 'slow', 'half', 'full')
 @channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
 def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Lets the speed follow telegraph orders."""
-    unit = settings.choice('unit', UNITS['speed'])
+    unit, factor = unit_of(settings, channel)
     time_constant = settings.number('time_constant', 's', above=0.0)
     times, targets = _orders(settings, _speeds(settings, unit), run.duration)
-    _add(channel, run, Response.to(times, targets * channel.factor(unit), time_constant))
+    _add(channel, run, Response.to(times, targets * factor, time_constant), 1.0)
 
 
 def _speeds(settings: Settings, unit: str) -> dict[str, float]:
