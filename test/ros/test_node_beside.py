@@ -135,8 +135,8 @@ def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(start: Any, open_page
     assert shown.figure('load_newtons') is None
     gone = (503, 'the monitor is not there, or not active: nothing was done')
     peer.until(lambda: shown.act('unshelve', 'stick_slip') == gone, 'the word that it is gone')
-    unheard = [f'{port.space}/aft']
-    peer.until(lambda: shown.state()['monitor']['unheard'] == unheard, 'which it is')
+    missing = [f'{port.space}/aft']
+    peer.until(lambda: shown.state()['monitor']['missing'] == missing, 'which it is')
     assert other.up() == 1.0
 
 
