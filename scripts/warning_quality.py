@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.print:
         print(text)
         return 0
-    save_figure(draw_trade_offs(_panels(voyages)), PICTURE, force=True)
+    save_figure(draw_trade_offs(_panels(voyages, changed)), PICTURE, force=True)
     head, _, _ = PAGE.read_text('utf-8').partition(MARK)
     PAGE.write_text(f'{head}{MARK}\n{text}\n', 'utf-8')
     return 0
