@@ -356,7 +356,7 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
             axes.plot(said, was, color=colour, lw=1.2, marker=marker, label=text)
             size = 12.0 + 40.0 * np.log10(count)
             axes.scatter(said, was, size, color=colour, marker=marker, ec='white', zorder=3)
-        axes.set_xlabel('probability said')
+        axes.set_xlabel('predicted probability')
         axes.set_ylabel('share of the seconds in which it was so')
         axes.set_aspect('equal')
         axes.tick_params(colors=INK)

@@ -103,7 +103,7 @@ def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
     groups: list[list[int]] = []
     for k in sorted(range(len(points)), key=lambda k: tuple(points[k])):
         room = _LETTER * len(_joined(curve, groups[-1])) + 10.0 if groups else 0.0
-        if groups and np.all(points[k] - points[groups[-1][0]] < (room, 2.0 * _LETTER)):
+        if groups and np.all(np.abs(points[k] - points[groups[-1][0]]) < (room, 2.0 * _LETTER)):
             groups[-1].append(k)
         else:
             groups.append([k])

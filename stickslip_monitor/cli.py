@@ -84,18 +84,20 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         for argument in self._own(args):
-            option = argument.partition('=')[0]
+            # A value may follow a short option at once.
+            long = argument.startswith('--')
+            option = argument.partition('=')[0] if long else argument[:2]
             if not any(known.startswith(option) for known in self._option_string_actions):
                 hint = did_you_mean(option, self._option_string_actions)
                 self.error(f"option '{argument}' is not known{hint}")
         return super().parse_known_args(args, namespace)
 
     def _own(self, args: Sequence[str]) -> Iterator[str]:
-        """The long options that are this parser's: of the program those before the command."""
+        """The options that are this parser's: of the program those before the command."""
         for argument in args:
             if argument == '--' or (self._subparsers and not argument.startswith('-')):
                 return
-            if argument.startswith('--'):
+            if argument.startswith('--') or re.match('-[A-Za-z]', argument):
                 yield argument
 
     def error(self, message: str) -> NoReturn:

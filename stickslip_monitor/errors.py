@@ -79,8 +79,12 @@ def plural(number: int, what: str) -> str:
 def did_you_mean(given: object, known: Iterable[str]) -> str:
     """The end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
     text, names = str(given), list(known)
-    close = difflib.get_close_matches(text, names, n=1)
-    close = close or [name for name in names if len(text) > 1 and text in name]
+    # The dashes of options make no two of them alike.
+    bare = {name.lstrip('-'): name for name in names}
+    close = difflib.get_close_matches(text.lstrip('-'), bare, n=1, cutoff=0.65)
+    close = [bare[name] for name in close] or [
+        name for name in names if len(text) > 1 and text in name
+    ]
     return f"; did you mean '{close[0]}'?" if close else ''
 
 

@@ -185,7 +185,7 @@ def _joined(members: Sequence[TopicInfo]) -> TopicInfo:
 
 
 def missing_topic(topics: Collection[str], name: str) -> str:
-    """What there is to say of a topic that is not there: those that are, the nearest first."""
+    """The sentence on a missing topic: those that are there, the nearest first."""
     close = difflib.get_close_matches(name, topics, _MOST_NAMED, cutoff=0.5)
     ranked = [*close, *(topic for topic in topics if topic not in close)]
     more = len(ranked) - _MOST_NAMED

@@ -90,6 +90,6 @@ def _table(item: BearingConfig, point: Assessment) -> Table:
     for title, name, unit in _ROWS:
         value = getattr(point, name)
         if name not in BELIEFS or point.has_belief:
-            shown = f'{value * units.get(unit, 1.0):.6g} {unit}'
+            shown = f'{value * units.get(unit, 1.0):.4g} {unit}'
             table.add_row(title, shown if math.isfinite(value) else 'none')
     return table

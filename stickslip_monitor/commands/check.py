@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_force(parser)
     options.add_json(parser)
     text = 'write a report: .html, .png or .json (needs matplotlib)'
-    options.add_output(parser, '--report', marks=REPORTS, help=text)
+    options.add_output(parser, '--report', '-o', marks=REPORTS, help=text)
     text = "write inputs and verdicts as the node's topics: .mcap"
     options.add_recording(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'

@@ -148,7 +148,8 @@ def _footnote(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig | 
     outliers = plural(fit.outliers.size, 'outlier')
     text = f'{Path(args.curve).name}: {fit.weight.size} points, {outliers}'
     if item is not None:
-        text += f'; boundaries of {item.name} at {args.load} with 95 % intervals'
+        load = options.parse_load(args.load) * 1e-3
+        text += f'; boundaries of {item.name} at {load:.4g} kN with 95 % intervals'
     return text
 
 

@@ -49,6 +49,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 Range = tuple[float, float]
 
 _ROOM = 1.25
+_LABEL_HEIGHT, _LABELLED = 0.91, 0.2
 _LOADS_ABOVE_ONSET = 10.0
 _SPEEDS_TRIED = 200
 _RPM_WITHOUT_SCALE = 60.0
@@ -263,7 +264,14 @@ def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, level
         speed / bearing.speed.factor('rpm'), load / 1e3, np.ma.masked_invalid(exact), levels,
         colors=MUTED, linewidths=0.9, zorder=2,
     )  # fmt: skip
-    axes.clabel(lines, fmt='%g mm', fontsize=9.0)
+    # High up, where a track seldom is: the range of loads has room above it. Of a line that only
+    # touches a corner the label would stand over the boundaries.
+    low, high = loads[0] / 1e3, loads[1] / 1e3
+    paths = [max(parts, key=len) for parts in lines.allsegs if any(map(len, parts))]
+    long = [path for path in paths if np.ptp(path[:, 1]) > _LABELLED * (high - low)]
+    height = low + _LABEL_HEIGHT * (high - low)
+    places = [path[np.argmin(np.abs(path[:, 1] - height))] for path in long]
+    axes.clabel(lines, fmt='%g mm', fontsize=9.0, manual=[(x, y) for x, y in places])
 
 
 # A page shows each map in two sizes, and takes a second to work out its cycles.

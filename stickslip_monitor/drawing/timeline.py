@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording over time: speed between its boundaries, load, margins, amplitude, alarm.
 
-Of a simulated recording what the lining did can be drawn beside what the monitor said.
+Of a simulated recording what the lining did can be drawn beside the monitor's output.
 """
 
 from __future__ import annotations

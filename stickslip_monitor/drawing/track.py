@@ -79,7 +79,7 @@ def envelope(most: int, *columns: Any) -> IndexArray:
 
 
 class TrackEvent(NamedTuple):
-    """A change of the alarm to a condition, and the operating point that it was told at."""
+    """A change of the alarm to a condition, and the operating point at which it was raised."""
 
     speed: float  # of the surface [m/s], ``nan`` where there was no point yet
     load: float  # [N]

@@ -11,9 +11,9 @@ from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, duration, parameter, rows
 from stickslip_monitor.physics.belief import EXACT, Belief, Tolerance
+from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, Bearing
 
-FRICTION_LAWS = ('stribeck', 'coulomb', 'tabulated')
 LOAD_UNITS = ('N', 'kN')
 LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
 
@@ -192,7 +192,7 @@ class ClipConfig:
     """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
 
     directory: str = parameter(
-        '', 'Folder for event clips: what came and went around each alarm; empty for none.'
+        '', 'Folder for event clips, a short recording around each alarm; empty for none.'
     )
     around_ns: int = duration(
         60.0,
@@ -288,7 +288,7 @@ TORSIONAL_PARAMETERS = {
 }
 """What all three of a lining may be given by instead: each over the square of the radius."""
 FRICTION_PARAMETERS = (
-    Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=FRICTION_LAWS),
+    Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=tuple(LAWS)),
     _physical('friction.static', '', 'Static coefficient mu_s.'),
     _physical('friction.kinetic', '', 'Kinetic coefficient mu_k.'),
     _physical('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.'),

@@ -38,7 +38,7 @@ from stickslip_monitor.monitor.config import (
 )
 from stickslip_monitor.monitor.parameter import REQUIRED, filled
 from stickslip_monitor.physics.belief import Belief, Tolerance
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Tabulated, stribeck
+from stickslip_monitor.physics.friction import LAWS, FrictionLaw
 from stickslip_monitor.physics.oscillator import Bearing
 
 CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/1'
@@ -136,11 +136,6 @@ _NAME = re.compile(r'[a-z][a-z0-9_]*')
 _TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _NEWTONS = {'N': 1.0, 'kN': 1000.0}
-_LAWS: dict[str, tuple[Any, tuple[str, ...]]] = {
-    'stribeck': (stribeck, ('static', 'kinetic', 'decay', 'viscous', 'exponent')),
-    'coulomb': (Coulomb, ('static', 'kinetic')),
-    'tabulated': (Tabulated, ('speed', 'coefficient')),
-}
 
 
 def build_config(values: Mapping[str, Any]) -> MonitorConfig:
@@ -280,7 +275,7 @@ _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
-    make, names = _LAWS[own['friction.law']]
+    make, names = LAWS[own['friction.law']]
     optional = {row.name for row in FRICTION_PARAMETERS if row.optional}
     needed = [key for key in names if f'friction.{key}' in optional]
     for key in needed:

@@ -67,7 +67,7 @@ LADDER = CONDITIONS[:-1]
 class Measured(SentenceEnum):
     """What the level says of the lining."""
 
-    UNKNOWN = 'unknown', 'Whether the lining vibrates is not known.'
+    UNKNOWN = 'unknown', 'Vibration state unknown.'
     QUIET = 'quiet', 'No vibration is measured.'
     VIBRATING = 'vibrating', 'Vibration is measured.'
 

@@ -331,7 +331,7 @@ def _state_text(b: Standing) -> str:
     """Whether a bistable bearing is quiet: measured, remembered, or not known."""
     if b.measured is Measured.QUIET and b.state.responds:
         return Measured.QUIET.sentence
-    return 'Quiet by its history.' if b.state.known else 'Whether it vibrates is not known.'
+    return 'Quiet by its history.' if b.state.known else 'Vibration state unknown.'
 
 
 def _measured_text(point: Assessment) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How probable stick-slip is at an operating point, given what is not known of the bearing.
+"""How probable stick-slip is at an operating point of a bearing with uncertain parameters.
 
 With the decay ``beta`` of the Stribeck law, ``Delta = mu_s - mu_k`` and ``N0 = c/(Delta beta)``
 the averaged model's two boundaries follow from ``v = beta V`` and

@@ -3,9 +3,10 @@
 
 Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
 exists; above the last one a speed is in proportion to the load, as Coulomb's law has it, the limit
-of every law for large loads. A smooth law is a cubic spline, right to 1e-9; one in pieces
-(a measured table) is interpolated linearly in many more points, right to 1e-4 but where its fold
-jumps or begins, between two loads half a percent apart.
+of every law for large loads. A smooth law is a cubic spline, right to 1e-7, near
+the onset of one with an exponent to 2e-4; one in pieces (a measured table) is interpolated
+linearly in many more points, right to 1e-4 where it is smooth and to 2e-3 where it is noisy, but
+where its fold jumps or begins, between two loads a percent apart.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ of the model must keep stand here too, each raising one sentence with name, valu
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
 
@@ -340,3 +340,11 @@ def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
         require_finite(f'friction table {name}[{index}]', value)
         require_not_negative(f'friction table {name}[{index}]', value)
     return column
+
+
+LAWS: dict[str, tuple[Callable[..., FrictionLaw], tuple[str, ...]]] = {
+    'stribeck': (stribeck, ('static', 'kinetic', 'decay', 'viscous', 'exponent')),
+    'coulomb': (Coulomb, ('static', 'kinetic')),
+    'tabulated': (Tabulated, ('speed', 'coefficient')),
+}
+"""What a configuration calls each law, what makes it, and the parameters it is made of."""

@@ -196,7 +196,7 @@ def _amplitude(course: Course) -> str:
     above = together(course.spells, (Condition.AMPLITUDE,))
     if above:
         text += (
-            f'; the alarm for the limit of {formatting.millimetres(limit)} stood for'
+            f'; the alarm for the limit of {formatting.millimetres(limit)} was active for'
             f' {formatting.duration(_total(above))}'
         )
     elif math.isfinite(limit):

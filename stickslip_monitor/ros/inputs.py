@@ -39,7 +39,7 @@ _DEPTH = 2000
 MOST_AT_ONCE = 200
 """Of more messages of a topic that wait than these, the others are left out and counted."""
 MOST_TOGETHER = 2000
-"""The same of all topics, which a node that is late works off before it looks at the time."""
+"""The most messages of all topics that a late node takes before it looks at the time."""
 
 Arrival = tuple[int, 'Lane', Any]
 """Time [ns], topic and message."""
