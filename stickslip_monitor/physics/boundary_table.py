@@ -30,7 +30,9 @@ from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 # Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
 # law, or a noisy table, has its onset at some newtons, far from Coulomb's 8 octaves above it.
 _OCTAVES, _SMOOTH, _BROKEN = 8, 100, 128
-_LARGE = 2e5  # [N]
+# As far as the larger loads of ships [N], or until friction would move the lining by so much [m]:
+# beyond, its slip is so stiff that a table takes 119 s in place of 2 (50 kg, 3 Hz, 200 kN).
+_LARGE, _GIVES = 2e5, 0.1
 # Loads among which the onset is looked for [N], and how often the interval is divided by 64.
 _LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
 # Share of the averaged slope at a higher speed below which a speed has no say.
@@ -111,7 +113,8 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         onset = _LEAST
     octaves = _OCTAVES
     if onset > _LEAST:
-        octaves = max(octaves, math.ceil(math.log2(_LARGE / onset)))
+        most = _GIVES * bearing.stiffness / max(bearing.friction.static, _LEAST)
+        octaves = max(octaves, math.ceil(math.log2(min(_LARGE, most) / onset)))
     points = octaves * (_BROKEN if broken else _SMOOTH) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     load = np.exp(math.log(onset) + grid)

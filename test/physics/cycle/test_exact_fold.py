@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from stickslip_monitor import (
 from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.cycle import exact_fold as module
 from stickslip_monitor.physics.cycle import slip
+from stickslip_monitor.physics.cycle.step import slip_step
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 SPEEDS = (0.0, *np.geomspace(0.01, 1.0, 12))
@@ -127,6 +130,24 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
     # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
     for load, rtol in (500.0, 1e-4), (3000.0, 1e-4), (9000.0, 1e-4), (150_000.0, 1e-3):
         np.testing.assert_allclose(table.exact(load), exact_fold_speed(bearing, load), rtol=rtol)
+
+
+def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
+    """At 3 Hz a load of 200 kN would move it by 3 m; orbits there take up to 20000 steps each."""
+    steps = 0
+
+    def counted(*arguments):
+        nonlocal steps
+        steps += 1
+        return slip_step(*arguments)
+
+    monkeypatch.setattr(slip, 'slip_step', counted)
+    speed = [0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8]
+    law = Tabulated(speed, [0.3, 0.26, 0.22, 0.17, 0.13, 0.11, 0.1])
+    bearing = replace(bench(law), stiffness=2.0e4)
+    table = boundary_table(bearing)
+    assert 1000 < steps < 200_000
+    assert table.exact(2000.0) == pytest.approx(exact_fold_speed(bearing, 2000.0), rel=1e-4)
 
 
 @pytest.mark.parametrize('exponent', [1.5, 2.0, 4.0])
