@@ -537,7 +537,7 @@ def test_each_priority_has_its_tone_and_so_has_silence(dashboard: Any, page: Any
     assert page.js(tone) is None
     page.choose('sound', 'on')
     page.until(f'{tone} === "alarm"')
-    dashboard.do(lambda: setattr(dashboard.ship.shown, '_heard_at', 0.0))
+    dashboard.do(lambda: setattr(dashboard.ship.shown, '_received_at', 0.0))
     page.until(f'{tone} === "dead"')
     page.complaints.clear()  # Chromium wants a touch first
 
