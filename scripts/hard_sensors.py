@@ -48,7 +48,7 @@ def oddly_stamped(
     odd = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
     way = random.choice([-1, 1], stream.time_ns.size)
     stamp = stream.time_ns + odd * way * int(off * SECOND)
-    return replace(case, stream=Stream(stamp, stream.inputs, stream.value))
+    return replace(case, stream=replace(stream, time_ns=stamp))
 
 
 def with_threshold(case: WholeBearing, _: np.random.Generator, factor: float) -> WholeBearing:
@@ -100,7 +100,8 @@ def with_bursts(case: WholeBearing, random: np.random.Generator) -> WholeBearing
 
 def half_lost(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     """The level comes for half of each minute only."""
-    return _kept(case, (case.stream.inputs != LEVEL) | (case.arrival_ns // (30 * SECOND) % 2 == 0))
+    own = case.stream
+    return _kept(case, (own.inputs != LEVEL) | (own.arrival_ns // (30 * SECOND) % 2 == 0))
 
 
 LEVELS: Mapping[str, Spoil] = {
@@ -128,16 +129,16 @@ STAMPS: Mapping[str, Spoil] = {
 
 def _kept(case: WholeBearing, rows: BoolArray) -> WholeBearing:
     own = case.stream
-    stream = Stream(own.time_ns[rows], own.inputs[rows], own.value[rows])
-    return replace(case, stream=stream, arrival_ns=case.arrival_ns[rows])
+    names = ('time_ns', 'inputs', 'value', 'arrival_ns')
+    kept = {name: getattr(own, name)[rows] for name in names}
+    return replace(case, stream=replace(own, **kept))
 
 
 def _sorted(case: WholeBearing, stamp: IntArray) -> WholeBearing:
     """The samples with other stamps, which are also when they arrive."""
     order = np.argsort(stamp, kind='stable')
     own = case.stream
-    stream = Stream(stamp[order], own.inputs[order], own.value[order])
-    return replace(case, stream=stream, arrival_ns=stamp[order])
+    return replace(case, stream=Stream(stamp[order], own.inputs[order], own.value[order]))
 
 
 def _levelled(
@@ -148,6 +149,6 @@ def _levelled(
     rows = own.inputs == LEVEL
     value = own.value.copy()
     if rows.any():
-        time = (case.arrival_ns[rows] - case.arrival_ns[0]) / SECOND
+        time = (own.arrival_ns[rows] - own.arrival_ns[0]) / SECOND
         value[rows] = change(time, own.value[rows])
-    return replace(case, stream=Stream(own.time_ns, own.inputs, value))
+    return replace(case, stream=replace(own, value=value))

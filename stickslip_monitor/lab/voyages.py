@@ -152,7 +152,7 @@ class Sailed:
 
     def recorded(self) -> Scan:
         """The verdicts, on the recorder's clock."""
-        return on_recorder_clock(self.sent.stream, self.sent.arrival_ns, self.sent.scan)
+        return on_recorder_clock(self.sent.stream, self.sent.stream.arrival_ns, self.sent.scan)
 
     def output(self) -> RuleOutput:
         """What they come to."""
@@ -251,6 +251,6 @@ def _has_wrong_source(sent: WholeBearing) -> bool:
         own = stream.inputs == place
         si = to_si(source, stream.value[own])
         watch = SourceWatch(least_gap(config, place))
-        if watch.see_many(sent.arrival_ns[own], stream.time_ns[own], si):
+        if watch.see_many(stream.arrival_ns[own], stream.time_ns[own], si):
             return True
     return False

@@ -123,8 +123,11 @@ class BearingMonitor(Standing):
         if state.began != NEVER:
             state.began += held_ns
 
-    def update(self, place: int, time_ns: int, number: float) -> Update:
-        """Take one sample of an :class:`Input`."""
+    def update(
+        self, place: int, time_ns: int, number: float, arrival_ns: int | None = None
+    ) -> Update:
+        """Take one sample of an :class:`Input`; see :class:`Sample`."""
+        del arrival_ns
         if place == Input.LEVEL and self.config.level is None:
             raise ConfigurationError(
                 f"parameter '{self.config.name}.level.topic' is missing: no level is configured"
@@ -186,7 +189,8 @@ class Monitor:
                 f"quantity '{sample.quantity}' is not one of {', '.join(INPUTS)}"
             )
         place = INPUTS.index(sample.quantity)
-        return self._bearing(sample.bearing).update(place, sample.time_ns, sample.value)
+        bearing = self._bearing(sample.bearing)
+        return bearing.update(place, sample.time_ns, sample.value, sample.arrival_ns)
 
     def advance(self, time_ns: int) -> list[Event]:
         """Let time pass for every bearing; the first call of all starts the waiting for inputs.

@@ -240,7 +240,9 @@ class Session:
             latest: Whether no later number of this bearing waits already: what one that waits
                 will outdate is published only where it changes something.
         """
-        update = self.monitor.bearings[name].update(place, time_ns, value)
+        # While simulated time is silent nobody knows when it came.
+        arrival = now.time_ns or None
+        update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
         if self._inputs is not None:
             self._inputs.take(name, place, time_ns, value, update.status.valid, now.steady_ns)
         if update.events:

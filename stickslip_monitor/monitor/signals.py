@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
@@ -36,14 +36,16 @@ class Sample:
     Attributes:
         bearing: Name of the bearing.
         quantity: One of :data:`INPUTS`.
-        time_ns: Time of the measurement [ns].
+        time_ns: Time stamp of the measurement [ns].
         value: The number in the message, in the input's own scale.
+        arrival_ns: When it came [ns]; ``None``: at the time of its stamp.
     """
 
     bearing: str
     quantity: str
     time_ns: int
     value: float
+    arrival_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +76,14 @@ class Stream:
         value: Numbers in the inputs' own scales, shape (n,).
         level: Values of a level that came among them, where they are given apart; they are merged
             into the other columns.
+        arrival_ns: When each came, shape (n,) int64 [ns]; left out: at the times of measurement.
     """
 
     time_ns: NDArray[np.int64]
     inputs: NDArray[np.int8]
     value: NDArray[np.float64]
     level: Levels | None = None
+    arrival_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
         _require_columns('stream', self.time_ns, self.inputs, self.value)
@@ -88,8 +92,11 @@ class Stream:
             'inputs': np.asarray(self.inputs).astype(np.int8),
             'value': np.asarray(self.value, float),
         }
+        arrival = self.arrival_ns if self.arrival_ns.size else columns['time_ns']
+        _require_columns('stream', arrival, self.inputs, self.value)
+        columns['arrival_ns'] = np.asarray(arrival, np.int64)
         if self.level is not None:
-            own: Any = self.level.time_ns, Input.LEVEL, self.level.value
+            own: Any = self.level.time_ns, Input.LEVEL, self.level.value, self.level.time_ns
             for (name, column), part in zip(columns.items(), own, strict=True):
                 columns[name] = np.insert(column, self.level.place, part)
         for name, column in columns.items():

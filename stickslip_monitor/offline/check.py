@@ -132,7 +132,7 @@ class _BearingCheck:
     def take(self, part: Mapping[Request, Series], start_ns: int | None) -> None:
         """Take the next part of a recording that begins at a time [ns]."""
         series = [part[request] for request in self._requests]
-        stream, _ = _streamed(series)
+        stream = streamed(series)
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns)
         scan = self._scan.take(stream)
@@ -210,10 +210,10 @@ def merged(series: Sequence[Series]) -> tuple[IntArray, IntArray, FloatArray, In
     )
 
 
-def _streamed(series: Sequence[Series]) -> tuple[Stream, IntArray]:
-    """The samples of a bearing's inputs, and when the recorder got each [ns]."""
-    inputs, stamp_ns, value, arrival_ns = merged(series)
-    return Stream(stamp_ns, inputs.astype(np.int8), value), arrival_ns
+def streamed(series: Sequence[Series]) -> Stream:
+    """The samples of a bearing's inputs; they came when the recorder got them."""
+    inputs, stamp_ns, value, log_time_ns = merged(series)
+    return Stream(stamp_ns, inputs.astype(np.int8), value, arrival_ns=log_time_ns)
 
 
 class SampleSpan:
@@ -255,8 +255,7 @@ class WholeBearing:
     """One bearing over a whole recording in memory."""
 
     config: BearingConfig
-    stream: Stream  # its samples, m of them
-    arrival_ns: IntArray  # when the recorder got each, shape (m,)
+    stream: Stream  # its samples
     span: SampleSpan
     many: bool  # whether it is one of many, for which compiling pays however short it is
 
@@ -291,7 +290,7 @@ def scan_whole(path: str | Path, config: MonitorConfig, many: bool = False) -> W
     found = {
         bearing.name: WholeBearing(
             bearing,
-            *_streamed([series[request] for request in asked[bearing.name]]),
+            streamed([series[request] for request in asked[bearing.name]]),
             span,
             many,
         )

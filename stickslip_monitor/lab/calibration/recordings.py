@@ -155,7 +155,7 @@ def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
         )
     truth = read_truth(bag, config.name)
     own = whole.bearings[config.name]
-    scan = on_recorder_clock(own.stream, own.arrival_ns, own.scan)
+    scan = on_recorder_clock(own.stream, own.stream.arrival_ns, own.scan)
     name, span = bag.path.name, (truth.start_ns, truth.end_ns)
     source = f'truth of {name}'
     reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)
