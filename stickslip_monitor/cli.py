@@ -40,6 +40,7 @@ COMMANDS = {
     'figures': 'draw the published findings on stick-slip',
     'fit': 'fit the Stribeck law to a measured friction curve',
     'health': 'ask a running monitor whether it monitors',
+    'init': 'write a parameter file from a drawing and a data sheet',
     'info': 'show what a recording holds',
     'map': 'draw the stability map over speed and load',
     'play': 'publish a bag to ROS 2, with /clock',

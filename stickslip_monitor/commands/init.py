@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write a parameter file for a bearing from its drawing and a data sheet.
+
+Every value comes with the formula and the source that it follows from, and with its tolerance.
+What has no published typical value is asked for. A quantity may state its relative standard
+deviation after a tilde: 0.15~30%. Called bare on a terminal it asks for one value after the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from stickslip_monitor.commands import options, output
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import printable
+from stickslip_monitor.lab.bearing_estimate import (
+    DENSITY,
+    Effect,
+    Estimate,
+    Given,
+    bearing_of,
+    effects,
+    estimate,
+)
+from stickslip_monitor.monitor.config import LOAD_UNITS
+from stickslip_monitor.monitor.configure import bearing_names
+from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
+from stickslip_monitor.physics.oscillator import SPEED_UNITS
+
+SCHEMA = 'stickslip_monitor/init/1'
+MARK = '# Written by stickslip init'
+_SPREAD = re.compile(r'(.*?)\s*~\s*(\d+(?:\.\d*)?)\s*%\s*')
+_NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value that is asked for: an option, and a question of the dialogue."""
+
+    name: str
+    units: dict[str, float]  # SI per unit
+    text: str
+    low: float  # [SI]
+    high: float
+
+    @property
+    def option(self) -> str:
+        """Its option."""
+        return f'--{self.name.replace("_", "-")}'
+
+    def read(self, text: str) -> Given:
+        """The value of a text such as ``20mm`` or ``0.15~30%``.
+
+        Raises:
+            ConfigurationError: It is none; the text names the units and the bounds.
+        """
+        spread = _SPREAD.fullmatch(text)
+        match = _NUMBER.fullmatch(spread.group(1) if spread else text)
+        unit = match and self.units.get(match.group(2))
+        names = ' or '.join(name for name in self.units if name)
+        if not match or unit is None:
+            rule = (
+                f'a number in {names}, such as 2{next(iter(self.units))}' if names else 'a number'
+            )
+            raise ConfigurationError(f"{self.option} '{text}' must be {rule}")
+        value = float(match.group(1)) * unit
+        if not self.low <= value <= self.high:
+            name, factor = next(iter(self.units.items()))
+            raise ConfigurationError(
+                f"{self.option} '{text}' must be from {self.low / factor:g} to"
+                f' {self.high / factor:g} {name}'.rstrip()
+            )
+        return Given(value, float(spread.group(2)) / 100.0) if spread else Given(value)
+
+
+_LENGTH, _PLAIN = {'mm': 1e-3, 'm': 1.0}, {'': 1.0}
+NEEDS = (
+    (Quantity('journal_diameter', _LENGTH, 'diameter of the journal (shaft sleeve)', 0.02, 2.0),),
+    (
+        Quantity('length', _LENGTH, 'loaded length of the bearing', 0.01, 5.0),
+        Quantity('area', {'m2': 1.0, 'cm2': 1e-4}, 'loaded area of the lining', 1e-4, 10.0),
+    ),
+    (Quantity('thickness', _LENGTH, 'thickness of the rubber', 1e-3, 0.2),),
+    (
+        Quantity('hardness', _PLAIN, 'hardness of the rubber [Shore A]', 30.0, 90.0),
+        Quantity('shear_modulus', {'MPa': 1e6}, 'shear modulus of the rubber', 1e5, 1e8),
+    ),
+    (
+        Quantity('damping_ratio', _PLAIN, 'damping ratio of a ring-down of the wet lining'
+                 ' (first_alarm.md, section 2)', 1e-4, 0.9),
+        Quantity('loss_factor', _PLAIN, 'loss factor (tan delta) of the rubber, from its data'
+                 ' sheet', 1e-3, 1.5),
+    ),
+    (Quantity('static', _PLAIN, 'friction coefficient at creep, wet (first_alarm.md, section 3;'
+              ' stickslip fit makes all three of a curve)', 0.001, 3.0),),
+    (Quantity('kinetic', _PLAIN, 'friction coefficient at full speed, wet', 0.0, 3.0),),
+    (Quantity('decay', {'s/m': 1.0}, 'decay of friction: one over the speed [m/s] at which 37 % of'
+              ' its fall is left', 0.01, 1e4),),
+    (Quantity('load', {'kN': 1e3, 'N': 1.0}, 'mean load of the bearing, as of the shaft alignment',
+              1.0, 1e8),),
+)  # fmt: skip
+"""What has to be known: of each line one."""
+_DENSITY = Quantity('density', {'kg/m3': 1.0}, 'density of the rubber', 500.0, 3000.0)
+_QUANTITIES = {item.name: item for need in (*NEEDS, (_DENSITY,)) for item in need}
+_CURVE = 'a friction curve of the material in water, then stickslip fit'
+_NEXT = {
+    'damping': 'a ring-down or impact test of the wet lining',
+    'static': _CURVE, 'kinetic': _CURVE, 'decay': _CURVE,
+    'load': 'a jack-up test, or a load sensor',
+}  # fmt: skip
+_TOLERANCES = ('damping', 'static', 'kinetic', 'decay', 'load')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    for item in _QUANTITIES.values():
+        unit = ' or '.join(name for name in item.units if name)
+        text = item.text + (f', in {unit}' if unit else '')
+        parser.add_argument(item.option, metavar='VALUE', help=text)
+    text = 'rubber, for its density (default nitrile)'
+    parser.add_argument('--material', choices=DENSITY, default='nitrile', help=text)
+    parser.add_argument('--name', default='aft_stern', help='name of the bearing')
+    text = 'topic of the shaft speed (default /shaft/speed)'
+    parser.add_argument('--speed-topic', default='/shaft/speed', metavar='TOPIC', help=text)
+    parser.add_argument('--speed-unit', choices=SPEED_UNITS, default='rpm', help='its unit')
+    text = 'topic of the load; without it the mean load is taken'
+    parser.add_argument('--load-topic', metavar='TOPIC', help=text)
+    parser.add_argument('--load-unit', choices=LOAD_UNITS, default='kN', help='its unit')
+    marks = {'': MARK.encode()}
+    options.add_output(parser, '--output', '-o', marks=marks, help='parameter file to write')
+    options.add_force(parser)
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    given = {
+        name: item.read(getattr(args, name))
+        for name, item in _QUANTITIES.items()
+        if getattr(args, name) is not None
+    }
+    if not given and sys.stdin.isatty():
+        given = ask(input)
+        args.output = args.output or f'{args.name}.yaml'
+        output.check_files(args)
+    require_all(given)
+    bearing_names({'bearings': [args.name]})
+    values = estimate(given, args.material)
+    text = parameter_file(values, args)
+    if args.json:
+        output.print_json(to_json(values, text))
+    else:
+        output.console().print(f'{text}\n{report(values)}', markup=False, soft_wrap=True)
+    output.write_outputs(args, output=lambda: text)
+    return 0
+
+
+def ask(answer: Callable[[str], str]) -> dict[str, Given]:
+    """Ask for all that is needed; an empty answer goes on to what may be given instead.
+
+    Args:
+        answer: Shows a question and returns what is typed.
+    """
+    given: dict[str, Given] = {}
+    for need in NEEDS:
+        while not any(item.name in given for item in need):
+            for item in need:
+                units = ' or '.join(name for name in item.units if name)
+                text = answer(f'{item.text}{f", in {units}" if units else ""}: ').strip()
+                try:
+                    given |= {item.name: item.read(text)} if text else {}
+                except ConfigurationError as error:
+                    answer(f'{printable(str(error))}; press Enter ')
+                if item.name in given:
+                    break
+    return given
+
+
+def require_all(given: Mapping[str, Given]) -> None:
+    """Refuse what is not enough, naming all that is missing, or what is given twice.
+
+    Raises:
+        ConfigurationError: Of a line of :data:`NEEDS` nothing is given, or more than one.
+    """
+    missing = []
+    for need in NEEDS:
+        found = [item.option for item in need if item.name in given]
+        if len(found) > 1:
+            raise ConfigurationError(f'{" and ".join(found)} are given: choose one')
+        if not found:
+            named = ' or '.join(item.option for item in need)
+            missing.append(f'{named} ({need[-1].text})')
+    if missing:
+        raise ConfigurationError(
+            f'missing: {"; ".join(missing)}. They have no typical value worth a warning; a spread'
+            ' may follow a tilde, as in 0.15~30%'
+        )
+    if given['static'].value <= given['kinetic'].value:
+        raise ConfigurationError(
+            f'--static {given["static"].value:g} must be above --kinetic'
+            f' {given["kinetic"].value:g}: friction that does not fall brings no stick-slip'
+        )
+
+
+def _written(value: float, places: int = 6) -> str:
+    """A number as ROS 2 reads a float."""
+    text = f'{value:.{places}g}'
+    return text if set(text) & set('.e') else f'{text}.0'
+
+
+def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
+    """The parameter file, with formula, source and spread of each value as comments.
+
+    Raises:
+        ConfigurationError: The values are no configuration; the text says which.
+    """
+    own = {item.name: item for item in values}
+    spreads = ', '.join(f'{name}: {_written(own[name].spread, 2)}' for name in _TOLERANCES)
+    load = (
+        f'{{topic: {args.load_topic}, unit: {args.load_unit}}}'
+        if args.load_topic
+        else f'{{constant: {_written(own["load"].value / 1e3)}, unit: kN}}  # assumed'
+    )
+    law = ', '.join(
+        f'{name}: {_written(own[name].value)}' for name in ('static', 'kinetic', 'decay')
+    )
+    lines = [
+        f'{MARK}. Each value says where it comes from; replace what you measure.',
+        '/**:',
+        '  ros__parameters:',
+        f'    bearings: [{args.name}]',
+        f'    {args.name}:',
+        f'      journal_diameter: {_written(own["journal_diameter"].value)}  # m, given',
+    ]
+    for name in ('mass', 'damping', 'stiffness'):
+        item = own[name]
+        lines.append(
+            f'      # {item.unit}; {item.origin}; +-{item.spread:.0%}\n'
+            f'      {name}: {_written(item.value)}'
+        )
+    lines += [
+        f'      friction: {{law: stribeck, {law}}}',
+        '      # Relative standard deviations of the values above.',
+        f'      tolerance: {{{spreads}}}',
+        f'      speed: {{topic: {args.speed_topic}, unit: {args.speed_unit}}}',
+        f'      load: {load}',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def report(values: Sequence[Estimate]) -> str:
+    """The boundaries at the mean load, and what to measure next."""
+    bearing, load = bearing_of(values), values[-1].value
+    per_rpm = bearing.speed.factor('rpm')
+    fold, hopf = (float(at(bearing, load)) / per_rpm for at in (fold_speed, hopf_speed))
+    frequency = bearing.natural_frequency / math.tau
+    if fold != fold:
+        head = f'At {load / 1e3:.4g} kN this bearing has no stick-slip at any speed'
+    else:
+        head = (
+            f'At {load / 1e3:.4g} kN stick-slip starts by itself below {hopf:.3g} rpm and can last'
+            f' up to {fold:.3g} rpm'
+        )
+    lines = [f'{head}; the lining vibrates at {frequency:.3g} Hz.', 'Measure next:']
+    lines += [f'  {line}' for line in _next_lines(effects(values))]
+    return '\n'.join(lines)
+
+
+def _next_lines(ranked: Sequence[Effect]) -> Iterator[str]:
+    for effect in ranked:
+        low, high = sorted((effect.below, effect.above))
+        yield (
+            f'{effect.name}, known to {effect.spread:.0%}: moves the fold speed by {low:+.0%} to'
+            f' {high:+.0%}; {_NEXT.get(effect.name, "measure it")}'
+        )
+
+
+def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
+    """The estimates as the documented JSON object."""
+    bearing, load = bearing_of(values), values[-1].value
+    return {
+        'schema': SCHEMA,
+        'values': [asdict(item) for item in values],
+        'hopf_speed': number(hopf_speed(bearing, load)),
+        'fold_speed': number(fold_speed(bearing, load)),
+        'measure_next': [
+            {
+                'name': e.name,
+                'spread': e.spread,
+                'below': number(e.below),
+                'above': number(e.above),
+            }
+            for e in effects(values)
+        ],
+        'file': text,
+    }

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates the lining's mass, damping and stiffness from what a drawing and a data sheet say.
+
+Each value comes with its formula, its source and its relative standard deviation, and the
+deviations with what they do to the fold speed: what to measure next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.oscillator import Bearing
+
+DENSITY = {'natural': 920.0, 'nitrile': 1000.0, 'chloroprene': 1230.0}
+"""Density of the rubbers without fillers [kg/m^3] (Brydson 1988); fillers add up to a fifth."""
+GENT = 0.30
+"""Of a shear modulus from the hardness by Gent's formula; one degree of hardness is 5 %."""
+LOADED_AREA = 0.20
+"""Of the projected area for the loaded one: an arc of 115 degrees has it, 95 to 140 occur."""
+FILLED = 0.20
+"""Of the density of a rubber whose fillers are not known."""
+UNSTATED = {
+    'loss_factor': 0.30, 'damping_ratio': 0.10, 'shear_modulus': 0.15, 'static': 0.15,
+    'kinetic': 0.15, 'decay': 0.30, 'load': 0.20,
+}  # fmt: skip
+"""Of a value that is given without its spread, from how it is known: the scatter of rubber from
+batch to batch, of ring-downs, of handbook friction, of a load from the shaft alignment."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value, its relative standard deviation, and where both come from."""
+
+    name: str
+    value: float  # SI
+    unit: str
+    spread: float  # relative standard deviation [-]; 0 for exact
+    origin: str  # formula and source
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A value as somebody stated it, in SI, with its relative standard deviation or nan."""
+
+    value: float
+    spread: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What one standard deviation of a value does to the fold speed, as relative changes."""
+
+    name: str
+    spread: float
+    below: float  # of the value one standard deviation lower
+    above: float  # of the value one standard deviation higher
+
+    @property
+    def largest(self) -> float:
+        """The larger of both in magnitude; inf where the bearing has no fold then."""
+        return max(abs(self.below), abs(self.above))
+
+
+def shear_modulus(hardness: float) -> float:
+    """Shear modulus [Pa] of rubber of a hardness [Shore A, 30 to 90].
+
+    ``E = 0.0981 (56 + 7.623 S) / (0.1375 (254 - 2.54 S)) MPa`` and ``G = E/3``: Gent, Rubber
+    Chemistry and Technology 31 (1958) 896.
+
+    Raises:
+        ConfigurationError: The formula does not hold for this hardness.
+    """
+    if not 30.0 <= hardness <= 90.0:
+        raise ConfigurationError(
+            f'hardness {hardness:g} must be from 30 to 90 Shore A: beyond them give the shear'
+            ' modulus'
+        )
+    return 0.0981e6 * (56.0 + 7.623 * hardness) / (0.1375 * (254.0 - 2.54 * hardness)) / 3.0
+
+
+def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, ...]:
+    """The parameters of the bearing from what is given.
+
+    Args:
+        given: By name, in SI: ``journal_diameter``, ``thickness``; ``length`` or ``area``;
+            ``hardness`` or ``shear_modulus``; ``density``, or a material; ``loss_factor`` or
+            ``damping_ratio``; ``static``, ``kinetic`` and ``decay`` of the Stribeck law; ``load``.
+        material: One of :data:`DENSITY`, where there is no density.
+
+    Returns:
+        journal_diameter, mass, damping, stiffness, static, kinetic, decay and load.
+    """
+    own = {name: _stated(name, item) for name, item in given.items()}
+    diameter, thickness = own['journal_diameter'], own['thickness']
+    area = own.get('area') or Estimate(
+        'area', diameter.value * own['length'].value, 'm^2', LOADED_AREA, 'diameter x length'
+    )
+    modulus = own.get('shear_modulus') or Estimate(
+        'shear_modulus', shear_modulus(given['hardness'].value), 'Pa', GENT,
+        f'Gent 1958, {given["hardness"].value:g} Shore A',
+    )  # fmt: skip
+    density = own.get('density') or Estimate(
+        'density', DENSITY[material], 'kg/m^3', FILLED, f'{material} rubber, Brydson 1988'
+    )
+    layer = f'A = {area.value:.3g} m^2 ({area.origin}), h = {1e3 * thickness.value:.3g} mm'
+    stiffness = Estimate(
+        'stiffness', modulus.value * area.value / thickness.value, 'N/m',
+        math.hypot(modulus.spread, area.spread),
+        f'G A/h: G = {modulus.value / 1e6:.3g} MPa ({modulus.origin}), {layer}',
+    )  # fmt: skip
+    mass = Estimate(
+        'mass', density.value * area.value * thickness.value / 3.0, 'kg',
+        math.hypot(density.spread, area.spread),
+        f'rho A h/3, a layer in even shear (Rayleigh): rho = {density.value:.4g} kg/m^3'
+        f' ({density.origin})',
+    )  # fmt: skip
+    damping = _damping(own, math.sqrt(stiffness.value * mass.value), modulus, density, area)
+    law = (own[name] for name in ('static', 'kinetic', 'decay'))
+    return diameter, mass, damping, stiffness, *law, own['load']
+
+
+def _stated(name: str, item: Given) -> Estimate:
+    known = item.spread == item.spread
+    spread = item.spread if known else UNSTATED.get(name, 0.0)
+    return Estimate(name, item.value, '', spread, 'given')
+
+
+def _damping(
+    own: Mapping[str, Estimate], critical: float, modulus: Estimate, density: Estimate,
+    area: Estimate,
+) -> Estimate:  # fmt: skip
+    """``c = 2 zeta sqrt(k m)``; of a loss factor ``eta``, ``zeta = eta/2`` at resonance.
+
+    Nashif, Jones and Henderson, Vibration Damping, 1985. ``sqrt(k m)`` goes with the area and with
+    the roots of modulus and density.
+    """
+    measured = own.get('damping_ratio')
+    ratio = measured.value if measured else 0.5 * own['loss_factor'].value
+    own_spread = (measured or own['loss_factor']).spread
+    spread = math.hypot(own_spread, area.spread, 0.5 * modulus.spread, 0.5 * density.spread)
+    name = 'ring-down' if measured else f'half the loss factor {2 * ratio:.3g}, Nashif 1985'
+    origin = f'2 zeta sqrt(k m): zeta = {ratio:.3g} ({name})'
+    return Estimate('damping', 2.0 * ratio * critical, 'N s/m', spread, origin)
+
+
+def bearing_of(values: Sequence[Estimate]) -> Bearing:
+    """The bearing of the estimated values."""
+    own = {item.name: item.value for item in values}
+    return Bearing(
+        own['mass'], own['damping'], own['stiffness'],
+        Stribeck(own['static'], own['kinetic'], own['decay']), own['journal_diameter'],
+    )  # fmt: skip
+
+
+def effects(values: Sequence[Estimate]) -> list[Effect]:
+    """What each value's standard deviation does to the fold speed, the worst first.
+
+    The fold is that of averaging at the mean load; an end without a fold counts as -1.
+    """
+    found = []
+    nominal = _fold(values)
+    for item in values:
+        moved = (item.value * (1.0 - item.spread), item.value * (1.0 + item.spread))
+        changed = [
+            [replace(each, value=value) if each is item else each for each in values]
+            for value in moved
+        ]
+        below, above = (_relative(_fold(each), nominal) for each in changed)
+        if below or above:
+            found.append(Effect(item.name, item.spread, below, above))
+    return sorted(found, key=lambda effect: -effect.largest)
+
+
+def _relative(fold: float, nominal: float) -> float:
+    change = fold / nominal - 1.0 if nominal > 0.0 else math.inf if fold > 0.0 else 0.0
+    # What comes of rounding in mass and stiffness, which do not move the fold.
+    return change if abs(change) > 1e-9 else 0.0
+
+
+def _fold(values: Sequence[Estimate]) -> float:
+    """Fold speed [m/s]; 0 where there is none."""
+    load = next(item.value for item in values if item.name == 'load')
+    speed = float(fold_speed(bearing_of(values), load))
+    return speed if math.isfinite(speed) else 0.0

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A parameter file from a drawing: right, complete, and honest about what is not known."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from stickslip_monitor.cli import main
+from stickslip_monitor.commands.init import NEEDS, ask
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.lab.bearing_estimate import Given, effects, estimate, shear_modulus
+from stickslip_monitor.monitor.config_file import load_config
+
+DRAWING = (
+    '--journal-diameter', '400mm', '--length', '800mm', '--thickness', '20mm', '--hardness', '70',
+    '--loss-factor', '0.15', '--static', '0.3', '--kinetic', '0.1', '--decay', '10s/m',
+    '--load', '30kN',
+)  # fmt: skip
+
+
+def _given(**changes: Given) -> dict[str, Given]:
+    values = {
+        'journal_diameter': 0.4, 'length': 0.8, 'thickness': 0.02, 'shear_modulus': 1.5e6,
+        'density': 1200.0, 'damping_ratio': 0.05, 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0,
+        'load': 3e4,
+    }  # fmt: skip
+    return {name: Given(value, 0.1) for name, value in values.items()} | changes
+
+
+def test_values_by_hand() -> None:
+    """G A/h, rho A h/3 and 2 zeta sqrt(k m) for A = 0.32 m^2, worked out on paper."""
+    values = {item.name: item.value for item in estimate(_given())}
+    assert values['stiffness'] == pytest.approx(24e6)
+    assert values['mass'] == pytest.approx(2.56)
+    assert values['damping'] == pytest.approx(0.1 * math.sqrt(24e6 * 2.56))
+
+
+@pytest.mark.parametrize(('hardness', 'modulus'), [(50.0, 2.46e6 / 3), (70.0, 5.52e6 / 3)])
+def test_modulus_by_hardness(hardness: float, modulus: float) -> None:
+    """Young's modulus 2.46 and 5.52 MPa: Gent's curve at 50 and 70 Shore A."""
+    assert shear_modulus(hardness) == pytest.approx(modulus, rel=3e-3)
+
+
+def test_spreads_combine_as_independent_errors() -> None:
+    """Of independent factors the squares of the relative deviations add, roots count half."""
+    values = {item.name: item.spread for item in estimate(_given())}
+    area = 0.2  # of the loaded arc, as the length is not exact about it
+    assert values['stiffness'] == pytest.approx(math.hypot(0.1, area))
+    assert values['damping'] == pytest.approx(math.hypot(0.1, area, 0.05, 0.05))
+
+
+def test_effects_by_the_closed_form() -> None:
+    """Of c, N, mu_s and mu_k the fold follows from c/(N (mu_s - mu_k)) alone.
+
+    So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing.
+    """
+    by_name = {e.name: e for e in effects(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
+    assert not by_name.keys() & {'mass', 'stiffness'}
+    damping = effects(estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0),
+                                      density=Given(1200.0, 0.0))))  # fmt: skip
+    less_damping = next(e.below for e in damping if e.name == 'damping')
+    assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)
+
+
+def test_file_is_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'ship.yaml'
+    arguments = [*DRAWING, '--load-topic', '/load', '--output', str(path)]
+    assert main(['init', *arguments]) == 0
+    text = capsys.readouterr().out
+    assert path.read_text(encoding='utf-8') in text
+    assert 'Measure next:\n  damping' in text
+    (item,) = load_config(path).bearings
+    assert item.bearing.stiffness == pytest.approx(shear_modulus(70.0) * 0.32 / 0.02, rel=1e-5)
+    assert item.tolerance.damping == pytest.approx(0.4, abs=0.01)
+    assert main(['init', *arguments]) == 0  # one of ours is replaced
+
+
+def test_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['init', *DRAWING, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['schema'] == 'stickslip_monitor/init/1'
+    assert all(value['origin'] for value in document['values'])
+    assert document['measure_next'][0]['name'] == 'damping'
+    assert document['hopf_speed'] < document['fold_speed']
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (DRAWING[2:], 'missing: --journal-diameter (diameter of the journal (shaft sleeve))'),
+        (DRAWING[:8] + DRAWING[10:], '--damping-ratio or --loss-factor'),
+        ((*DRAWING, '--area', '0.3m2'), '--length and --area are given: choose one'),
+        ((*DRAWING, '--thickness', '20'), "--thickness '20' must be a number in mm or m"),
+        ((*DRAWING, '--journal-diameter', '400m'), 'must be from 20 to 2000 mm'),
+        ((*DRAWING, '--kinetic', '0.4'), '--static 0.3 must be above --kinetic 0.4'),
+        ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
+    ],
+)
+def test_refusals(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['init', *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_dialogue_takes_the_other_value_and_asks_again() -> None:
+    """Empty for what may be given otherwise, and a unit that is none, as a person types."""
+    typed = iter(
+        ['400mm', '', '0.32 m2', 'thick', '', '20mm', '70', '', '0.15~40%', '0.3', '0.1', '10s/m',
+         '30 kN']
+    )  # fmt: skip
+    shown: list[str] = []
+
+    def answer(text: str) -> str:
+        shown.append(text)
+        return next(typed)
+
+    given = ask(answer)
+    assert given['area'] == Given(0.32)
+    assert given['loss_factor'] == Given(0.15, 0.4)
+    assert all(any(item.name in given for item in need) for need in NEEDS)
+    assert any("'thick' must be a number in mm or m" in text for text in shown)
+
+
+def test_hardness_beyond_the_formula() -> None:
+    with pytest.raises(ConfigurationError, match='hardness 95 must be from 30 to 90'):
+        shear_modulus(95.0)
