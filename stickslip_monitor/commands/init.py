@@ -21,12 +21,12 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import printable
 from stickslip_monitor.lab.bearing_estimate import (
     DENSITY,
-    Effect,
     Estimate,
+    FoldShift,
     Given,
     bearing_of,
-    effects,
     estimate,
+    fold_shifts,
 )
 from stickslip_monitor.monitor.config import LOAD_UNITS
 from stickslip_monitor.monitor.configure import bearing_names
@@ -269,11 +269,11 @@ def report(values: Sequence[Estimate]) -> str:
             f' up to {fold:.3g} rpm'
         )
     lines = [f'{head}; the lining vibrates at {frequency:.3g} Hz.', 'Measure next:']
-    lines += [f'  {line}' for line in _next_lines(effects(values))]
+    lines += [f'  {line}' for line in _next_lines(fold_shifts(values))]
     return '\n'.join(lines)
 
 
-def _next_lines(ranked: Sequence[Effect]) -> Iterator[str]:
+def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
     for effect in ranked:
         low, high = sorted((effect.below, effect.above))
         yield (
@@ -297,7 +297,7 @@ def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
                 'below': number(e.below),
                 'above': number(e.above),
             }
-            for e in effects(values)
+            for e in fold_shifts(values)
         ],
         'file': text,
     }

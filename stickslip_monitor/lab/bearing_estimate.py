@@ -52,7 +52,7 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class FoldShift:
     """What one standard deviation of a value does to the fold speed, as relative changes."""
 
     name: str
@@ -157,7 +157,7 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
     )  # fmt: skip
 
 
-def effects(values: Sequence[Estimate]) -> list[Effect]:
+def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
     """What each value's standard deviation does to the fold speed, the worst first.
 
     The fold is that of averaging at the mean load; an end without a fold counts as -1.
@@ -172,7 +172,7 @@ def effects(values: Sequence[Estimate]) -> list[Effect]:
         ]
         below, above = (_relative(_fold(each), nominal) for each in changed)
         if below or above:
-            found.append(Effect(item.name, item.spread, below, above))
+            found.append(FoldShift(item.name, item.spread, below, above))
     return sorted(found, key=lambda effect: -effect.largest)
 
 

@@ -23,7 +23,11 @@ _ROS_OWN = ('use_sim_time', 'start_type_description_service')
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS 2 reads it: ``2.0e6`` is a number, and a key given twice is an error."""
+    """YAML with the numbers and switches of ROS 2, where a key given twice is an error.
+
+    PyYAML follows YAML 1.1, in which ``1e5`` is a text and ``1:30``, ``2_000_000`` and
+    ``2026-11-26`` are none; rcl asks ``strtol`` and ``strtod``.
+    """
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Refuse an alias, as ROS 2 does."""
@@ -49,15 +53,66 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# PyYAML follows YAML 1.1, whose numbers need a dot and a signed exponent; ROS 2 does not.
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
-    list('-+.0123456789'),
+_Loader.yaml_implicit_resolvers = {}  # not those of YAML 1.1
+# The bare word N is left a text: it is a unit here, and the node reads the switch back as one.
+_SWITCHES = {
+    word: truth
+    for truth, words in ((True, 'y true yes on'), (False, 'n false no off'))
+    for name in words.split()
+    for word in (name, name.capitalize(), name.upper())
+    if word != 'N'
+}
+_REALS = (
+    r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?\.?(?:inf|Inf|INF)'
+    r'|[-+]?(?:infinity|Infinity)|\.?(?:nan|NaN|NAN)'
 )
+for _tag, _pattern, _starts in (
+    ('bool', '|'.join(_SWITCHES), 'yYntTNfFoO'),
+    ('null', '~|null|Null|NULL|', ['~', 'n', 'N', '']),
+    ('int', '[-+]?(?:0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)', '-+0123456789'),
+    ('float', _REALS, '-+.0123456789iInN'),
+):
+    _Loader.add_implicit_resolver(
+        f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), list(_starts)
+    )
+_Loader.add_constructor('tag:yaml.org,2002:bool', lambda _, node: _SWITCHES[node.value])
 
 
-def load_yaml(path: str | Path) -> Any:
+class _ParameterLoader(_Loader):
+    """Refuses besides what a node refuses: keys without a value, and lists of several types."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        for key_node, value_node in node.value:
+            if isinstance(key_node, yaml.ScalarNode):
+                key_node.tag = 'tag:yaml.org,2002:str'  # a bearing called n is no switch
+                self._refuse_empty(key_node, value_node)
+        return super().construct_mapping(node, deep)
+
+    def construct_sequence(self, node: yaml.SequenceNode, deep: bool = False) -> list[Any]:
+        tags = {item.tag.rsplit(':', 1)[-1] for item in node.value}
+        if len(tags) > 1:
+            mixed = ' and '.join(sorted(tags))
+            remedy = ': write 0.0 in place of 0' if tags == {'int', 'float'} else ''
+            raise yaml.MarkedYAMLError(
+                problem=f'a list mixes {mixed}, which ROS 2 refuses{remedy}',
+                problem_mark=node.start_mark,
+            )
+        return super().construct_sequence(node, deep)
+
+    @staticmethod
+    def _refuse_empty(key: yaml.ScalarNode, value: yaml.Node) -> None:
+        if isinstance(value, yaml.ScalarNode) and not value.value and value.style is None:
+            remedy = (
+                ': in braces a comma separates entries, so write a decimal point'
+                if key.value.isdigit()
+                else ''
+            )
+            raise yaml.MarkedYAMLError(
+                problem=f"key '{key.value}' has no value{remedy}", problem_mark=key.start_mark
+            )
+
+
+def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> Any:
     """Parse one YAML file.
 
     Raises:
@@ -65,7 +120,7 @@ def load_yaml(path: str | Path) -> Any:
     """
     try:
         text = read_file(path, _LARGEST).decode()
-        return yaml.load(text, _Loader)  # a SafeLoader
+        return yaml.load(text, loader)  # a SafeLoader
     except FileNotFoundError as error:
         raise ConfigurationError(f'{path}: {error.strerror}{near_name(path)}') from error
     except OSError as error:
@@ -90,7 +145,7 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     Raises:
         ConfigurationError: The file cannot be read; the text names it.
     """
-    document = load_yaml(path)
+    document = load_yaml(path, _ParameterLoader)
     if not isinstance(document, Mapping):
         raise ConfigurationError(
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
@@ -102,7 +157,7 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
         parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
         if not isinstance(parameters, Mapping):
             raise ConfigurationError(f"{path}: section '{section}' must hold 'ros__parameters:'")
-        merged.update(_flattened('', parameters))
+        merged.update(_flat(path, parameters))
     if not merged:
         sections = ', '.join(str(section) for section in document)
         raise ConfigurationError(
@@ -141,17 +196,28 @@ def load_section(path: str | Path, section: str) -> dict[str, Any]:
     Raises:
         ConfigurationError: The file cannot be read, or has no such section.
     """
-    document = load_yaml(path)
+    document = load_yaml(path, _ParameterLoader)
     content = document.get(section) if isinstance(document, Mapping) else None
     parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
     if not isinstance(parameters, Mapping):
         raise ConfigurationError(f"{path} has no section '{section}:' with 'ros__parameters:'")
-    return dict(_flattened('', parameters))
+    return _flat(path, parameters)
 
 
 def is_ros_parameter(name: str) -> bool:
     """Whether a parameter is one that every ROS 2 node has."""
     return name in _ROS_OWN or name.startswith('qos_overrides.')
+
+
+def _flat(path: str | Path, content: Mapping[Any, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in _flattened('', content):
+        if name in found:
+            raise ConfigurationError(
+                f"{path}: '{name}' is given twice, with dots and in a section: keep one"
+            )
+        found[name] = value
+    return found
 
 
 def _flattened(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:

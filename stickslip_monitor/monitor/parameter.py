@@ -9,6 +9,7 @@ cattrs would add is another set of sentences to translate and a dependency of th
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields
 from numbers import Integral, Real
@@ -28,6 +29,7 @@ _WORDS = {
     'float[]': 'a list of finite numbers',
     'str[]': 'a list of texts',
 }
+_NUMBER = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?')
 Section = TypeVar('Section')
 
 
@@ -89,7 +91,7 @@ class Parameter:
             items = list(value) if listed else [None]
         items = [_converted(kind, item) for item in items]
         if not all(item is not None and self._allows(item) for item in items):
-            raise ConfigurationError(f'{name} = {value!r} must be {self.rule()}')
+            raise ConfigurationError(f'{name} = {value!r} must be {self.rule()}{_remedy(value)}')
         return tuple(items) if is_list else items[0]
 
     def _allows(self, value: Any) -> bool:
@@ -100,6 +102,14 @@ class Parameter:
         above = value > self.minimum if self.above_minimum else value >= self.minimum
         finite = isinstance(value, int) or math.isfinite(value) or self.default == math.inf
         return above and value <= self.maximum and finite and not (self.not_zero and value == 0)
+
+
+def _remedy(value: Any) -> str:
+    """How to write a number that was read as a text, as the end of a sentence."""
+    if not isinstance(value, str):
+        return ''
+    plain = value.replace('_', '').replace(',', '.').strip()
+    return f': write {plain}, without quotes' if _NUMBER.fullmatch(plain) else ''
 
 
 def _converted(kind: str, value: Any) -> Any:

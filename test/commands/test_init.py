@@ -12,7 +12,7 @@ import pytest
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.init import NEEDS, ask
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.bearing_estimate import Given, effects, estimate, shear_modulus
+from stickslip_monitor.lab.bearing_estimate import Given, estimate, fold_shifts, shear_modulus
 from stickslip_monitor.monitor.config_file import load_config
 
 DRAWING = (
@@ -58,9 +58,9 @@ def test_effects_by_the_closed_form() -> None:
 
     So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing.
     """
-    by_name = {e.name: e for e in effects(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
+    by_name = {e.name: e for e in fold_shifts(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
     assert not by_name.keys() & {'mass', 'stiffness'}
-    damping = effects(estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0),
+    damping = fold_shifts(estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0),
                                       density=Given(1200.0, 0.0))))  # fmt: skip
     less_damping = next(e.below for e in damping if e.name == 'damping')
     assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)

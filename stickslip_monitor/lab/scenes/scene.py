@@ -45,6 +45,10 @@ KEYS = (
 )  # fmt: skip
 SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
+_EPOCHS = (
+    10**18,
+    4 * 10**18,
+)  # 2001 to 2096: no time of a recording in a smaller unit is nanoseconds
 _LATEST_NS = (1 << 63) - 1
 _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 # Imported for the effects that they declare.
@@ -243,15 +247,19 @@ def _start_ns(settings: Settings, duration: float) -> int:
     value = settings.value('start', what)
     if isinstance(value, str):
         try:
-            value = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
+            dt.date.fromisoformat(value[:10]), dt.time.fromisoformat(value[11:16])
+            time = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
         except ValueError:
             raise settings.broken('start', f'must be {what}') from None
-    if isinstance(value, dt.datetime):
-        if value.tzinfo is None:
-            value = value.replace(tzinfo=dt.timezone.utc)
-        value = (value - _EPOCH) // dt.timedelta(microseconds=1) * 1000
+        zoned = time if time.tzinfo else time.replace(tzinfo=dt.timezone.utc)
+        value = (zoned - _EPOCH) // dt.timedelta(microseconds=1) * 1000
     if isinstance(value, bool) or not isinstance(value, int):
         raise settings.broken('start', f'must be {what}')
+    for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
+        if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
+            raise settings.broken(
+                'start', f'looks like {unit}: nanoseconds since 1970 are {value * factor}'
+            )
     if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
         raise settings.broken('start', 'must lie, with the whole scene, between 1970 and 2262')
     return value
