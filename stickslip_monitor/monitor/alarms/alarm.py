@@ -26,7 +26,7 @@ AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
 
 
 class Priority(IntEnum):
-    """How urgent an alarm is, in the words of IEC 62923."""
+    """How urgent an alarm is, in the words of IEC 62923; a caution makes no sound."""
 
     CAUTION = 1
     WARNING = 2
@@ -61,7 +61,7 @@ RUNG_OF = {
 SUPPRESSIBLE = (*RUNG_OF, AlarmKind.VIBRATION)
 """The alarms that mean nothing at rest and while the shaft starts to turn."""
 LATCHING = (AlarmKind.AMPLITUDE_LIMIT, AlarmKind.STICK_SLIP)
-"""The alarms that latch where latching is configured."""
+"""The alarms of stick-slip itself: each onset sounds, and they latch where it is configured."""
 
 
 def kinds_of(config: BearingConfig) -> tuple[AlarmKind, ...]:

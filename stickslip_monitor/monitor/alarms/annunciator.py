@@ -20,6 +20,7 @@ from stickslip_monitor.monitor.alarms.alarm import (
     AlarmState,
     Causes,
     Facts,
+    Priority,
     Trigger,
     follow,
     kinds_of,
@@ -35,12 +36,10 @@ ON_SHOW = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
 STANDING = (*ON_SHOW, AlarmState.RETURNED)
 WINDOW_NS = 600 * 10**9
-"""Alarms that people were given are counted over such a time [ns]. A cause that comes again within
-it has come back; later it is a new matter."""
-MOST_GIVEN = 6
-"""So many alarms of a bearing are given in that time; further ones wait without a sound."""
+"""The time of a matter [ns]. A cause that comes again within it has come back; what is no worse
+than what people were given within it makes no sound; floods are counted over it."""
 FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
-"""The flood of ISA-18.2: it begins and ends with so many alarms given in that time."""
+"""The flood of ISA-18.2: it begins and ends with so many alarms raised in that time."""
 
 
 class Action(str, Enum):
@@ -61,7 +60,7 @@ class Action(str, Enum):
 
 
 class Flood:
-    """Counts the alarms that people are given, 1000 at most; ``most``: in any ten minutes."""
+    """Counts the alarms that are raised, 1000 at most; ``most``: in any ten minutes."""
 
     def __init__(self) -> None:
         self._times: deque[int] = deque(maxlen=1000)
@@ -69,14 +68,14 @@ class Flood:
         self._flooding = False
 
     def add(self, now_ns: int) -> None:
-        """An alarm was given."""
+        """An alarm was raised."""
         self._pass(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
         self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
-        """How many were given lately and at most, and whether it is a flood."""
+        """How many were raised lately and at most, and whether it is a flood."""
         self._pass(now_ns)
         return {
             'alarms_10min': len(self._times),
@@ -105,7 +104,7 @@ class LiveAlarm:
     changed_ns: int | None = None  # stamp of the last change of state
     by: str = ''  # who made that change
     shelved_until_ns: int | None = None  # stamp, while shelved
-    count: int = 0  # how often it was given to people since the start
+    count: int = 0  # how often it was raised since the start
     text: str = ''  # the latest text of its condition
     came_back: int = 0  # how often its cause has come again since it came first
     first_ns: int | None = None  # stamp of that first time
@@ -116,8 +115,9 @@ class LiveAlarm:
 
     @property
     def sounding(self) -> bool:
-        """Whether it calls for attention aloud."""
-        return self.state is AlarmState.UNACKNOWLEDGED and not self.silenced
+        """Whether it calls for attention aloud, as no caution does."""
+        waits = self.state is AlarmState.UNACKNOWLEDGED and not self.silenced
+        return waits and self.kind.priority > Priority.CAUTION
 
     def come(self, now_ns: int, time_ns: int) -> None:
         """Its cause has come: again, unless the last time is long ago."""
@@ -140,13 +140,12 @@ class AlarmChange:
     after: AlarmState
     by: str  # a person's name, 'ros service', 'monitor' or 'timer'
     text: str  # the latest text of the alarm's condition
-    quiet: bool = False  # given without a sound, because too many were given lately
+    aloud: bool = False  # whether it begins to sound, or sounds anew
 
     @property
     def raised(self) -> bool:
-        """Whether people are given an alarm that they were not given before."""
-        given = self.after is AlarmState.UNACKNOWLEDGED and self.before not in WAITING
-        return given and not self.quiet
+        """Whether people are given an alarm that they were not given before, aloud or not."""
+        return self.after is AlarmState.UNACKNOWLEDGED and self.before not in WAITING
 
 
 class Annunciator:
@@ -157,7 +156,7 @@ class Annunciator:
 
     Attributes:
         alarms: Of each bearing its alarms by kind, worst first.
-        flood: How many alarms people were given.
+        flood: How many alarms were raised.
     """
 
     def __init__(self, config: MonitorConfig) -> None:
@@ -165,7 +164,8 @@ class Annunciator:
         self.flood = Flood()
         self.causes = {b.name: Causes(b) for b in config.bearings}
         self.alarms: dict[str, dict[AlarmKind, LiveAlarm]] = {b.name: {} for b in config.bearings}
-        self._given = {name: deque[int](maxlen=MOST_GIVEN) for name in self.alarms}
+        # When people were given each kind last, aloud or not, on the running time.
+        self._given: dict[str, dict[AlarmKind, int]] = {name: {} for name in self.alarms}
         self.retune(config)
 
     def __iter__(self) -> Iterator[LiveAlarm]:
@@ -206,14 +206,31 @@ class Annunciator:
         """The condition of a bearing has changed."""
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
+        if not event.onset:
+            return self._sync(name, time_ns)
+        own = [self.alarms[name][kind] for kind in LATCHING]
+        for alarm in own:
+            alarm.silenced = False
         changes = self._sync(name, time_ns)
-        own = self.alarms[name]
-        shown = (own[kind] for kind in RUNG_OF if own[kind].active and own[kind].state in ON_SHOW)
-        worst = next(shown, None)
-        if event.onset and worst is not None and worst.kind not in {c.kind for c in changes}:
-            worst.come(self.now_ns, time_ns)
-            changes += self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
-        return changes
+        return changes + self._begin_anew([a for a in own if a.active], changes, time_ns)
+
+    def _begin_anew(
+        self, active: list[LiveAlarm], changes: list[AlarmChange], time_ns: int
+    ) -> list[AlarmChange]:
+        """Stick-slip has begun: the worst of these alarms has come, if it was not raised by it.
+
+        One that is shelved, or out of service, makes no sound; a milder one speaks for it only
+        where it is about stick-slip too.
+        """
+        active.sort(key=lambda alarm: alarm.state not in ON_SHOW)
+        if not active or active[0].kind in {change.kind for change in changes}:
+            return []
+        worst = active[0]
+        worst.come(self.now_ns, time_ns)
+        if worst.state is AlarmState.UNACKNOWLEDGED and not worst.suppressed_by:
+            change = _change(worst, time_ns, Trigger.RECUR.value, worst.state, MONITOR)
+            return [self._give(worst, change)]
+        return self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
 
     def take_fault(
         self, bearing: str, place: int, status: Status, time_ns: int
@@ -319,6 +336,10 @@ class Annunciator:
             alarm.active, alarm.suppressed_by = active, reasons
             for trigger in triggers:
                 changes += self._fire(alarm, trigger, time_ns, by)
+        for alarm in self.alarms[name].values():
+            # One matter: who is given the worst need not acknowledge what it covers.
+            if alarm.state is AlarmState.UNACKNOWLEDGED and self.covering(alarm) is not None:
+                changes += self._fire(alarm, Trigger.ACKNOWLEDGE, time_ns, by)
         return changes
 
     def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
@@ -365,18 +386,23 @@ class Annunciator:
         change = _change(alarm, time_ns, trigger.value, before, by)
         if change.raised:
             alarm.count += 1
-            change = self._give(alarm, change)
-        return [change]
+            self.flood.add(self.now_ns)
+        return [self._give(alarm, change) if after is AlarmState.UNACKNOWLEDGED else change]
 
     def _give(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
-        """Give an alarm to people: aloud, unless too many were given lately."""
-        given = self._given[alarm.bearing]
-        if len(given) == MOST_GIVEN and self.now_ns - given[0] < WINDOW_NS:
-            alarm.silenced, alarm.silence_end_ns = True, given[0] + WINDOW_NS
-            return replace(change, quiet=True)
-        given.append(self.now_ns)
-        self.flood.add(self.now_ns)
-        return change
+        """Give an alarm to people, aloud if it is worse than what they were given lately.
+
+        The ladder is one matter. Stick-slip and the amplitude limit are always given aloud, a
+        caution never, and what still waits at the end of the matter's time sounds then.
+        """
+        given, since_ns = self._given[alarm.bearing], self.now_ns - WINDOW_NS
+        rung = RUNG_OF.get(alarm.kind)
+        as_bad = [k for k in RUNG_OF if rung is not None and RUNG_OF[k] >= rung] or [alarm.kind]
+        known = any(given.get(kind, since_ns) > since_ns for kind in as_bad)
+        given[alarm.kind] = self.now_ns
+        if known and alarm.kind not in LATCHING and alarm.sounding:
+            alarm.silenced, alarm.silence_end_ns = True, self.now_ns + WINDOW_NS
+        return replace(change, aloud=alarm.sounding)
 
 
 def _change(alarm: LiveAlarm, time_ns: int, what: str, before: AlarmState, by: str) -> AlarmChange:

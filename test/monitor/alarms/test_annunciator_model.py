@@ -18,13 +18,14 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from sequences import BEARINGS
 
 from stickslip_monitor import assess, build_config
-from stickslip_monitor.monitor.alarms.alarm import RUNG_OF, AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarms.alarm import LATCHING, RUNG_OF, AlarmKind, AlarmState
 from stickslip_monitor.monitor.alarms.alarm_records import (
     alarms_record,
     recall_state,
     state_record,
 )
 from stickslip_monitor.monitor.alarms.annunciator import (
+    ON_SHOW,
     Action,
     AlarmChange,
     Annunciator,
@@ -133,6 +134,17 @@ class Life(RuleBasedStateMachine):
         changes = self.annunciator.act(action, self.now, 'Ada', bearing, kind)
         assert {change.by for change in changes} <= {'Ada'}
         self.heard(changes)
+
+    @precondition(lambda self: self.condition in (Condition.STICK_SLIP, Condition.AMPLITUDE))
+    @rule()
+    def stick_slip_begins_anew(self) -> None:
+        here = self.condition
+        event = Event('b', self.now, here, here, None, True, {}, str(here), onset=True)
+        self.heard(self.annunciator.take_event(event))
+        own = [self.own()[kind] for kind in LATCHING]
+        free = [a for a in own if a.active and not a.suppressed_by and a.state in ON_SHOW]
+        # No onset without a sound, unless it was put away.
+        assert self.annunciator.sounding or not free
 
     @precondition(lambda self: self.now > 0)
     @rule(down=st.sampled_from([0, 10 * SECOND, 1000 * SECOND, -(10**18)]))
