@@ -17,6 +17,7 @@ from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.questions import FACTOR, questions
 from stickslip_monitor.monitor.signals import (
     INPUTS,
     LEVEL,
@@ -36,10 +37,6 @@ from stickslip_monitor.physics.averaging.boundaries import fold_speed
 _MOST_NAMED = 5
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
-THICKEST = 1.0
-"""Journal diameter from which on it may be in another unit [m]."""
-FACTOR = 5.0
-"""Least distance from the boundary, as a factor, that is asked about if it is never smaller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +205,7 @@ class Plausibility:
 
     def __init__(self, config: BearingConfig) -> None:
         self._config = config
-        self._count = self._negative = 0
+        self._count = self._negative = self._moving = self._unloaded = 0
         self._fastest = self._heaviest = 0.0
         # Of the points of a turning shaft: whether all have a fold, and speeds relative to it.
         self._turning = False
@@ -221,26 +218,24 @@ class Plausibility:
         self._count += speed.size
         self._fastest = float(speed.max(initial=self._fastest))
         self._negative += int(np.count_nonzero(load < 0.0))
+        self._moving += int(np.count_nonzero(speed > 0.0))
+        self._unloaded += int(np.count_nonzero((speed > 0.0) & (load == 0.0)))
         turning = (speed > 0.0) & (load > 0.0)
         bounded = turning & np.isfinite(fold)
         self._turning |= bool(turning.any())
         self._bounded &= bool((bounded == turning).all())
-        self._heaviest = float(load[turning].max(initial=self._heaviest))
+        self._heaviest = float(load.max(initial=self._heaviest))
         ratio = speed[bounded] / fold[bounded]
         self._least = float(ratio.min(initial=self._least))
         self._most = float(ratio.max(initial=self._most))
 
     def questions(self) -> dict[str, list[str]]:
         """Questions by quantity, each a clause that follows the name of the input."""
-        config, diameter = self._config, self._config.bearing.journal_diameter
-        found: dict[str, list[str]] = {'speed': [], 'load': []}
+        config = self._config
+        found = questions(config, self._heaviest)
         if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
             found['load'].append(
                 'is read from the same field as the speed: is it the right topic?'
-            )
-        if diameter >= THICKEST:
-            found['speed'].append(
-                f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
             )
         if self._fastest > FASTEST:
             found['speed'].append(
@@ -251,7 +246,12 @@ class Plausibility:
             found['load'].append(
                 'is negative for most of the time: is the sign of its scale right?'
             )
-        if self._turning:
+        if self._unloaded > 0.5 * self._moving:
+            found['load'].append(
+                'is exactly 0 while the shaft turns: is the sensor connected, are its topic and'
+                ' field right?'
+            )
+        if self._turning and not found['speed']:
             found['speed'] += self._distance()
         return found
 
@@ -267,14 +267,6 @@ class Plausibility:
         return []
 
     def _without_boundary(self, asked: str) -> list[str]:
-        law = self._config.bearing.friction
-        at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
-        sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
-        if at_rest <= sliding:
-            return [
-                f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the'
-                f' least of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
-            ]
         if np.isfinite(fold_speed(self._config.bearing, FACTOR * self._heaviest)):
             return []
         return [

@@ -87,3 +87,11 @@ def test_friction_that_rises_from_rest_is_asked_about() -> None:
     swapped = replace(CONFIG, bearing=replace(CONFIG.bearing, friction=Stribeck(0.1, 0.3, 10.0)))
     (question,) = asked([0.2], [1000.0], swapped)['speed']
     assert question.endswith('are static and kinetic swapped?')
+
+
+def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
+    assert asked([0.2, 0.2, 0.3], [0.0, 0.0, 1000.0])['load'] == [
+        'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field'
+        ' right?'
+    ]
+    assert asked([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Questions about a configuration in the wrong unit, by the reference bearing at 1000 N.
+
+Its fold is at 0.2132 m/s (40.72 rpm), its natural frequency 200 rad/s: the largest cycle is about
+0.2132/200 m = 1.07 mm.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from shared import CONFIG
+
+from stickslip_monitor import MonitorConfig
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.questions import questions
+
+Configure = Callable[..., MonitorConfig]
+
+
+def asked(configure: Configure, load: float = 1000.0, **changes: object) -> list[str]:
+    (bearing,) = configure(**changes).bearings
+    found = questions(bearing, load)
+    return [f'{name} {clause}' for name, own in found.items() for clause in own]
+
+
+def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
+    assert asked(configure) == []
+    assert asked(configure, load=0.0) == []
+    assert asked(configure, alarm__minimum_speed=0.02) == []
+
+
+@pytest.mark.parametrize(
+    ('changes', 'clause'),
+    [
+        (
+            {'alarm__minimum_speed': 0.5},
+            # 0.5/0.2132 = 2.3; 0.5 m/s on a journal of 0.1 m are 95.5 rpm.
+            'speed counts as rest up to 0.5 m/s (95.5 rpm), 2.3 times the fold speed',
+        ),
+        ({'journal_diameter': 100.0}, 'speed turns a journal of 100 m'),
+        ({'stiffness': 2.0}, 'at 0.0318 Hz: are mass and stiffness in kg and N/m?'),
+        # sqrt(2000/50) rad/s = 6.32: 0.2132/6.32 m.
+        ({'stiffness': 2000.0, 'mass': 50.0}, 'would move the lining by 0.0337 m'),
+        ({'mass': 5.0e-8}, 'at 1.01e+06 Hz'),
+        ({'alarm__amplitude_limit': 0.9}, 'load may move the lining by 0.9 m'),
+        ({'friction__static': 0.1, 'friction__kinetic': 0.3}, 'are static and kinetic swapped?'),
+        (
+            {
+                'friction__law': 'tabulated',
+                'friction__speed': [0.0, 0.01, 0.1],
+                'friction__coefficient': [0.01, 0.25, 0.1],
+            },
+            'begins with 0.01, far below its next value 0.25',
+        ),
+    ],
+)
+def test_a_slip_is_asked_about(
+    configure: Configure, changes: dict[str, object], clause: str
+) -> None:
+    assert any(clause in text for text in asked(configure, **changes)), asked(configure, **changes)
+
+
+def test_assess_asks_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = CONFIG.read_text(encoding='utf-8').replace('0.9e-3', '0.9')
+    path = tmp_path / 'ship.yaml'
+    path.write_text(text, encoding='utf-8')
+    point = ['assess', '-c', str(path), '--speed', '50rpm', '--load', '1kN']
+    assert main(point) == 0
+    assert 'question: aft_stern: load may move the lining by 0.9 m' in capsys.readouterr().out
+    assert main([*point, '--json']) == 0
+    (question,) = json.loads(capsys.readouterr().out)['questions']
+    assert question.endswith('in metres?')
