@@ -6,7 +6,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
-import logging
 import shutil
 import subprocess
 import threading
@@ -15,63 +14,34 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sending import SECOND, Ship
 from shared import CONFIG, until
 
 DEADLINE = 30.0
 """Only a test that fails waits so long [s]."""
-T0 = 1_700_000_000 * 10**9
 BEARING = 'aft_stern'
 
 
-class Ship:
-    """A session that is real but for the clock: time passes when the test says so.
-
-    It takes what people ask for on the page.
-    """
+class PageShip(Ship):
+    """A ship that a page shows; it takes what people ask for there."""
 
     def __init__(self, shown: Any) -> None:
         from stickslip_monitor.monitor.config_file import load_config
-        from stickslip_monitor.monitor.input_watch import Graph
-        from stickslip_monitor.monitor.session import Session, Shown
 
-        self.shown = shown
-        shown.act = self.act
-        self.seconds = 0.0
+        self.shown, self.deaf = shown, False
         self.asked: list[Any] = []
-        self.deaf = False
-        log, clock = logging.getLogger('ship'), lambda: self.time_ns
-        self.session = Session(load_config(CONFIG), Shown(shown), log, clock, None, Graph())
-        self.session.begin()
+        super().__init__(load_config(CONFIG), display=shown)
+        shown.act = self.act
 
-    @property
-    def time_ns(self) -> int:
-        return T0 + round(self.seconds * 1e9)
-
-    @property
-    def now(self) -> Any:
-        from stickslip_monitor.monitor.session import Moment
-
-        return Moment(self.time_ns, self.time_ns)
-
-    def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:
+    def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:  # type: ignore[override]
         """So long at an operating point, with a sample of each input a second."""
-        for _ in range(max(round(seconds), 1)):
-            self.seconds += 1.0
-            for place, value in enumerate((rpm, load)):
-                self.session.take(BEARING, place, self.time_ns, value, self.now)
-            self.session.tick(self.now, round(self.seconds * 1e9))
-        self.show()
+        super().sail(max(round(seconds), 1), rpm, load, rate=1.0)
 
     def wait(self, seconds: float) -> None:
         """So long without a sample."""
-        self.seconds += seconds
-        self.session.pass_time(BEARING, self.time_ns, self.now)
-        self.session.tick(self.now, round(self.seconds * 1e9))
-        self.show()
-
-    def show(self) -> None:
-        """Say how things are."""
-        self.session.show(self.now)
+        self.steady_ns += round(seconds * SECOND)
+        self.tick()
+        self.look()
 
     def act(self, request: Any) -> None:
         """Do what is asked for."""
@@ -99,7 +69,7 @@ class Dashboard:
         self._loop = asyncio.new_event_loop()
         config = load_config(CONFIG)
         self.board = DashboardState([watched(config, node, node) for node in nodes])
-        self.ships = [Ship(monitor) for monitor in self.board.monitors]
+        self.ships = [PageShip(monitor) for monitor in self.board.monitors]
         self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))
         self.server = Server(self.board, access, player)

@@ -139,7 +139,7 @@ def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) 
     page.until('document.body.dataset.link === "silent"')
     assert 'The monitor /stickslip_monitor has been silent for' in page.text('#banner')
     assert page.js('document.getElementById("quiet").hidden')
-    dashboard.do(dashboard.ship.show)
+    dashboard.do(dashboard.ship.look)
     page.until('document.body.dataset.link === "live"')
     assert page.js('document.getElementById("banner").hidden')
 
@@ -294,7 +294,7 @@ def test_what_was_not_done_stays_until_it_is_seen(
 
 def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -> None:
     dashboard.do(lambda: setattr(dashboard.ship.shown, 'alarms', None))
-    dashboard.do(dashboard.ship.show)
+    dashboard.do(dashboard.ship.look)
     browser.open(dashboard.url)
     words = 'No list of alarms from /stickslip_monitor yet'
     browser.until(f'document.getElementById("banner").textContent.includes("{words}")')
@@ -433,7 +433,7 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
         'gone, and a fault of the node': lambda: (
             ship.sail(60.0, 1000.0, 40.0),
             ship.shown.take_health(2, 'it is not well'),
-            ship.show(),
+            ship.look(),
         ),
         'an input lost': lambda: ship.wait(30.0),
     }

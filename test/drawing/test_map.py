@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sending
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -20,7 +21,6 @@ from stickslip_monitor import (
     Coulomb,
     FrictionLaw,
     Monitor,
-    Stream,
     Stribeck,
     Tabulated,
     assess,
@@ -162,11 +162,8 @@ def test_a_track_of_next_to_nothing_is_drawn(points: int) -> None:
 
 
 def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:
-    second = 10**9
-    stretch = np.repeat(np.arange(10, dtype=np.int64), 2) * second
-    times = np.concatenate([stretch, stretch + 60 * second])
-    stream = Stream(times, np.tile([False, True], 20), np.array([60.0, 900.0] * 20))
-    scan = Monitor(CONFIG).scan({'aft_stern': stream}, 0, 90 * second)['aft_stern']
+    stream = sending.points(np.full(20, 60.0), 900.0, np.r_[0:10, 60:70])
+    scan = Monitor(CONFIG).scan({'aft_stern': stream}, 0, 90 * sending.SECOND)['aft_stern']
     track = track_of_scan(scan)
     (gap,) = np.flatnonzero(np.isnan(track.speed))
     assert track.time[gap - 1] < 10.0 < 59.9 < track.time[gap + 1]

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sending import SECOND, points
 from shared import CONFIG as REFERENCE_FILE
 from shared import START
 
-from stickslip_monitor import Monitor, Stream
+from stickslip_monitor import Monitor
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
@@ -33,9 +34,7 @@ def timeline(
     config: MonitorConfig = CONFIG,
 ) -> Timeline:
     """The course of shaft speeds [rpm] at 1000 N, one sample a step [ns]."""
-    times = start + np.repeat(np.arange(len(speeds)), 2).astype(np.int64) * step
-    values = np.column_stack([speeds, np.full(len(speeds), 1000.0)]).ravel()
-    stream = Stream(times, np.tile([False, True], len(speeds)), values)
+    stream = points(speeds, 1000.0, step / SECOND, start)
     end = start + len(speeds) * step
     scan = Monitor(config).scan({'aft_stern': stream}, start, end)['aft_stern']
     return Timeline(config.bearings[0], scan, condition_intervals(scan.events, start, end))
@@ -102,9 +101,9 @@ def test_without_a_cycle_there_is_no_amplitude_panel() -> None:
 
 @pytest.mark.parametrize('later', [60, -1000], ids=['an input was lost', 'the clock jumps back'])
 def test_a_line_is_interrupted_where(later: int) -> None:
-    stretch = np.repeat(np.arange(10, dtype=np.int64), 2) * 10**9
-    times = START + np.concatenate([stretch, stretch + later * 10**9])
-    stream = Stream(times, np.tile([False, True], 20), np.tile([60.0, 1000.0], 20))
+    at = np.concatenate([np.arange(10), np.arange(10) + later])
+    stream = points(np.full(20, 60.0), 1000.0, at, START)
+    times = stream.time_ns
     scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, int(times[-1]))['aft_stern']
     first, last = int(times.min()), int(times.max())
     course = Timeline(CONFIG.bearings[0], scan, condition_intervals(scan.events, first, last))

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sending import SECOND, brief, feed
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.signals import Status
 
-SECOND = 10**9
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
 Configure = Callable[..., MonitorConfig]
@@ -22,23 +21,11 @@ Configure = Callable[..., MonitorConfig]
 UNSTABLE, INSIDE, CAUTION, QUIET = 20.0, 35.0, 43.0, 60.0
 
 
-def _feed(
-    monitor: Monitor, time: float, quantity: str, value: float, bearing: str = 'aft'
-) -> Update:
-    return monitor.update(Sample(bearing, quantity, round(time * SECOND), value))
-
-
 def _point(monitor: Monitor, time: float, rpm: float, bearing: str = 'aft') -> list[Any]:
     """Both inputs at one instant; returns the events as (seconds, before, after)."""
-    updates = [
-        _feed(monitor, time, 'speed', rpm, bearing),
-        _feed(monitor, time, 'load', 1000.0, bearing),
-    ]
-    return [_brief(event) for update in updates for event in update.events]
-
-
-def _brief(event: Any) -> tuple[float, str, str]:
-    return event.time_ns / SECOND, str(event.before), str(event.after)
+    both = (('speed', rpm), ('load', 1000.0))
+    updates = [feed(monitor, time, quantity, value, bearing) for quantity, value in both]
+    return [brief(event) for update in updates for event in update.events]
 
 
 def _two(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
@@ -50,9 +37,9 @@ def _two(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
 
 def test_a_point_needs_both_inputs(configure: Configure) -> None:
     monitor = Monitor(configure())
-    assert _feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
+    assert feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
     assert monitor.bearings['aft'].asked == 0
-    update = _feed(monitor, 1.0, 'load', 1000.0)
+    update = feed(monitor, 1.0, 'load', 1000.0)
     assert update.status is Status.ACCEPTED
     assert update.verdict is not None
     assert update.verdict.bearing == 'aft'
@@ -72,7 +59,7 @@ def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
         (0.0, UNSTABLE, Status.REPEATED),
         (-1.0, UNSTABLE, Status.OUT_OF_ORDER),
     ):
-        update = _feed(monitor, time, 'speed', value)
+        update = feed(monitor, time, 'speed', value)
         assert (update.status, update.verdict, update.events) == (status, None, [])
     assert monitor.bearings['aft'].now_ns == 0
     assert not monitor.bearings['aft'].sticking
@@ -100,7 +87,7 @@ def test_lost_and_returned(configure: Configure) -> None:
     _point(monitor, 1.0, QUIET)
     assert monitor.advance(4 * SECOND) == []
     (lost,) = monitor.advance(10 * SECOND)
-    assert _brief(lost) == (4.0, 'normal', 'input_stale')
+    assert brief(lost) == (4.0, 'normal', 'input_stale')
     assert lost.lost == {'speed': 3.0}  # as it was then
     assert lost.text == 'aft: Input speed lost: no valid value on /shaft/speed for 3 s.'
     assert monitor.condition('aft') is Condition.INPUT_STALE
@@ -109,9 +96,9 @@ def test_lost_and_returned(configure: Configure) -> None:
         'aft: Input speed lost: no valid value on /shaft/speed for 9 s.'
         ' Input load lost: no valid value on /bearing/aft/load for 9 s.'
     )
-    assert _feed(monitor, 11.0, 'speed', QUIET).events == []
-    (back,) = _feed(monitor, 12.0, 'load', 1000.0).events
-    assert _brief(back) == (12.0, 'input_stale', 'normal')
+    assert feed(monitor, 11.0, 'speed', QUIET).events == []
+    (back,) = feed(monitor, 12.0, 'load', 1000.0).events
+    assert brief(back) == (12.0, 'input_stale', 'normal')
     assert monitor.bearings['aft'].lost() == {}
 
 
@@ -120,8 +107,8 @@ def test_rejected_samples_do_not_keep_an_input_alive(configure: Configure) -> No
     _point(monitor, 0.0, QUIET)
     events = []
     for time in range(1, 8):
-        assert _feed(monitor, time, 'speed', math.nan).status is Status.NOT_FINITE
-        events += [_brief(e) for e in _feed(monitor, time, 'load', 1000.0).events]
+        assert feed(monitor, time, 'speed', math.nan).status is Status.NOT_FINITE
+        events += [brief(e) for e in feed(monitor, time, 'load', 1000.0).events]
     assert events == [(3.0, 'normal', 'input_stale')]
 
 
@@ -138,7 +125,7 @@ def test_bearings_are_independent(reference: dict[str, Any]) -> None:
     assert monitor.condition('aft') is Condition.NORMAL
     assert monitor.condition('forward') is Condition.STICK_SLIP
     events = monitor.bearings['aft'].advance(200 * SECOND)
-    assert [_brief(e) for e in events] == [(105.0, 'normal', 'input_stale')]
+    assert [brief(e) for e in events] == [(105.0, 'normal', 'input_stale')]
     assert monitor.condition('forward') is Condition.STICK_SLIP
 
 
@@ -146,9 +133,9 @@ def test_a_first_sample_before_the_start_moves_the_start(configure: Configure) -
     # A recording is played whose stamps are long past.
     monitor = Monitor(configure(alarm__on_delay=0.0, load__timeout=4.0))
     monitor.advance(1000 * SECOND)
-    assert _feed(monitor, 10.0, 'speed', UNSTABLE).events == []
+    assert feed(monitor, 10.0, 'speed', UNSTABLE).events == []
     assert monitor.bearings['aft'].now_ns == 10 * SECOND
-    assert [_brief(e) for e in monitor.advance(15 * SECOND)] == [(14.0, 'normal', 'input_stale')]
+    assert [brief(e) for e in monitor.advance(15 * SECOND)] == [(14.0, 'normal', 'input_stale')]
 
 
 def test_the_clock_jumps_back(configure: Configure) -> None:
@@ -159,10 +146,10 @@ def test_the_clock_jumps_back(configure: Configure) -> None:
     assert monitor.condition('aft') is Condition.STICK_SLIP
     _point(monitor, 103.0, QUIET)
     for time in (0.0, 0.1):
-        update = _feed(monitor, time, 'speed', QUIET)
+        update = feed(monitor, time, 'speed', QUIET)
         assert (update.status, update.verdict, update.events) == (Status.OUT_OF_ORDER, None, [])
-    assert _feed(monitor, 0.2, 'speed', QUIET).status is Status.CLOCK_JUMP
-    assert _feed(monitor, 0.2, 'load', 1000.0).status is Status.ACCEPTED
+    assert feed(monitor, 0.2, 'speed', QUIET).status is Status.CLOCK_JUMP
+    assert feed(monitor, 0.2, 'load', 1000.0).status is Status.ACCEPTED
     assert monitor.condition('aft') is Condition.STICK_SLIP
     # The delays run from the jump: it dies out in 1.2 s, and clears after thirty values.
     events = [event for k in range(3, 60) for event in _point(monitor, k / 10, QUIET)]
@@ -172,10 +159,10 @@ def test_the_clock_jumps_back(configure: Configure) -> None:
 def test_after_a_jump_the_other_input_stands_for_its_timeout(configure: Configure) -> None:
     monitor = Monitor(configure(load__timeout=4.0))
     _point(monitor, 100.0, QUIET)
-    verdicts = [_feed(monitor, time, 'speed', QUIET).verdict for time in (0.0, 1.0, 2.0)]
+    verdicts = [feed(monitor, time, 'speed', QUIET).verdict for time in (0.0, 1.0, 2.0)]
     assert [verdict is None for verdict in verdicts] == [True, True, False]
     events = monitor.advance(6 * SECOND + 1)
-    assert [(_brief(e), e.lost) for e in events] == [
+    assert [(brief(e), e.lost) for e in events] == [
         ((6.0, 'normal', 'input_stale'), {'load': 4.0})
     ]
 
@@ -188,8 +175,8 @@ def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_
     events, verdicts = [], []
     for time in range(20):
         for quantity, shift, value in (('speed', 0.0, UNSTABLE), ('load', offset, 1000.0)):
-            update = _feed(monitor, time + shift, quantity, value)
-            events += [_brief(e) for e in update.events]
+            update = feed(monitor, time + shift, quantity, value)
+            events += [brief(e) for e in update.events]
             verdicts.append(update.verdict)
     assert [(before, after) for _, before, after in events] == [('normal', 'stick_slip')]
     assert all(verdict is not None for verdict in verdicts[1:])
@@ -201,8 +188,8 @@ def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_
 
 def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure) -> None:
     monitor = Monitor(configure(**AT_ONCE))
-    _feed(monitor, 0.0, 'speed', UNSTABLE)
-    (event,) = _feed(monitor, 0.0, 'load', 1000.0).events
+    feed(monitor, 0.0, 'speed', UNSTABLE)
+    (event,) = feed(monitor, 0.0, 'load', 1000.0).events
     # The fold of PHYSICS.md, 40.723 rpm, and 1.22 times it; the amplitude of the exact cycle is
     # 0.55676 mm by scipy's integrator (scripts/expected_events.py).
     assert event.text == (
@@ -230,13 +217,13 @@ def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> Non
         **AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11
     )
     monitor.retune(changed)
-    update = _feed(monitor, 1.0, 'load', 600.0)
+    update = feed(monitor, 1.0, 'load', 600.0)
     assert update.verdict is not None
     assert update.verdict.assessment.load == 1200.0
     assert monitor.condition('aft') is Condition.AMPLITUDE
-    assert _feed(monitor, 2.0, 'speed', 22.0).status is Status.IMPLAUSIBLE
+    assert feed(monitor, 2.0, 'speed', 22.0).status is Status.IMPLAUSIBLE
     monitor.retune(configure(alarm__minimum_speed=0.2))
-    _feed(monitor, 3.0, 'speed', INSIDE)
+    feed(monitor, 3.0, 'speed', INSIDE)
     verdict = monitor.bearings['aft'].verdict
     assert verdict is not None
     assert verdict.assessment.speed == 0.0
@@ -248,7 +235,7 @@ def test_a_shorter_timeout_reaches_an_input_already_silent(configure: Configure)
     assert monitor.advance(60 * SECOND) == []
     monitor.retune(configure(speed__timeout=5.0, load__timeout=3600.0))
     # It would have been lost at 5 s; it is told when it is known, at 60 s.
-    assert [(_brief(e), e.lost) for e in monitor.advance(61 * SECOND)] == [
+    assert [(brief(e), e.lost) for e in monitor.advance(61 * SECOND)] == [
         ((60.0, 'normal', 'input_stale'), {'speed': 60.0})
     ]
 
@@ -264,7 +251,7 @@ def test_retune_converts_the_values_that_stand(configure: Configure) -> None:
     for values in (state.value, state.before, state.earlier):
         assert values == pytest.approx([-speed, 2000.0])
     assert (state.fast, state.slow) == (pytest.approx(-speed), pytest.approx(-speed))
-    verdict = _feed(monitor, 3.0, 'load', 500.0).verdict
+    verdict = feed(monitor, 3.0, 'load', 500.0).verdict
     assert verdict is not None
     assert verdict.assessment.load == 1000.0
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sending import points
 from sequences import BEARINGS
 
 from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, build_config, fold_speed
@@ -25,11 +26,7 @@ RPM = math.pi * 0.1 / 60.0
 
 def passage() -> Stream:
     """Down from 60 rpm to 20 and up again at 1 kN, a speed and a load a second."""
-    second = np.arange(200)
-    rpm = 20.0 + 0.4 * np.abs(second - 100)
-    time = np.repeat(second * 10**9, 2)
-    place = np.tile([0, 1], 200)
-    return Stream(time, place, np.where(place, 1000.0, np.repeat(rpm, 2)))
+    return points(20.0 + 0.4 * np.abs(np.arange(200) - 100), 1000.0)
 
 
 def test_memory_holds_what_began(configure: Configure) -> None:
@@ -52,12 +49,7 @@ def test_noise_of_the_load_makes_no_probability_sure_or_unsure(
     speed = belief.fold_speed(1000.0, 0.2)
     true, _ = belief.probabilities(speed, 1000.0)
     load = 1000.0 * (1.0 + noise * np.random.default_rng(6).standard_normal(count))
-    rpm = np.full(count, speed / RPM)
-    stream = Stream(
-        np.repeat(np.arange(count) * 4 * 10**8, 2),
-        np.tile([0, 1], count),
-        np.stack([rpm, load], axis=1).ravel(),
-    )
+    stream = points(np.full(count, speed / RPM), load, 0.4)
     said = Monitor(config).scan({'aft': stream})['aft'].assessment.probability_can[20:]
     assert abs(said.mean() - true) < 0.05
     assert said.std() < 0.15
@@ -87,12 +79,7 @@ def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
         rpm = np.interp(place, np.arange(legs), fold * random.uniform(0.2, 2.0, legs))
         load = np.interp(place, np.arange(legs), nominal * np.exp(random.uniform(-0.7, 0.7, legs)))
         sent = load * np.maximum(0.05, 1.0 + noise * random.standard_normal(load.size))
-        stream = Stream(
-            np.repeat(np.arange(rpm.size) * int(10**9 / rate), 2),
-            np.tile(np.array([0, 1], np.int8), rpm.size),
-            np.stack([rpm, sent], axis=1).ravel(),
-        )
-        found = Monitor(config).scan({'b': stream})['b'].assessment
+        found = Monitor(config).scan({'b': points(rpm, sent, 1.0 / rate)})['b'].assessment
         for _ in range(20):
             by = {name: float(np.exp(s * random.standard_normal())) for name, s in spread.items()}
             law = bearing.friction

@@ -6,89 +6,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
+from sending import SECOND, Ship
 
 from stickslip_monitor import MonitorConfig
-from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
-from stickslip_monitor.monitor.input_watch import Graph
-from stickslip_monitor.monitor.messages import BearingState, bearing_record
-from stickslip_monitor.monitor.session import HEARTBEAT_NS, Moment, Session, Sink
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.session import HEARTBEAT_NS
 
-SECOND = 10**9
-T0 = 1_700_000_000 * SECOND
 Configure = Callable[..., MonitorConfig]
-
-
-class Ship(Sink):
-    """Clock, log, store and sink of a session that is fed five times a second."""
-
-    path = 'state.json'
-
-    def __init__(self, config: MonitorConfig, document: Any = None) -> None:
-        self.now_ns, self.document, self.full = 0, document, ''
-        self.verdicts: list[Verdict] = []
-        self.events: list[Event] = []
-        self.shown: list[BearingState] = []
-        self.published: list[dict[str, Any]] = []
-        self.lines: list[str] = []
-        self.info = self.warning = self.error = self.lines.append
-        self.session = Session(config, self, self, lambda: T0 + self.now_ns, self, Graph())
-        self.session.begin()
-
-    def take_verdict(self, verdict: Verdict) -> None:
-        self.verdicts.append(verdict)
-
-    def take_event(self, event: Event) -> None:
-        self.events.append(event)
-
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        self.published.append(record)
-
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
-        self.shown = states
-
-    def read(self) -> Any:
-        if isinstance(self.document, str):
-            raise AlarmStateError('it is not JSON')
-        return self.document
-
-    def write(self, document: Any) -> None:
-        if self.full:
-            raise OSError(self.full)
-        self.document = document
-
-    def set_aside(self) -> str:
-        return 'state.json.damaged'
-
-    @property
-    def now(self) -> Moment:
-        return Moment(self.now_ns, T0 + self.now_ns)
-
-    def sail(self, seconds: float, rpm: Any = 60.0, load: Any = 1000.0) -> dict[str, Any]:
-        """So long with samples (``None`` for none); the record at the end."""
-        for number in range(round(5 * seconds)):
-            self.now_ns += SECOND // 5
-            for place, value in enumerate((rpm, load)):
-                given = value(number) if callable(value) else value
-                if given is not None:
-                    self.session.take('aft', place, self.now.time_ns, given, self.now)
-            self.session.pass_time('aft', self.now.time_ns - SECOND // 2, self.now)
-            self.session.tick(self.now, self.now_ns)
-        self.session.show(self.now)
-        return bearing_record(self.shown[0])
-
-    def does(self, action: Action, kind: AlarmKind | None = None) -> list[Any]:
-        return self.session.act(ActionRequest(action, 'Ada', 'aft' if kind else None, kind))
-
-    def states(self) -> dict[str, str]:
-        alarms = self.published[-1]['alarms']
-        return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}
 
 
 @pytest.fixture
@@ -131,7 +58,7 @@ def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
     ship.sail(20.0, rpm=20.0)
     told = len(ship.events)
     ship.session.end()
-    ship.now_ns += 60 * SECOND
+    ship.steady_ns += 60 * SECOND
     ship.session.begin()
     ship.sail(1.0, rpm=None, load=None)
     assert ship.sail(5.0, rpm=20.0)['reason'] == 'stick_slip'
@@ -140,7 +67,7 @@ def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
 
 def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     ship.sail(5.0)
-    ship.now_ns += 10 * SECOND
+    ship.steady_ns += 10 * SECOND
     ship.session.excuse(10 * SECOND)
     ship.sail(1.0)
     assert ship.events == []
@@ -172,7 +99,7 @@ def test_samples_time_and_people_change_the_list_and_the_store(config: MonitorCo
     ship.sail(10.0, rpm=None, load=None)  # nothing more is heard: lost, and what stood stands
     assert ship.states()['input_lost'] == 'unacknowledged'
     assert ship.states()['stick_slip'] == 'acknowledged'
-    after = Ship(config, ship.document)  # a restart
+    after = Ship(config, ship.kept)  # a restart
     assert after.states()['stick_slip'] == 'acknowledged'
     sequence = [record['sequence'] for record in ship.published]
     assert sequence == list(range(1, len(sequence) + 1))

@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from sending import points
 from shared import CONFIG as REFERENCE_FILE
 from shared import START
 
-from stickslip_monitor import Monitor, Stream
+from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import REGIMES
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import BearingReport
@@ -25,9 +26,7 @@ def course() -> Callable[..., Course]:
     """Makes the course of shaft speeds [rpm] at one sample a second and 1000 N."""
 
     def make(speeds: Sequence[float], seconds: int | None = None) -> Course:
-        times = START + np.repeat(np.arange(len(speeds)), 2).astype(np.int64) * 10**9
-        values = np.column_stack([speeds, np.full(len(speeds), 1000.0)]).ravel()
-        stream = Stream(times, np.tile([False, True], len(speeds)), values)
+        stream = points(speeds, 1000.0, start_ns=START)
         end = START + (len(speeds) if seconds is None else seconds) * 10**9
         scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, end)['aft_stern']
         lasting = (scan.until_ns - scan.time_ns) * 1e-9

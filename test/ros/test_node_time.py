@@ -8,6 +8,7 @@ from typing import Any
 
 import kit
 import pytest
+from sending import SECOND, Ship
 from shared import CONFIG
 
 from stickslip_monitor.monitor.config_file import load_config
@@ -63,36 +64,24 @@ class Sensors:
 @pytest.mark.parametrize('pause', [4, 100])
 def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> None:
     """The node's watch over time, by a session that remembers a bearing from some time ago."""
-    from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
     from stickslip_monitor.ros.active import Watchdog
 
-    second, events, kept = 10**9, [], []
-    begin = 1_700_000_000 * second
-
-    class Memory(Sink):
-        path = 'state.json'
-        take_event, write = staticmethod(events.append), staticmethod(kept.append)
-
-        def read(self) -> Any:
-            return kept[-1] if kept else None
-
-    config = load_config(CONFIG)
-    (name,) = (bearing.name for bearing in config.bearings)
-    for start in (0, 20 + pause):
-        session = Session(config, Memory(), NoLog(), lambda: begin, Memory())
-        watchdog = Watchdog(session)
-        session.begin()
-        for tenth in range(10 * start, 10 * start + 200):
-            now = Moment(tenth * second // 10, begin + tenth * second // 10)
-            watchdog.tick(now, second // 10)
-            if tenth < 10 * start + 3:  # the first message comes later than the first look
+    ship = Ship(load_config(CONFIG))
+    (name,) = (bearing.name for bearing in ship.config.bearings)
+    for _ in range(2):
+        watchdog = Watchdog(ship.session)
+        for tenth in range(200):
+            ship.steady_ns += SECOND // 10
+            watchdog.tick(ship.now, SECOND // 10)
+            if tenth < 3:  # the first message comes later than the first look
                 continue
             for place, number in enumerate((60.0, 1000.0)):
-                if session.take(name, place, now.time_ns, number, now).status.valid:
+                if ship.take(name, place, number).status.valid:
                     watchdog.note(name)
-        session.end()
-    assert kept
-    assert events == []
+        ship.session.end()
+        ship.steady_ns += pause * SECOND
+        ship.boot()
+    assert ship.events == []
 
 
 @pytest.mark.parametrize('simulated', [False, True])

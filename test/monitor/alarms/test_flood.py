@@ -8,11 +8,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from sending import SECOND, Message, stream_of
 
 from stickslip_monitor import Monitor, MonitorConfig, Stream
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator, Flood
+from stickslip_monitor.monitor.signals import Input
 
-SECOND = 10**9
 MINUTE = 60 * SECOND
 Configure = Callable[..., MonitorConfig]
 
@@ -59,17 +60,15 @@ def test_eight_hours_of_chatter_about_every_threshold_are_no_flood(configure: Co
     time = np.arange(0.0, 8 * 3600.0, 0.5)
     mean = np.repeat(levels, 7200)
     rpm = mean + 0.8 * np.sin(2.0 * math.pi * time / 9.0) + random.normal(0.0, 0.8, time.size)
-    stamps = np.round(time * SECOND).astype(np.int64)
     # The load comes and goes: with gaps of just above and just below its timeout of 5 s.
-    load_time = np.cumsum(random.choice([4.8, 5.2], 5600))
-    load_time = np.round(load_time[load_time < 8 * 3600.0] * SECOND).astype(np.int64)
-    every = np.concatenate([stamps, load_time])
-    order = np.argsort(every, kind='stable')
-    stream = Stream(
-        every[order],
-        np.repeat([False, True], [stamps.size, load_time.size])[order],
-        np.concatenate([rpm, np.full(load_time.size, 1000.0)])[order],
-    )
+    sent = [
+        Message(t, Input.SPEED, t, n) for t, n in zip(time.tolist(), rpm.tolist(), strict=True)
+    ]
+    sent += [
+        Message(t, Input.LOAD, t, 1000.0)
+        for t in np.cumsum(random.choice([4.8, 5.2], 5600)).tolist()
+    ]
+    stream = stream_of(sorted(m for m in sent if m.arrival < 8 * 3600.0))
     given, most = _watch(config, stream, 8)
     crossings = int(np.sum(np.abs(np.diff(np.sign(rpm - mean))) > 0))
     assert crossings > 10_000

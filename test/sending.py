@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How tests send samples: as messages to a monitor, as one stream, or to a session of a ship.
+
+Time is the test's own. A number may be a function of the time [s].
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from shared import REFERENCE
+
+from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
+from stickslip_monitor.errors import AlarmStateError
+from stickslip_monitor.monitor.alarms.alarm import AlarmKind
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
+from stickslip_monitor.monitor.input_watch import Graph
+from stickslip_monitor.monitor.messages import BearingState, bearing_record
+from stickslip_monitor.monitor.monitor import Update
+from stickslip_monitor.monitor.session import Display, Moment, Session, Sink
+from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.verdict import Event, Verdict
+
+SECOND = 10**9
+T0 = 1_700_000_000 * SECOND
+BEHIND_NS = SECOND // 2
+"""Time is passed on so late [ns] that a sample delivered late keeps the time of its stamp."""
+Number = float | Callable[[float], float]
+
+
+class Message(NamedTuple):
+    """A number on its way: when it arrives [s], of what, its stamp [s], and itself."""
+
+    arrival: float
+    place: Input
+    stamp: float
+    value: float
+
+
+def number_at(number: Number, time: float) -> float:
+    """The number at a time [s]."""
+    return number(time) if callable(number) else number
+
+
+def every(
+    place: Input, period: float, end: float, number: Number, begin: float = 0.0
+) -> list[Message]:
+    """Messages of one sender, each stamped as it is sent."""
+    times = np.arange(begin, end, period).tolist()
+    return [Message(t, place, t, number_at(number, t)) for t in times]
+
+
+def ramps(times: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:
+    """Linear between some times [s], constant before and after."""
+    return lambda t: float(np.interp(t, times, values))
+
+
+def stream_of(messages: Iterable[Message], start_ns: int = 0) -> Stream:
+    """Messages as one stream, in the order in which they are given."""
+    arrival, place, stamp, value = (np.array(c) for c in zip(*messages, strict=True))
+    at = [np.rint(column * SECOND).astype(np.int64) + start_ns for column in (stamp, arrival)]
+    return Stream(at[0], place.astype(np.int8), value, arrival_ns=at[1])
+
+
+def feed(
+    monitor: Monitor,
+    time: float,
+    quantity: str,
+    value: float,
+    bearing: str = 'aft',
+    arrival: float | None = None,
+) -> Update:
+    """One number of one input, stamped at a time [s]; it arrives then, or at another."""
+    at = round(time * SECOND), value, None if arrival is None else round(arrival * SECOND)
+    return monitor.update(Sample(bearing, quantity, *at))
+
+
+def brief(event: Event) -> tuple[float, str, str]:
+    """When the condition changed [s], from what, and to what."""
+    return event.time_ns / SECOND, str(event.before), str(event.after)
+
+
+def points(rpm: Any, load: Any, at: Any = 1.0, start_ns: int = 0) -> Stream:
+    """Operating points of shape (n,), speed before load, at some times or with a period [s]."""
+    rpm = np.asarray(rpm, float)
+    seconds = np.arange(rpm.size) * at if np.ndim(at) == 0 else np.asarray(at)
+    time = start_ns + np.rint(seconds * SECOND).astype(np.int64)
+    both = np.stack([rpm, np.broadcast_to(np.asarray(load, float), rpm.shape)], axis=1)
+    return Stream(np.repeat(time, 2), np.tile([Input.SPEED, Input.LOAD], rpm.size), both.ravel())
+
+
+def configured(name: str = 'aft', base: Any = None, **changes: Any) -> MonitorConfig:
+    """The reference bearing, or another, with some parameters (a double underscore is a dot)."""
+    own = {key.replace('__', '.'): value for key, value in changes.items()}
+    values = REFERENCE | (base or {}) | own
+    return build_config({'bearings': [name]} | {f'{name}.{k}': v for k, v in values.items()})
+
+
+class Ship(Sink):
+    """A session on clocks of the test's own; what it publishes, logs and keeps is held here.
+
+    Args:
+        config: The configuration.
+        kept: What is in the store: text that is not JSON is a damaged file.
+        display: What shows it as well.
+
+    Attributes:
+        session: The session; :meth:`boot` puts another in its place.
+        steady_ns: The clock that never steps.
+        ahead_ns: How far the clock on the wall is ahead of it.
+        full: Why the store takes nothing; empty where it does.
+    """
+
+    path = 'state.json'
+
+    def __init__(
+        self, config: MonitorConfig, kept: str = 'null', display: Display | None = None
+    ) -> None:
+        self.config, self.kept, self.full, self._display = config, kept, '', display
+        self.steady_ns, self.ahead_ns = 0, T0
+        self.verdicts: list[Verdict] = []
+        self.events: list[Event] = []
+        self.published: list[dict[str, Any]] = []
+        self.standing: list[BearingState] = []
+        self.lines: list[str] = []
+        self.info = self.warning = self.error = self.lines.append
+        self.boot()
+
+    def boot(self) -> None:
+        """Start the session, or start it again after a kill."""
+        clock = lambda: self.now.time_ns  # noqa: E731
+        self.session = Session(self.config, self, self, clock, self, Graph())
+        self._begun_ns = self.steady_ns
+        self.session.begin()
+
+    @property
+    def now(self) -> Moment:
+        return Moment(self.steady_ns, self.steady_ns + self.ahead_ns)
+
+    def take_verdict(self, verdict: Verdict) -> None:
+        self.verdicts.append(verdict)
+
+    def take_event(self, event: Event) -> None:
+        self.events.append(event)
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        self.published.append(record)
+        if self._display is not None:
+            self._display.take_alarms(record)
+
+    def take_states(self, states: list[BearingState], whole: bool) -> None:
+        self.standing = states
+        for state in states if self._display is not None else ():
+            self._display.take_record(bearing_record(state))
+
+    def read(self) -> Any:
+        try:
+            return json.loads(self.kept)
+        except ValueError as error:
+            raise AlarmStateError('it is not JSON') from error
+
+    def write(self, document: Any) -> None:
+        if self.full:
+            raise OSError(self.full)
+        self.kept = json.dumps(document, allow_nan=False)
+
+    def set_aside(self) -> str:
+        self.kept = 'null'
+        return f'{self.path}.damaged'
+
+    def take(self, name: str, place: int, value: float, stamp_ns: int | None = None) -> Any:
+        """A number comes, stamped now or at another time."""
+        now = self.now
+        at_ns = now.time_ns if stamp_ns is None else stamp_ns
+        return self.session.take(name, place, at_ns, value, now)
+
+    def tick(self) -> None:
+        """Let time pass, as a shell does ten times a second."""
+        now = self.now
+        for name in self.session.monitor.bearings:
+            self.session.pass_time(name, now.time_ns - BEHIND_NS, now)
+        self.session.tick(now, self.steady_ns - self._begun_ns)
+        self.session.flush(now)
+
+    def sail(
+        self, seconds: float, rpm: Any = 60.0, load: Any = 1000.0, rate: float = 5.0
+    ) -> dict[str, Any]:
+        """So long with samples of the first bearing (``None`` for none); its record at the end."""
+        name = next(iter(self.session.monitor.bearings))
+        for number in range(round(rate * seconds)):
+            self.steady_ns += round(SECOND / rate)
+            for place, value in enumerate((rpm, load)):
+                given = value(number) if callable(value) else value
+                if given is not None:
+                    self.take(name, place, given)
+            self.tick()
+        return self.look()
+
+    def look(self) -> dict[str, Any]:
+        """The record of the first bearing."""
+        self.session.show(self.now)
+        return bearing_record(self.standing[0])
+
+    def does(self, action: Action, kind: AlarmKind | None = None) -> list[AlarmChange]:
+        """Somebody does something, to one alarm of the first bearing or to all."""
+        name = next(iter(self.session.monitor.bearings))
+        return self.session.act(ActionRequest(action, 'Ada', name if kind else None, kind))
+
+    def states(self) -> dict[str, str]:
+        """The states of the alarms that are not normal."""
+        alarms = self.published[-1]['alarms']
+        return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}
