@@ -14,7 +14,9 @@ from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from fuzz.files import TOPICS
-from stickslip_monitor.bags.reader import Bag, Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Recording
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.errors import BagError
 
 _NO_TIME = 1 << 63
@@ -91,7 +93,7 @@ def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:
     return (0 if dated else -1) < time_ns < _NO_TIME
 
 
-def _numbers(bag: Bag, topic: str) -> dict[str, object] | str | None:
+def _numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
     """The numbers of a topic; None where an error names why there are none."""
     request = Request(topic, 'data')
     try:

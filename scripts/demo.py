@@ -36,7 +36,8 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.ros.message_types import definition
 

@@ -29,7 +29,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ive
 
-from stickslip_monitor.bags.reader import Bag
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import Request
 from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.monitor.config import BearingConfig
@@ -76,7 +76,7 @@ class ExpectedEvent:
         return {k: round(v, 3) if isinstance(v, float) else v for k, v in asdict(self).items()}
 
 
-def expected_events(scene: Scene, bag: Bag) -> list[ExpectedEvent]:
+def expected_events(scene: Scene, bag: Recording) -> list[ExpectedEvent]:
     """The alarms due in a scene, in order of time.
 
     Args:
@@ -180,7 +180,7 @@ class Track:
         return float(speed), float(load)
 
 
-def read_track(bag: Bag, bearing: str, start_ns: int) -> Track:
+def read_track(bag: Recording, bearing: str, start_ns: int) -> Track:
     """The true operating point of a bearing in a recording."""
     asked = [Request(f'/truth/{bearing}/{name}', 'data') for name in ('speed', 'load')]
     series = bag.read(asked)

@@ -21,7 +21,8 @@ import zstandard
 from expected_events import expected_events
 from rich.console import Console
 
-from stickslip_monitor.bags.reader import Bag, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import BagError, StickslipError
 from stickslip_monitor.lab.scenes.scene import Scene, load_scene, write_bag
 from stickslip_monitor.lab.truth import has_truth, read_truth
@@ -103,7 +104,7 @@ def _remove(bag: Path) -> None:
         shutil.rmtree(bag)
 
 
-def _episodes(scene: Scene, bag: Bag) -> list[dict[str, Any]]:
+def _episodes(scene: Scene, bag: Recording) -> list[dict[str, Any]]:
     """The true episodes of stick-slip of every bearing, in seconds since the scene's start."""
     return [
         {
@@ -117,7 +118,7 @@ def _episodes(scene: Scene, bag: Bag) -> list[dict[str, Any]]:
     ]
 
 
-def _events(scene: Scene, bag: Bag) -> list[dict[str, Any]] | None:
+def _events(scene: Scene, bag: Recording) -> list[dict[str, Any]] | None:
     """The alarms that are due; None where no closed form knows them, or noise decides."""
     if not {settings.name for settings in scene.effects} <= PLAIN:
         return None

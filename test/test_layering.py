@@ -29,11 +29,8 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
     'physics': ('arrays', 'jit'),
     'monitor': ('physics', 'fields', 'files'),
     'root': ('monitor',),
-    'bags': ('arrays', 'fields', 'files'),
-    'offline': (
-        'bags',
-        'root',
-    ),
+    'bags': ('monitor',),
+    'offline': ('bags', 'root'),
     'ros': ('root', 'state_file'),
     'lab': ('offline',),
     'drawing': ('lab',),

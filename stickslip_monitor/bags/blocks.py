@@ -12,9 +12,7 @@ import os
 import re
 import struct
 import zlib
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -60,12 +58,6 @@ CHUNK_HEAD = struct.Struct('<QQQII')
 INDEX_HEAD = struct.Struct('<BQHI')
 # More than is in front of what is compressed [bytes].
 _LONGEST_HEAD = 200
-# Blocks of these sizes are loaded while those before are worked on: larger ones would take memory,
-# and a thread costs more than a smaller one takes [bytes].
-_LEAST_AHEAD, _MOST_AHEAD = 1 << 15, 8 << 20
-_WORKERS = 2
-# More files than blocks that wait.
-_MOST_OPEN = 8
 
 # A decompressor is fed in small pieces, so that an error inside costs only what follows it, and so
 # that none of them grows to more than some 20 MB.
@@ -74,9 +66,6 @@ _FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]
     'zstd': (512, lambda: zstandard.ZstdDecompressor().decompressobj().decompress),
     'lz4': (8192, lambda: lz4.frame.LZ4FrameDecompressor().decompress),
 }
-
-
-Loaded = tuple[bytes, IntArray | None]
 
 
 class DamagedBlock(Exception):
@@ -148,8 +137,8 @@ def decompress(
     return b''.join(parts)[:size]
 
 
-def load(block: Block, file: IO[bytes]) -> Loaded:
-    """Bring a block into memory: its records, and where messages begin in it after its index.
+def load(block: Block, file: IO[bytes]) -> bytes:
+    """Bring the records of a block into memory.
 
     Raises:
         DamagedBlock: The chunk is too large, does not decompress, or its checksum is wrong.
@@ -158,14 +147,12 @@ def load(block: Block, file: IO[bytes]) -> Loaded:
     most = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
     try:
         data = os.pread(file.fileno(), most, block.offset)
-        most_index = min(block.index_length, MOST)
-        index = os.pread(file.fileno(), most_index, block.offset + block.length)
     except OSError as error:
         raise _unreadable(block, error) from None
     if len(data) < most:
         raise DamagedBlock('the file became shorter while it was read')
     if not block.is_chunk:
-        return data, None
+        return data
     try:
         _, _, size, checksum, letters = CHUNK_HEAD.unpack_from(data, HEAD.size)
         begin = HEAD.size + CHUNK_HEAD.size + letters + 8
@@ -175,7 +162,7 @@ def load(block: Block, file: IO[bytes]) -> Loaded:
     name = data[begin - letters - 8 : begin - 8].decode(errors='replace')
     packed = memoryview(data)[begin : begin + length]
     if block.is_cut:
-        return decompress(packed, name, min(size, _MOST_CUT), is_cut=True), None
+        return decompress(packed, name, min(size, _MOST_CUT), is_cut=True)
     if max(size, length) > MOST:
         raise DamagedBlock(f'it declares {size} bytes, and more than {MOST} are not restored')
     if len(packed) < length:
@@ -183,56 +170,29 @@ def load(block: Block, file: IO[bytes]) -> Loaded:
     plain = decompress(packed, name, size)
     if checksum and zlib.crc32(plain) != checksum:
         raise DamagedBlock('its checksum is wrong')
-    return plain, _hints(index) if index else None
-
-
-def _hints(index: bytes) -> IntArray | None:
-    """Where messages begin in a chunk after its message indexes; None if these are damaged."""
-    parts, at = [np.empty(0, np.int64)], 0
-    while at + INDEX_HEAD.size <= len(index):
-        _, length, _, size = INDEX_HEAD.unpack_from(index, at)
-        begin, at = at + INDEX_HEAD.size, at + HEAD.size + length
-        if size % 16 or begin + size > min(at, len(index)):
-            return None
-        parts.append(np.frombuffer(index, '<i8', size // 8, begin)[1::2])
-    found = np.concatenate(parts)
-    found.sort(kind='stable')
-    return found
+    return plain
 
 
 def _unreadable(block: Block, error: OSError) -> BagError:
     return BagError(f"bag file '{block.path}' cannot be read: {error.strerror}")
 
 
-def prefetch(blocks: Iterable[Block]) -> Iterator[tuple[Block, Callable[[], Loaded]]]:
-    """Load blocks in order, those of usual sizes while those before are worked on.
-
-    Yields each block with what gives its records, or raises as :func:`load`; it is asked before
-    the next one.
+def loading(blocks: Iterable[Block]) -> Iterator[tuple[Block, Callable[[], bytes]]]:
+    """Yield blocks in order, each with what gives its records, or raises as :func:`load`.
 
     Raises:
         BagError: A file cannot be opened.
     """
-    files: dict[Path, IO[bytes]] = {}
-    with contextlib.ExitStack() as opened, ThreadPoolExecutor(_WORKERS) as pool:
-        waiting: deque[tuple[Block, Callable[[], Loaded]]] = deque()
+    with contextlib.ExitStack() as opened:
+        path: Path | None = None
         for block in blocks:
-            try:
-                file = files.pop(block.path, None) or opened.enter_context(open_file(block.path))
-            except OSError as error:
-                raise _unreadable(block, error) from None
-            files[block.path] = file
-            if len(files) > _MOST_OPEN:
-                # The one that was not used for longest: nothing that waits is of it.
-                files.pop(next(iter(files))).close()
-            if _LEAST_AHEAD <= max(block.size, block.length) <= _MOST_AHEAD:
-                waiting.append((block, pool.submit(load, block, file).result))
-            else:
-                waiting.append((block, partial(load, block, file)))
-            if len(waiting) > _WORKERS:
-                yield waiting.popleft()
-        while waiting:
-            yield waiting.popleft()
+            if block.path != path:
+                opened.close()
+                try:
+                    file, path = opened.enter_context(open_file(block.path)), block.path
+                except OSError as error:
+                    raise _unreadable(block, error) from None
+            yield block, partial(load, block, file)
 
 
 def view(data: bytes, code: str, begin: int = 0) -> NDArray[Any]:
@@ -257,7 +217,6 @@ class Piece:
         size: How long it is [bytes].
         definitions: Records that define channels and schemas, by where they begin.
         odd: How many records are whole and cannot be read.
-        steps: How often the walk had to leave a run of messages.
         end: The byte behind its last record.
     """
 
@@ -268,7 +227,6 @@ class Piece:
     size: IntArray
     definitions: dict[int, bytes]
     odd: int
-    steps: int
     end: int
 
     def groups(self) -> Iterator[tuple[int, IntArray]]:
@@ -282,12 +240,11 @@ class Piece:
         yield from zip(keys.tolist(), np.split(rows, np.cumsum(counts[keys])[:-1]), strict=True)
 
 
-def walk(data: bytes, hints: IntArray | None) -> Iterator[Piece]:
+def walk(data: bytes) -> Iterator[Piece]:
     """Step through the records of a block, some megabytes at a time, while they are whole.
 
-    Where messages begin is found by their first byte, or taken from the message index, in order,
-    if there is one. Both are hints: a message counts where the record before it ends, and nowhere
-    else.
+    Where messages may begin is found by their first byte: one counts where the record before it
+    ends, and nowhere else.
     """
     raw = np.frombuffer(data, np.uint8)
     words, next_words = view(data, '<i8'), view(data, '<u4', 8)
@@ -295,10 +252,7 @@ def walk(data: bytes, hints: IntArray | None) -> Iterator[Piece]:
     while is_whole and end + HEAD.size <= len(data):
         stop = min(end + _WINDOW, len(data))
         most = max(min(stop, len(data) - PAYLOAD + 1), end)
-        if hints is None:
-            begin = np.flatnonzero(raw[end:most] == _MESSAGE) + end
-        else:
-            begin = hints[slice(*hints.searchsorted([end, most]))]
+        begin = np.flatnonzero(raw[end:most] == _MESSAGE) + end
         # The kind and all but the highest byte of the length, which comes before the channel.
         word, next_word = words[begin], next_words[begin]
         length = (word >> 8) + HEAD.size
@@ -311,9 +265,8 @@ def walk(data: bytes, hints: IntArray | None) -> Iterator[Piece]:
         last = np.append(np.flatnonzero(begin[1:] != ends[:-1]), len(ends) - 1)
         runs = [np.empty(0, np.int64)]
         definitions: dict[int, bytes] = {}
-        odd = steps = 0
+        odd = 0
         while is_whole and end < stop:
-            steps += 1
             k = int(begin.searchsorted(end))
             if k < len(ends) and begin[k] == end:
                 to = int(last[last.searchsorted(k)])
@@ -321,10 +274,6 @@ def walk(data: bytes, hints: IntArray | None) -> Iterator[Piece]:
                 end = int(ends[to])
                 continue
             behind, bad = _step(data, end, definitions)
-            if hints is not None and behind - end >= PAYLOAD and data[end] == _MESSAGE:
-                # The index leaves a message out.
-                hints = None
-                break
             is_whole = behind > end
             end, odd = behind, odd + bad
         rows = np.concatenate(runs)
@@ -333,8 +282,7 @@ def walk(data: bytes, hints: IntArray | None) -> Iterator[Piece]:
         offset = begin + PAYLOAD
         channel = (next_word >> 8).astype(np.uint16)
         yield Piece(
-            data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, odd, steps,
-            end,
+            data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, odd, end,
         )  # fmt: skip
 
 

@@ -29,26 +29,21 @@ from stickslip_monitor.bags.blocks import (
     PARSE_ERRORS,
     Block,
     DamagedBlock,
-    Loaded,
     Piece,
-    prefetch,
+    loading,
     walk,
 )
 from stickslip_monitor.bags.cdr import LONGEST_TEXT
-from stickslip_monitor.bags.values import Cut
+from stickslip_monitor.bags.values import Cut, Findings
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 
 CONVERT = "convert it with 'ros2 bag convert' first"
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""
-STEP_COST = 300
-"""What a record that is no message costs; a message decoded by itself costs twice that [bytes]."""
 
 # What a file may take in one pass [bytes]: so much, and so much for each of its own.
 _FREE, _FOR_EACH = 160 << 20, 100
-# What a new definition costs to parse and keep [bytes].
-_DEFINITION_COST = 5000
 # Longer runs of records outside of chunks are read in pieces of about this size [bytes].
 _RUN = 1 << 20
 # Of a summary that is used, and of a record of it or of a channel [bytes].
@@ -63,8 +58,6 @@ _FOOTER = HEAD.size + 20
 class Contents:
     """What one file of some length [bytes] holds.
 
-    ``warn`` is given what is wrong with it, in sentences.
-
     A definition counts as it was first given: messages behind one that says otherwise are not
     read, and it is reported. Channels and schemas are by number, ``counts`` are the messages of
     each channel; with ``is_stated`` they are those of the summary: nothing was decompressed.
@@ -72,8 +65,8 @@ class Contents:
     holds [ns].
     """
 
-    def __init__(self, path: Path, size: int, warn: Callable[[str], None]) -> None:
-        self.path, self.size, self.warn = path, size, warn
+    def __init__(self, path: Path, size: int, findings: Findings) -> None:
+        self.path, self.size, self.findings = path, size, findings
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.blocks: list[Block] = []
@@ -103,12 +96,12 @@ class Contents:
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
-    def define(self, block: Block | None, offset: int, record: bytes) -> int | None:
-        """Take a definition; return what it costs [bytes], None if it cannot be read."""
+    def define(self, block: Block | None, offset: int, record: bytes) -> bool:
+        """Take a definition; return whether it can be read."""
         key = record[:1] + record[HEAD.size : HEAD.size + 2]
         if self._records.get(key) == record:
-            return STEP_COST
-        is_same, cost = False, _DEFINITION_COST + 2 * len(record)
+            return True
+        is_same = False
         stream = ReadDataStream(BytesIO(record[HEAD.size :]))
         try:
             if record[0] == Opcode.SCHEMA:
@@ -117,7 +110,7 @@ class Contents:
                 schema.data = schema.data[: LONGEST_TEXT + 1]
                 is_same = self.schemas.setdefault(schema.id, schema) == schema
                 users = [c.id for c in self.channels.values() if c.schema_id == schema.id]
-                what, cost = f'schema {schema.id}', cost + STEP_COST * len(users)
+                what = f'schema {schema.id}'
                 if not is_same:
                     self._ambiguous.add(schema.id)
             elif len(record) <= _LONGEST:
@@ -127,20 +120,20 @@ class Contents:
                 is_same = is_same and channel.schema_id not in self._ambiguous
                 users, what = [channel.id], f'channel {channel.id}'
             else:
-                return None
+                return False
         except PARSE_ERRORS:
-            return None
+            return False
         if is_same and len(record) <= LONGEST_TEXT:
             self._records[key] = record
         elif not is_same and block is not None:
             for user in users:
                 place = block.offset, offset
                 self._refused[user] = min(self._refused.get(user, place), place)
-            self.warn(
+            self.findings.lose(
                 f'{block.place} defines {what} otherwise than before: messages of'
                 f' {self._named(users)} from there on were not read'
             )
-        return cost
+        return True
 
     def allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
         """Those messages of a channel that come before a definition that says otherwise."""
@@ -169,16 +162,18 @@ class Contents:
             more = len(texts) - _MOST_NAMED
             rest = f'; so with {more} more topics' if more > 0 else ''
             listed = '; '.join(texts[:_MOST_NAMED])
-            self.warn(f"file '{self.path.name}': its statistics count {listed}{rest}")
+            self.findings.lose(f"file '{self.path.name}': its statistics count {listed}{rest}")
 
     def read_all(self, heads: _Heads) -> None:
         """Find out what the file holds by reading it."""
         name = self.path.name
         if heads.strange:
             odd = plural(heads.strange, 'record')
-            self.warn(f"file '{name}' has {odd} of kind 0, which is none: passed over")
+            self.findings.note(f"file '{name}' has {odd} of kind 0, which is none: passed over")
         if heads.behind:
-            self.warn(f"file '{name}' has messages behind the end of its data; they were read too")
+            self.findings.note(
+                f"file '{name}' has messages behind the end of its data; they were read too"
+            )
         last = self._count(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
@@ -186,7 +181,7 @@ class Contents:
             if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
                 self.define(None, 0, record)
         for key in self.counts.keys() - self.channels.keys():
-            self.warn(
+            self.findings.lose(
                 f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
                 ' is defined nowhere, were not read'
             )
@@ -196,12 +191,12 @@ class Contents:
             self.cut = self._cut(heads, last)
         elif heads.offset < self.size:
             rest = plural(self.size - heads.offset, 'byte')
-            self.warn(f"file '{name}' has {rest} behind its end, not read")
+            self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
 
     def _count(self, blocks: list[Block]) -> int:
         """Read all blocks for what they hold; return the messages of the last one."""
         count, way = 0, FilePass(self)
-        for block, take in prefetch(blocks):
+        for block, take in loading(blocks):
             count, block.channels, spans = 0, 0, []
             for piece, groups in way.groups(block, take):
                 spans += self._spans(piece)
@@ -221,7 +216,7 @@ class Contents:
         """First and last log time of a piece, if it has any; widen the span of the file."""
         times = piece.log_time_ns
         if (times < 0).any():
-            self.warn(
+            self.findings.lose(
                 f"file '{self.path.name}': messages with a log time of 2^63 ns or more, which is"
                 ' no time, were not used'
             )
@@ -237,7 +232,7 @@ class Contents:
     def take_summary(self, heads: _Heads) -> bool:
         """Take channels and counts from the summary, if nothing in it is odd."""
         counts = heads.statistics
-        is_known = all(self.define(None, 0, r) is not None for r in heads.definitions)
+        is_known = all(self.define(None, 0, r) for r in heads.definitions)
         if counts is None or not is_known or self._ambiguous:
             return False
         stated, end = counts.channel_message_counts, counts.message_end_time
@@ -286,19 +281,19 @@ class FilePass:
         self.is_over = False
         self._most = self._left = _FREE + _FOR_EACH * file.size
 
-    def spend(self, block: Block, cost: int) -> bool:
-        """Take a cost [bytes] for a block; whether the pass goes on."""
-        self._left -= cost
+    def spend(self, block: Block, size: int) -> bool:
+        """Take memory [bytes] for a block; whether the pass goes on."""
+        self._left -= size
         if self._left < 0 and not self.is_over:
             self.is_over = True
-            self.file.warn(
+            self.file.findings.lose(
                 f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
                 f' more than {self._most} bytes, the limit for its size'
             )
         return not self.is_over
 
     def groups(
-        self, block: Block, take: Callable[[], Loaded]
+        self, block: Block, take: Callable[[], bytes]
     ) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
         """Walk through a block, take the definitions in it, and report what is wrong with it.
 
@@ -307,37 +302,30 @@ class FilePass:
         """
         if self.is_over or (block.size <= MOST and not self.spend(block, block.size)):
             return
-        warn = self.file.warn
+        lose = self.file.findings.lose
         try:
-            data, hints = take()
+            data = take()
         except DamagedBlock as damage:
             if not block.is_cut:
-                warn(f'{block.place} is damaged ({damage}) and was skipped')
+                lose(f'{block.place} is damaged ({damage}) and was skipped')
             return
         unread = end = 0
-        for piece in walk(data, hints):
+        for piece in walk(data):
             unread, end = unread + self._define(block, piece) + piece.odd, piece.end
-            found = list(piece.groups())
-            if not self.spend(block, STEP_COST * (piece.steps + len(found))):
-                return
-            allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in found]
+            allowed = [
+                (key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()
+            ]
             self.counts.update({key: rows.size for key, rows in allowed})
             yield piece, allowed
         if unread:
-            warn(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
+            lose(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
         if end < len(data) and not block.is_cut:
             rest = plural(len(data) - end, 'byte')
-            warn(f'{block.place} has {rest} at its end, no record: not read')
+            lose(f'{block.place} has {rest} at its end, no record: not read')
 
     def _define(self, block: Block, piece: Piece) -> int:
         """Take the definitions in a piece; return how many cannot be read."""
-        unread = 0
-        for offset, record in piece.definitions.items():
-            cost = self.file.define(block, offset, record)
-            unread += cost is None
-            if not self.spend(block, cost or _DEFINITION_COST):
-                break
-        return unread
+        return sum(not self.file.define(block, at, r) for at, r in piece.definitions.items())
 
 
 class _Heads:
@@ -442,8 +430,8 @@ class _Heads:
         return not footer.summary_crc or zlib.crc32(data) == footer.summary_crc
 
 
-def scan_file(path: Path, warn: Callable[[str], None]) -> Contents:
-    """Find out what a file holds; ``warn`` is given what is wrong with it, in sentences.
+def scan_file(path: Path, findings: Findings) -> Contents:
+    """Find out what a file holds, and what is wrong with it.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.
@@ -466,9 +454,9 @@ def scan_file(path: Path, warn: Callable[[str], None]) -> Contents:
             size = os.fstat(number).st_size
             heads = _Heads(number, path, size)
             heads.walk()
-            contents = Contents(path, size, warn)
+            contents = Contents(path, size, findings)
             if not (heads.is_sound and contents.take_summary(heads)):
-                contents = Contents(path, size, warn)
+                contents = Contents(path, size, findings)
                 contents.read_all(heads)
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror}") from None

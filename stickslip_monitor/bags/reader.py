@@ -7,40 +7,23 @@ Finds the recordings of an archive, finds whether one has changed, and takes one
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 import re
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 import yaml
 
 from stickslip_monitor.bags.blocks import MAGIC
-from stickslip_monitor.bags.cdr import short_name
-from stickslip_monitor.bags.contents import CONVERT, DATED, Contents, scan_file
-from stickslip_monitor.bags.series import Progress, Reading, Wanted, merged_messages
-from stickslip_monitor.bags.values import (
-    METADATA_NAME,
-    METADATA_ROOT,
-    Cut,
-    Fault,
-    Findings,
-    Message,
-    Request,
-    Series,
-    TimeSpans,
-    TopicInfo,
-)
+from stickslip_monitor.bags.contents import CONVERT, scan_file
+from stickslip_monitor.bags.mcap_recording import McapRecording
+from stickslip_monitor.bags.recording import MOST_NAMED, Recording
+from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Findings
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import near_name, read_file
 
-__all__ = ['Bag', 'Cut', 'Fault', 'Message', 'Request', 'Series', 'TopicInfo', 'open_bag']
-
-_MOST_NAMED = 10
 # Of metadata: ten thousand topics or files [bytes].
 _LARGEST = 8 << 20
 _DEEPEST = 30
@@ -51,150 +34,7 @@ _NOT_METADATA = (
 )  # fmt: skip
 
 
-class Bag:
-    """A recording that was opened; nothing stays open between calls."""
-
-    def __init__(self, path: Path, files: Sequence[Contents], findings: Findings) -> None:
-        self.path = path
-        self.topics: dict[str, TopicInfo] = _list_topics(files)
-        self._contents = tuple(files)
-        self._findings = findings
-        self.files: tuple[Path, ...] = tuple(file.path for file in files)
-        """The MCAP files in order."""
-        self.message_count = sum(file.counts.total() for file in files)
-        """Messages on all topics."""
-        self.cuts: tuple[Cut, ...] = tuple(file.cut for file in files if file.cut is not None)
-        """The files that end too early."""
-        # The least log time that is one: among dates, 0 is that of a clock that was not set.
-        self._least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
-        starts = [file.start_ns for file in files if file.start_ns is not None]
-        if self._least_ns == 0 and any(file.has_zero for file in files):
-            starts.append(0)
-        ends = [file.end_ns for file in files if file.end_ns is not None]
-        self.start_ns: int | None = min(starts, default=None)
-        """Earliest log time [ns], None in a recording without messages."""
-        self.end_ns: int | None = max(ends, default=self.start_ns)
-        """Latest log time [ns], None in a recording without messages."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What else is wrong with the recording, as far as it was noticed until now."""
-        return self._findings.texts
-
-    def definition(self, topic: str) -> str:
-        """The ``ros2msg`` definition of a topic's messages.
-
-        Raises:
-            BagError: The topic is not there or cannot be decoded.
-        """
-        self._check([topic])
-        if not self.topics[topic].readable:
-            raise BagError(f"topic '{topic}' cannot be read: {self.topics[topic].problem}")
-        definitions = (
-            file.schemas[channel.schema_id].data
-            for file in self._contents
-            for channel in file.channels.values()
-            if channel.topic == topic
-        )
-        return next(definitions).decode(errors='replace')
-
-    def read(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> dict[Request, Series]:
-        """Read numbers of some topics.
-
-        Args:
-            requests: What to read.
-            progress: Given the bytes done and the bytes to do after each block.
-
-        Returns:
-            A series for each request; the messages of a damaged chunk are missing, and
-            ``warnings`` names it.
-
-        Raises:
-            BagError: A topic is not there or cannot be decoded, a field is not in its type or no
-                number, or a file cannot be read.
-            ConfigurationError: A field is not a path.
-        """
-        return self.reading(requests, progress).joined()
-
-    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
-        """The same in blocks, one stretch of time after the other, in bounded memory."""
-        asked: dict[str, dict[FieldPath, list[Request]]] = {}
-        for request in requests:
-            path = parse_field(request.field)
-            self._check([request.topic])
-            topic = self.topics[request.topic]
-            if not topic.readable:
-                raise BagError(
-                    f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
-                )
-            if request.type is not None and short_name(request.type) != short_name(topic.type):
-                raise BagError(
-                    f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
-                )
-            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
-        wanted = [Wanted(topic, paths) for topic, paths in asked.items()]
-        return Reading(self._contents, wanted, self._least_ns, progress)
-
-    def _check(self, names: Iterable[str]) -> None:
-        """Raise BagError for a topic that is not in the recording."""
-        for name in names:
-            if name not in self.topics:
-                raise BagError(missing_topic(self.topics, name))
-
-    def messages(
-        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
-    ) -> Iterator[Message]:
-        """Yield messages by log time, then by place in the recording.
-
-        Args:
-            topics: Which topics; all when None.
-            spans: The log times that are wanted; all when None.
-
-        Raises:
-            BagError: A topic is not there, or a file cannot be read.
-        """
-        names = list(self.topics if topics is None else topics)
-        self._check(names)
-        types = {name: self.topics[name].type for name in names}
-        return merged_messages(self._contents, types, spans, self._least_ns)
-
-
-def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:
-    """List the topics of all files, by name."""
-    found: dict[str, list[TopicInfo]] = {}
-    for file in files:
-        for key, channel in file.channels.items():
-            kind, encoding = file.type_of(channel), channel.message_encoding
-            info = TopicInfo(
-                channel.topic, kind, file.counts[key], encoding, file.problem(channel)
-            )
-            found.setdefault(channel.topic, []).append(info)
-    return {name: _joined(found[name]) for name in sorted(found)}
-
-
-def _joined(members: Sequence[TopicInfo]) -> TopicInfo:
-    """One topic of all that bear its name."""
-    types = list(dict.fromkeys(each.type for each in members))
-    problems = [each.problem for each in members if each.problem]
-    if len(types) > 1:
-        problems.append(f'it has several types: {", ".join(types)}')
-    count = sum(each.count for each in members)
-    return replace(members[0], count=count, problem=problems[0] if problems else '')
-
-
-def missing_topic(topics: Collection[str], name: str) -> str:
-    """The sentence on a missing topic: those that are there, the nearest first."""
-    close = difflib.get_close_matches(name, topics, _MOST_NAMED, cutoff=0.5)
-    ranked = [*close, *(topic for topic in topics if topic not in close)]
-    more = len(ranked) - _MOST_NAMED
-    rest = f' and {more} more' if more > 0 else ''
-    listed = f'{", ".join(ranked[:_MOST_NAMED])}{rest}' if ranked else 'no topics'
-    return f"the recording has no topic '{name}': it has {listed}"
-
-
-def open_bag(path: str | Path) -> Bag:
+def open_bag(path: str | Path) -> Recording:
     """Open a recording.
 
     Args:
@@ -212,16 +52,16 @@ def open_bag(path: str | Path) -> Bag:
         raise BagError(f"bag '{path}' does not exist{near_name(path)}")
     findings = Findings()
     paths, expected = _folder_files(path, findings) if path.is_dir() else ([path], None)
-    bag = Bag(path, [scan_file(file, findings) for file in paths], findings)
+    bag = McapRecording(path, [scan_file(file, findings) for file in paths], findings)
     if expected is not None and expected != bag.message_count:
-        findings(
+        findings.lose(
             f"'{path / METADATA_NAME}' counts {expected} messages, the files hold"
             f' {bag.message_count}'
         )
     return bag
 
 
-def _folder_files(folder: Path, warn: Callable[[str], None]) -> tuple[list[Path], int | None]:
+def _folder_files(folder: Path, findings: Findings) -> tuple[list[Path], int | None]:
     """Find the files of a folder, and the messages they should hold; report what is odd."""
     try:
         names = [path.name for path in folder.iterdir()]
@@ -235,17 +75,17 @@ def _folder_files(folder: Path, warn: Callable[[str], None]) -> tuple[list[Path]
         raise BagError(f"bag '{folder}' has no .mcap file")
     if isinstance(metadata, str):
         _refuse_several(folder, names)
-        warn(f'{metadata}: its .mcap files were read in the order of their names')
+        findings.note(f'{metadata}: its .mcap files were read in the order of their names')
         return there, None
     listed, count = metadata
     missing = [file for file in listed if file not in there]
-    for file in missing[:_MOST_NAMED]:
-        warn(f"file '{file.name}' is listed in {METADATA_NAME} but missing")
-    if len(missing) > _MOST_NAMED:
-        warn(f'{len(missing) - _MOST_NAMED} more files that it lists are missing')
+    for file in missing[:MOST_NAMED]:
+        findings.lose(f"file '{file.name}' is listed in {METADATA_NAME} but missing")
+    if len(missing) > MOST_NAMED:
+        findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
     for file in there:
         if file not in listed:
-            warn(f"file '{file.name}' is not listed in {METADATA_NAME} and was not read")
+            findings.lose(f"file '{file.name}' is not listed in {METADATA_NAME} and was not read")
     found = [file for file in listed if file in there]
     if not found:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")

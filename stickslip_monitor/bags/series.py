@@ -19,9 +19,10 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.blocks import Block, Loaded, Piece, prefetch
+from stickslip_monitor.bags.blocks import Block, Piece, loading
 from stickslip_monitor.bags.cdr import FieldReader
-from stickslip_monitor.bags.contents import STEP_COST, Contents, FilePass
+from stickslip_monitor.bags.contents import Contents, FilePass
+from stickslip_monitor.bags.recording import Progress
 from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
@@ -30,13 +31,12 @@ from stickslip_monitor.fields import FieldPath
 _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 
 _LATEST_NS = (1 << 63) - 1
-# What a number costs that is kept until all before it is known [bytes].
-_ROW_COST = 24
+# What a number takes that is kept until all before it is known [bytes].
+_ROW = 24
 _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
 _UNSET = 'have log time 0, as of a clock that was not set, and were not used'
 _REFUSED = 'come behind a definition that does not fit, and were not used'
 
-Progress = Callable[[int, int], None]
 Columns = tuple[NDArray[Any], ...]
 """Messages: log times [ns], numbers of their blocks, and what else there is of each: shape
 (n,) or (k, n)."""
@@ -125,18 +125,18 @@ class Pass:
         if waiting:
             yield from _some(_in_order(waiting))
 
-    def _loaded(self) -> Iterator[tuple[int, Callable[[], Loaded]]]:
+    def _loaded(self) -> Iterator[tuple[int, Callable[[], bytes]]]:
         """Go through the blocks: place of each in the order of time, and what gives its data."""
         total, done = sum(job.block.length for job in self._jobs), 0
         places = {job.block: k for k, job in enumerate(self._jobs)}
-        for block, take in prefetch(job.block for job in self._jobs if not job.way.is_over):
+        for block, take in loading(job.block for job in self._jobs if not job.way.is_over):
             yield places[block], take
             done += block.length
             if self._progress is not None:
                 self._progress(done, total)
 
     def _read(
-        self, job: Job, take: Callable[[], Loaded], columns_of: MakeColumns, handed: int
+        self, job: Job, take: Callable[[], bytes], columns_of: MakeColumns, handed: int
     ) -> Iterator[Columns]:
         """What is made of a block, as far as it can be read.
 
@@ -149,7 +149,7 @@ class Pass:
             for key, rows in groups:
                 channel = file.channels.get(key)
                 if channel is None and file.is_stated:
-                    file.warn(
+                    file.findings.lose(
                         f'{job.block.place} has messages of channel {key}, which is defined'
                         ' nowhere: not read'
                     )
@@ -164,7 +164,7 @@ class Pass:
             late += int(np.count_nonzero(is_late))
             yield _part(columns, ~is_late) if is_late.any() else columns
         if late:
-            file.warn(
+            file.findings.lose(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
                 ' says: they were not used'
             )
@@ -250,10 +250,8 @@ class Wanted:
             yield from ((request, faults) for request in requests)
 
 
-class Reading:
-    """A pass over a recording for numbers of some topics.
-
-    Iterating gives a series for each request, for one stretch of time after the other.
+class McapReading:
+    """A pass over MCAP files for numbers of some topics.
 
     Raises:
         BagError: A path does not lead to a number.
@@ -331,14 +329,13 @@ class Reading:
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
             reader = self._reader(number, job.way.file, channel)
             if isinstance(reader, BagError):
-                job.way.file.warn(
+                job.way.file.findings.lose(
                     f'{job.block.place} has messages of another definition: {reader}'
                 )
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
-            cost = 2 * STEP_COST * numbers.alone + _ROW_COST * rows.size
-            job.way.spend(job.block, cost)
+            job.way.spend(job.block, _ROW * rows.size)
             wanted.reasons.update(numbers.faults)
             wanted.short.update(numbers.short)
             topic[rows] = number
@@ -364,19 +361,3 @@ class Reading:
                 result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
         self._sequence += log_time.size
         return result
-
-    def joined(self) -> dict[Request, Series]:
-        """The series of the whole recording."""
-        parts = list(self)
-        faults = self.faults()
-
-        def whole(request: Request, name: str) -> Any:
-            return np.concatenate([getattr(part[request], name) for part in parts])
-
-        names = ('log_time_ns', 'stamp_ns', 'sequence', 'value')
-        return {
-            request: Series(
-                **{name: whole(request, name) for name in names}, faults=faults[request]
-            )
-            for request in parts[0]
-        }

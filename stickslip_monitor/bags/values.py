@@ -17,24 +17,37 @@ _MOST_TOLD = 50
 
 
 class Findings:
-    """Sentences on what is wrong with a recording, each once, and not without end."""
+    """Sentences on a recording, each once, and not without end."""
 
     def __init__(self) -> None:
-        self._texts: dict[str, None] = {}
-        self._more = 0
+        # Whether each of them costs data.
+        self._texts: dict[str, bool] = {}
+        self._more = {False: 0, True: 0}
 
-    def __call__(self, text: str) -> None:
-        """Take one up."""
+    def note(self, text: str, *, is_loss: bool = False) -> None:
+        """Take up what is odd and costs no data."""
         if text not in self._texts and len(self._texts) >= _MOST_TOLD:
-            self._more += 1
+            self._more[is_loss] += 1
         else:
-            self._texts[text] = None
+            self._texts[text] = is_loss
+
+    def lose(self, text: str) -> None:
+        """Take up what was not read."""
+        self.note(text, is_loss=True)
 
     @property
     def texts(self) -> tuple[str, ...]:
         """All of them, and how many were too many."""
-        more = (f'{self._more} more findings are not listed',) if self._more else ()
-        return (*self._texts, *more)
+        return (*self._texts, *self._rest(sum(self._more.values())))
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """Those that cost data, and how many were too many."""
+        known = (text for text, is_loss in self._texts.items() if is_loss)
+        return (*known, *self._rest(self._more[True]))
+
+    def _rest(self, more: int) -> tuple[str, ...]:
+        return (f'{more} more findings are not listed',) if more else ()
 
 
 @dataclass(frozen=True, slots=True)

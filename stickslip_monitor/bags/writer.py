@@ -1,217 +1,86 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing a rosbag2 folder or a single MCAP file: all of it, or nothing.
-
-The bytes are those of ``mcap``'s writer, which takes three times as long for a message. All
-records but messages and their index are written by the record classes of the ``mcap`` package.
-"""
+"""Writing a rosbag2 folder or a single MCAP file: all of it, or nothing."""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import operator
 import os
 import shutil
-import struct
-import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import yaml
-import zstandard
-from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import CompressionType, Writer
 from numpy.typing import ArrayLike
 
-from stickslip_monitor.bags.blocks import HEAD, INDEX_HEAD, MAGIC, MESSAGE_HEAD
+from stickslip_monitor.bags.blocks import HEAD
 from stickslip_monitor.bags.encode import MESSAGE_TYPES, MessageType, encode_float64s
 from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import hold, open_file, sweep
 
 COMPRESSIONS = {
-    'none': ('', lambda data: data),
-    'lz4': ('lz4', lz4.frame.compress),
-    'zstd': ('zstd', zstandard.compress),
+    'none': CompressionType.NONE,
+    'lz4': CompressionType.LZ4,
+    'zstd': CompressionType.ZSTD,
 }
-# Kind and length of a message's record, channel, number, time of log and publication [ns].
-_RECORD = struct.Struct('<BQHIQQ')
-# A plain number: members of an enumeration are looked up slowly.
-_MESSAGE = int(Opcode.MESSAGE)
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
 
 
 class McapFile:
-    """The records of one file.
-
-    A chunk is closed when it is longer than its size before compression. ``channels`` are by
-    topic, ``counts`` the messages of each channel by its id.
-    """
+    """The records of one file; ``channels`` are ids by topic, ``counts`` the messages of each."""
 
     def __init__(self, file: IO[bytes], compression: str, chunk_size: int) -> None:
-        self._file = file
-        self._compression, self._compress = COMPRESSIONS[compression]
-        self._chunk_size = chunk_size
-        self._chunk = bytearray()
-        # Log time [ns] and place of each message in the chunk, by channel.
-        self._index: dict[int, list[int]] = {}
-        self._schemas: dict[str, Schema] = {}
-        self.channels: dict[str, Channel] = {}
-        self._metadata: list[MetadataIndex] = []
-        self._chunks: list[ChunkIndex] = []
+        self._writer = Writer(file, chunk_size, COMPRESSIONS[compression])
+        self._writer.start(Profile.ROS2, _LIBRARY)
+        self._schemas: dict[str, int] = {}
+        self.channels: dict[str, int] = {}
         self.counts: Counter[int] = Counter()
-        file.write(_BEGIN)
+        self.times: tuple[int, int] | None = None
+        """Earliest and latest log time [ns]."""
 
     def add_label(self, name: str) -> None:
         """Write a label before the first message."""
-        record, offset = _label(name), self._file.tell()
-        self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
-        self._file.write(record)
+        self._writer.add_metadata(name, {})
 
     def add_channel(self, topic: str, kind: str, known: MessageType) -> None:
         """Define a channel, and the schema of its type where that is new."""
         if kind not in self._schemas:
-            schema = Schema(
-                id=len(self._schemas) + 1, data=known.definition.encode(),
-                encoding=SchemaEncoding.ROS2, name=kind,
-            )  # fmt: skip
-            self._schemas[kind] = schema
-            self._add(_bytes(schema))
-        self.channels[topic] = channel = Channel(
-            id=len(self.channels) + 1, topic=topic, message_encoding=MessageEncoding.CDR,
-            schema_id=self._schemas[kind].id,
-            metadata={'offered_qos_profiles': '', 'topic_type_hash': known.type_hash},
+            text = known.definition.encode()
+            self._schemas[kind] = self._writer.register_schema(kind, SchemaEncoding.ROS2, text)
+        self.channels[topic] = self._writer.register_channel(
+            topic, MessageEncoding.CDR, self._schemas[kind],
+            {'offered_qos_profiles': '', 'topic_type_hash': known.type_hash},
         )  # fmt: skip
-        self._add(_bytes(channel))
 
     def add(self, columns: Iterable[tuple[int, list[int], Sequence[bytes]]]) -> None:
         """Write messages of several channels with their log times, merged by these [ns]."""
-        rows: list[tuple[int, int, int, bytes]] = []
+        rows: list[tuple[int, int, bytes]] = []
         for channel, times, messages in columns:
-            first, count = self.counts[channel], len(times)
-            numbers = range(first, first + count)
-            rows += zip(times, itertools.repeat(channel, count), numbers, messages, strict=True)
-            if count:
-                self.counts[channel] += count
+            rows += zip(times, itertools.repeat(channel, len(times)), messages, strict=True)
         rows.sort(key=operator.itemgetter(0))
-        for time, channel, number, message in rows:
-            self._index.setdefault(channel, []).extend((time, len(self._chunk)))
-            length = MESSAGE_HEAD.size + len(message)
-            self._add(_RECORD.pack(_MESSAGE, length, channel, number, time, time) + message)
+        for time, channel, message in rows:
+            self._writer.add_message(channel, time, message, time, self.counts[channel])
+            self.counts[channel] += 1
+        if rows:
+            start, end = self.times or (rows[0][0], rows[-1][0])
+            self.times = min(start, rows[0][0]), max(end, rows[-1][0])
 
-    def _add(self, record: bytes) -> None:
-        self._chunk += record
-        if len(self._chunk) > self._chunk_size:
-            self._close_chunk()
-
-    def _close_chunk(self) -> None:
-        """Write the chunk and its index, if it has messages."""
-        if not self._index:
-            return
-        data, times = bytes(self._chunk), [pairs[::2] for pairs in self._index.values()]
-        chunk = Chunk(
-            compression=self._compression,
-            data=self._compress(data),
-            message_start_time=min(map(min, times)),
-            message_end_time=max(map(max, times)),
-            uncompressed_crc=zlib.crc32(data),
-            uncompressed_size=len(data),
-        )
-        record, offset = _bytes(chunk), self._file.tell()
-        begin, index, places = offset + len(record), b'', {}
-        for channel, pairs in self._index.items():
-            places[channel] = begin + len(index)
-            body = struct.pack(f'<{len(pairs)}Q', *pairs)
-            index += INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(body), channel, len(body))
-            index += body
-        self._file.write(record + index)
-        self._chunks.append(
-            ChunkIndex(
-                chunk_length=len(record),
-                chunk_start_offset=offset,
-                compression=chunk.compression,
-                compressed_size=len(chunk.data),
-                message_end_time=chunk.message_end_time,
-                message_index_length=len(index),
-                message_index_offsets=places,
-                message_start_time=chunk.message_start_time,
-                uncompressed_size=chunk.uncompressed_size,
-            )
-        )
-        self._chunk.clear()
-        self._index.clear()
-
-    def finish(self) -> Statistics:
-        """Write the last chunk and the summary; return what was counted."""
-        self._close_chunk()
-        self._file.write(_bytes(DataEnd(0)))
-        statistics = Statistics(
-            attachment_count=0,
-            channel_count=len(self.channels),
-            channel_message_counts=dict(self.counts),
-            chunk_count=len(self._chunks),
-            message_count=self.counts.total(),
-            metadata_count=len(self._metadata),
-            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
-            schema_count=len(self._schemas),
-        )
-        groups: Mapping[Opcode, Collection[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas.values(),
-            Opcode.CHANNEL: self.channels.values(),
-            Opcode.STATISTICS: [statistics],
-            Opcode.CHUNK_INDEX: self._chunks,
-            Opcode.ATTACHMENT_INDEX: [],
-            Opcode.METADATA_INDEX: self._metadata,
-        }
-        begin, summary, offsets = self._file.tell(), b'', b''
-        for opcode, records in groups.items():
-            group, start = b''.join(map(_bytes, records)), begin + len(summary)
-            offsets += _bytes(SummaryOffset(opcode, start, len(group)))
-            summary += group
-        offset_begin = begin + len(summary)
-        summary += offsets
-        places = begin.to_bytes(8, 'little') + offset_begin.to_bytes(8, 'little')
-        crc = zlib.crc32(HEAD.pack(Opcode.FOOTER, 20) + places, zlib.crc32(summary))
-        footer = Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc)
-        self._file.write(summary + _bytes(footer) + MAGIC)
-        return statistics
+    def finish(self) -> None:
+        """Write the last chunk and the summary."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _bytes(record: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
-def _label(name: str) -> bytes:
-    """The record that a recording with a label begins with."""
-    return _bytes(Metadata(name=name, metadata={}))
-
-
-# What every recording begins with. The library is fixed, so that equal recordings are equal files
-# whatever version wrote them.
-_BEGIN = MAGIC + _bytes(Header(Profile.ROS2, 'stickslip_monitor'))
+# Fixed, so that equal recordings are equal files whatever version wrote them.
+_LIBRARY = 'stickslip_monitor'
 
 
 class BagWriter:
@@ -365,7 +234,7 @@ class BagWriter:
                 raise BagError(
                     f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}"
                 )
-        return self._records.channels[topic].id
+        return self._records.channels[topic]
 
     def break_off(self) -> None:
         """Leave the recording as one that lost power in mid-write; nothing more can be written.
@@ -402,14 +271,13 @@ class BagWriter:
     def message_counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
         counts = self._records.counts
-        return {topic: counts[channel.id] for topic, channel in self._records.channels.items()}
+        return {topic: counts[channel] for topic, channel in self._records.channels.items()}
 
     def _finish(self) -> None:
         if not self._is_broken:
-            statistics = self._records.finish()
+            self._records.finish()
             if not self._is_file:
-                text = self._metadata(statistics)
-                (self._draft / METADATA_NAME).write_text(text, 'utf-8')
+                (self._draft / METADATA_NAME).write_text(self._metadata(), 'utf-8')
         self._file.close()
         self._refuse_existing()
         self._draft.rename(self.path)
@@ -424,9 +292,9 @@ class BagWriter:
                 f"bag '{self.path}' cannot be written: {error.strerror or error}"
             ) from error
 
-    def _metadata(self, statistics: Statistics) -> str:
+    def _metadata(self) -> str:
         """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
-        start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
+        start_ns, end_ns = self._records.times or (0, 0)
 
         def span() -> dict[str, Any]:
             # The same object twice would become a YAML alias, which rosbag2's reader need not
@@ -434,7 +302,7 @@ class BagWriter:
             return {
                 'starting_time': {'nanoseconds_since_epoch': start_ns},
                 'duration': {'nanoseconds': end_ns - start_ns},
-                'message_count': statistics.message_count,
+                'message_count': self._records.counts.total(),
             }
 
         listed = [
@@ -467,9 +335,12 @@ class BagWriter:
 
 def is_labelled(path: Path, label: str) -> bool:
     """Whether a file is a recording that this package wrote with a label."""
-    begin = _BEGIN + _label(label)
+    begin = io.BytesIO()
+    own = Writer(begin)
+    own.start(Profile.ROS2, _LIBRARY)
+    own.add_metadata(label, {})
     try:
         with open_file(path) as file:
-            return not path.is_symlink() and file.read(len(begin)) == begin
+            return not path.is_symlink() and file.read(begin.tell()) == begin.getvalue()
     except OSError:
         return False

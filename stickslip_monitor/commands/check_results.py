@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor import __version__
-from stickslip_monitor.bags.reader import Bag, stamp_of
+from stickslip_monitor.bags.reader import stamp_of
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import (
     BagError,
@@ -355,7 +356,7 @@ def to_json(report: CheckReport) -> dict[str, Any]:
     }
 
 
-def bag_record(bag: Bag) -> dict[str, Any]:
+def bag_record(bag: Recording) -> dict[str, Any]:
     """What a recording holds, whatever it is checked for."""
     start, end = bag.start_ns, bag.end_ns
     return {

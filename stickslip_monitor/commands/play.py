@@ -10,7 +10,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from stickslip_monitor.bags.reader import Bag, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import BagError, RosError, no_ros, plural
 from stickslip_monitor.files import printable
@@ -44,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _play(player: Player, bag: Bag, args: argparse.Namespace) -> None:
+def _play(player: Player, bag: Recording, args: argparse.Namespace) -> None:
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"
         for t in bag.topics.values()

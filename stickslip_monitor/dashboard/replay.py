@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from heapq import merge
 from typing import Any, NamedTuple
 
-from stickslip_monitor.bags.reader import Series, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Series
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
 from stickslip_monitor.monitor.config import MonitorConfig

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.reader import Bag
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.bulk import Scan
@@ -56,12 +56,12 @@ class TruthRecord:
     amplitude: TruthNumbers  # half the peak to peak of the lining's displacement [m]
 
 
-def has_truth(bag: Bag, bearing: str) -> bool:
+def has_truth(bag: Recording, bearing: str) -> bool:
     """Whether a recording holds the truth about a bearing."""
     return topic(bearing, 'events') in bag.topics
 
 
-def read_truth(bag: Bag, bearing: str) -> TruthRecord:
+def read_truth(bag: Recording, bearing: str) -> TruthRecord:
     """Read the truth about a bearing whose lining was followed.
 
     Raises:
@@ -80,7 +80,7 @@ def read_truth(bag: Bag, bearing: str) -> TruthRecord:
     return known_truth(bag, bearing)
 
 
-def known_truth(bag: Bag, bearing: str) -> TruthRecord:
+def known_truth(bag: Recording, bearing: str) -> TruthRecord:
     """What a recording holds of the truth about a bearing: no episodes if no lining was followed.
 
     Raises:
@@ -99,12 +99,12 @@ def known_truth(bag: Bag, bearing: str) -> TruthRecord:
     return TruthRecord(start, end, tuple(_episodes(events, end)), **numbers)
 
 
-def _bearings(bag: Bag) -> list[str]:
+def _bearings(bag: Recording) -> list[str]:
     parts = [topic.split('/') for topic in bag.topics]
     return sorted({part[2] for part in parts if part[:2] == ['', 'truth'] and len(part) == 4})
 
 
-def _event(bag: Bag, data: bytes, topic: str) -> tuple[str, int]:
+def _event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
     """Name and time of an event [ns]."""
     try:
         (size,) = struct.unpack_from('<I', data, 4)

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from stickslip_monitor.bags.reader import Bag
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.scenes.settings import with_parameter_errors
@@ -195,7 +195,7 @@ def _without_lining(scene: Scene) -> Scene:
     return replace(scene, effects=kept)
 
 
-def _truth(bag: Bag, bearing: str) -> TruthRecord:
+def _truth(bag: Recording, bearing: str) -> TruthRecord:
     """The truth about a bearing.
 
     Raises:

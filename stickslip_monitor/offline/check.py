@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.reader import Bag, Fault, Request, Series, open_bag
-from stickslip_monitor.bags.series import Progress
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Progress, Recording
+from stickslip_monitor.bags.values import Fault, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bulk import BearingScan, Scan
@@ -64,7 +65,7 @@ class BearingReport:
 class CheckReport:
     """The result of checking one bag; without messages it has no start and no end."""
 
-    bag: Bag
+    bag: Recording
     bearings: dict[str, BearingReport]  # by name
     start_ns: int | None  # on the clock of the samples
     end_ns: int | None
@@ -93,7 +94,7 @@ def check_bag(
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
-    check_topics(bag, config)
+    config = check_topics(bag, config)
     reading = bag.reading({r for b in config.bearings for r in requests_of(b)}, progress)
     span = SampleSpan(bag)
     checks = [_BearingCheck(bearing, outlined) for bearing in config.bearings]
@@ -227,7 +228,7 @@ class SampleSpan:
         end_ns: The end as far as it was read [ns].
     """
 
-    def __init__(self, bag: Bag) -> None:
+    def __init__(self, bag: Recording) -> None:
         self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
         self._begun = False
 
@@ -271,7 +272,7 @@ class WholeBearing:
 class WholeBag:
     """A bag with all its verdicts in memory, for what needs them at once."""
 
-    bag: Bag
+    bag: Recording
     bearings: dict[str, WholeBearing]  # by name
     start_ns: int | None  # on the clock of the samples
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.cdr import short_name
-from stickslip_monitor.bags.reader import Bag, Fault, Series, missing_topic
+from stickslip_monitor.bags.recording import Recording
+from stickslip_monitor.bags.values import Fault, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.bulk import Scan
@@ -178,21 +178,16 @@ class InputCheck:
         )
 
 
-def check_topics(bag: Bag, config: MonitorConfig) -> None:
-    """Refuse inputs that the recording does not have, or not with their type.
+def check_topics(bag: Recording, config: MonitorConfig) -> MonitorConfig:
+    """The configuration as it holds for a recording.
 
     Raises:
-        BagError: In the words of the running monitor.
+        BagError: An input is not in it.
     """
-    for source in (source for b in config.bearings for source in b.inputs.values()):
-        topic = bag.topics.get(source.topic)
-        facts = _facts(source)
-        if topic is None:
-            reason = missing_topic(bag.topics, source.topic)
-            raise BagError(f'{input_fault(facts)[:-1]}: {reason}')
-        if short_name(topic.type) != short_name(source.type):
-            bags = (Publisher(f"Bag '{bag.path.name}'", topic.type),)
-            raise BagError(input_fault(replace(facts, publishers=bags))[:-1])
+    bound = bag.bound(config)
+    for text in bound.absent.values():
+        raise BagError(text)
+    return bound.config
 
 
 def _facts(source: InputConfig) -> InputFacts:

@@ -21,8 +21,7 @@ from stickslip_monitor.bags.encode import (
     encode_float64s,
     encode_string,
 )
-from stickslip_monitor.bags.reader import Request, Series
-from stickslip_monitor.bags.values import TimeSpans
+from stickslip_monitor.bags.values import Request, Series, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig

@@ -19,7 +19,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from stickslip_monitor.bags.cdr import FieldNumbers, FieldReader, compile_layout, parse_schema
-from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.fields import parse_field, read_field
 
 HEADER = """\

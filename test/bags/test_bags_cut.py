@@ -18,7 +18,9 @@ from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from stickslip_monitor.bags.blocks import decompress
-from stickslip_monitor.bags.reader import Bag, Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Recording
+from stickslip_monitor.bags.values import Request
 
 RECORD = 9 + 22 + 12  # head, message head, a Float64 in CDR
 CHUNK_HEAD = 9 + 8 + 8 + 8 + 4 + 4 + 8  # before the name of the compression and the data
@@ -69,7 +71,7 @@ def make(compression: str, chunks: int, per_chunk: int, **options: object) -> Wh
     return Whole(stream.getvalue(), times, summary.chunk_indexes, per_chunk)
 
 
-def read_times(bag: Bag) -> list[int]:
+def read_times(bag: Recording) -> list[int]:
     return [message.log_time_ns for message in bag.messages()]
 
 

@@ -13,7 +13,8 @@ import yaml
 from mcap.writer import Writer
 from shared import record
 
-from stickslip_monitor.bags.reader import Request, TopicInfo, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Request, TopicInfo
 from stickslip_monitor.errors import BagError
 
 FLOAT64 = 'std_msgs/msg/Float64'

@@ -27,7 +27,8 @@ from stickslip_monitor.bags.encode import (
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 

@@ -15,7 +15,8 @@ from shared import CONFIG, ROOT, record
 
 from stickslip_monitor import Monitor, build_config
 from stickslip_monitor.bags import series
-from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.check_results import to_json

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor.bags.reader import Request, open_bag
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.values import Request
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene, write_bag
 from stickslip_monitor.lab.scenes.telemetry import Messages
