@@ -19,16 +19,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from stickslip_monitor.commands.check_results import to_json
+from stickslip_monitor.offline.verdict_bag import write_verdicts
 
 from benchmarks.table import Table, duration, ratio
 from stickslip_monitor.bags.reader import Request, open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.check import to_text
-from stickslip_monitor.commands.check_results import to_json
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.clips import ClipFolder, write_clips
-from stickslip_monitor.offline.verdict_bag import write_verdicts
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'two_bearings.yaml'
@@ -122,10 +122,10 @@ def measure(path: Path, messages: int) -> dict[str, float]:
     config = load_config(CONFIG)
     requests = {Request(topic, 'data') for topic in (SPEED, *LOADS)}
     small = ROOT / 'bags' / 'two_bearings'
-    to_json(check_bag(small, config))  # what is built or imported once
+    to_json(check_recording(small, config))  # what is built or imported once
 
     def check() -> None:
-        to_text(to_json(check_bag(path, config)), coloured=False)
+        to_text(to_json(check_recording(path, config)), coloured=False)
 
     first = _timed(check)
     found = {'memory': _most_memory()}
@@ -138,7 +138,7 @@ def measure(path: Path, messages: int) -> dict[str, float]:
     found['check'], found['check_cpu'] = np.median(checks, axis=0).tolist()
     found['alone'], found['alone_cpu'] = np.median(reads, axis=0).tolist()
     if messages <= DAY:
-        report = check_bag(path, config)
+        report = check_recording(path, config)
         target = path.with_name('out.mcap')
         _, found['mcap'] = _timed(lambda: write_verdicts(report, config, target))
         target.unlink()

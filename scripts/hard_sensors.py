@@ -15,21 +15,21 @@ from functools import partial
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.lab.voyages import Sent
 from stickslip_monitor.monitor.signals import LEVEL, Stream
-from stickslip_monitor.offline.check import WholeBearing
 
-Spoil = Callable[[WholeBearing, np.random.Generator], WholeBearing]
+Spoil = Callable[[Sent, np.random.Generator], Sent]
 SECOND = 10**9
 
 
-def without_level(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
+def without_level(case: Sent, _: np.random.Generator) -> Sent:
     """No level at all."""
     return replace(
         _kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None)
     )
 
 
-def in_bursts(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
+def in_bursts(case: Sent, _: np.random.Generator) -> Sent:
     """Speed and load are handed over once a second, stamped within milliseconds of each other."""
     stamp = case.stream.time_ns.copy()
     for place in range(LEVEL):
@@ -40,9 +40,7 @@ def in_bursts(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
     return _sorted(case, stamp)
 
 
-def oddly_stamped(
-    case: WholeBearing, random: np.random.Generator, off: float, share: float
-) -> WholeBearing:
+def oddly_stamped(case: Sent, random: np.random.Generator, off: float, share: float) -> Sent:
     """A share of the stamps of speed and load is off by some seconds, either way."""
     stream = case.stream
     odd = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
@@ -51,7 +49,7 @@ def oddly_stamped(
     return replace(case, stream=replace(stream, time_ns=stamp))
 
 
-def with_threshold(case: WholeBearing, _: np.random.Generator, factor: float) -> WholeBearing:
+def with_threshold(case: Sent, _: np.random.Generator, factor: float) -> Sent:
     """The threshold is another one; nan: it is left out and learned."""
     level = case.config.level
     assert level is not None
@@ -59,31 +57,31 @@ def with_threshold(case: WholeBearing, _: np.random.Generator, factor: float) ->
     return replace(case, config=replace(case.config, level=level))
 
 
-def amplified(case: WholeBearing, _: np.random.Generator, gain: float) -> WholeBearing:
+def amplified(case: Sent, _: np.random.Generator, gain: float) -> Sent:
     """The level is too high by a factor."""
     return _levelled(case, lambda _, level: gain * level)
 
 
-def blind(case: WholeBearing, random: np.random.Generator) -> WholeBearing:
+def blind(case: Sent, random: np.random.Generator) -> Sent:
     """The level shows its background only: it is in the wrong place, or its cable is off."""
     return _levelled(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
 
 
-def stuck(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
+def stuck(case: Sent, _: np.random.Generator) -> Sent:
     """The level does not move any more after the first minute."""
     return _levelled(
         case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1])
     )
 
 
-def with_engine_order(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
+def with_engine_order(case: Sent, _: np.random.Generator) -> Sent:
     """The background is half as loud again as the threshold, at all times."""
     assert case.config.level is not None
     loud = 1.5 * case.config.level.threshold
     return _levelled(case, lambda _, level: np.hypot(level, loud))
 
 
-def with_bursts(case: WholeBearing, random: np.random.Generator) -> WholeBearing:
+def with_bursts(case: Sent, random: np.random.Generator) -> Sent:
     """For two to four seconds of each minute something else is three times the threshold."""
     assert case.config.level is not None
     loud = 3.0 * case.config.level.threshold
@@ -98,7 +96,7 @@ def with_bursts(case: WholeBearing, random: np.random.Generator) -> WholeBearing
     return _levelled(case, spoilt)
 
 
-def half_lost(case: WholeBearing, _: np.random.Generator) -> WholeBearing:
+def half_lost(case: Sent, _: np.random.Generator) -> Sent:
     """The level comes for half of each minute only."""
     own = case.stream
     return _kept(case, (own.inputs != LEVEL) | (own.arrival_ns // (30 * SECOND) % 2 == 0))
@@ -127,23 +125,21 @@ STAMPS: Mapping[str, Spoil] = {
 }
 
 
-def _kept(case: WholeBearing, rows: BoolArray) -> WholeBearing:
+def _kept(case: Sent, rows: BoolArray) -> Sent:
     own = case.stream
     names = ('time_ns', 'inputs', 'value', 'arrival_ns')
     kept = {name: getattr(own, name)[rows] for name in names}
     return replace(case, stream=replace(own, **kept))
 
 
-def _sorted(case: WholeBearing, stamp: IntArray) -> WholeBearing:
+def _sorted(case: Sent, stamp: IntArray) -> Sent:
     """The samples with other stamps, which are also when they arrive."""
     order = np.argsort(stamp, kind='stable')
     own = case.stream
     return replace(case, stream=Stream(stamp[order], own.inputs[order], own.value[order]))
 
 
-def _levelled(
-    case: WholeBearing, change: Callable[[FloatArray, FloatArray], FloatArray]
-) -> WholeBearing:
+def _levelled(case: Sent, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Sent:
     """The voyage with another level, made of its times [s] and values."""
     own = case.stream
     rows = own.inputs == LEVEL

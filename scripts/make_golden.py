@@ -30,7 +30,7 @@ from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
 
 from stickslip_monitor import Monitor  # noqa: E402
 from stickslip_monitor.lab.scenes.scene import load_scene  # noqa: E402
-from stickslip_monitor.offline.check import check_bag  # noqa: E402
+from stickslip_monitor.offline.check import check_recording  # noqa: E402
 
 GOLDEN = ROOT / 'test' / 'data' / 'golden.json.gz'
 MOVED_NS = 10**9
@@ -82,7 +82,7 @@ def all_cases(only: str = '') -> Iterator[tuple[str, Case]]:
 def of_bag(name: str) -> Iterator[tuple[str, Case]]:
     """Check a recording with the configuration of its scene; yield its bearings."""
     config = load_scene(ROOT / 'launch_configs' / 'scenes' / f'{name}.yaml').config
-    report = check_bag(ROOT / 'bags' / name, config)
+    report = check_recording(ROOT / 'bags' / name, config)
     for bearing, own in report.bearings.items():
         counts = {item.quantity: [item.messages, item.used] for item in own.inputs}
         changes = [_change(event) for event in own.events]

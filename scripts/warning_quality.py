@@ -29,6 +29,7 @@ from stickslip_monitor.lab.voyages import (
     OURS,
     Call,
     Sailed,
+    Sent,
     Voyage,
     cases_of,
     output_of,
@@ -42,8 +43,7 @@ from stickslip_monitor.lab.warning_quality import (
 )
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds
-from stickslip_monitor.offline.check import WholeBearing
-from stickslip_monitor.offline.fleet import core_count, run_in_processes
+from stickslip_monitor.offline.archive import core_count, run_in_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'warning_quality.md'
@@ -194,7 +194,7 @@ def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
     return {name: pooled(parts) for name, parts in found.items()}
 
 
-def _heard(sent: WholeBearing, case: Sailed) -> Quality:
+def _heard(sent: Sent, case: Sailed) -> Quality:
     """The judgement of the monitor by the clock of the samples."""
     return quality_of(output_of(sent.scan, case.truth), case.truth, case.plain)
 

@@ -17,8 +17,8 @@ import yaml
 from shared import ROOT
 
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.check import check_bag
-from stickslip_monitor.offline.verdict_bag import write_verdicts
+from stickslip_monitor.offline.check import check_recording
+from stickslip_monitor.offline.verdict_messages import VerdictWriter
 
 FOLDER = ROOT / 'launch_configs' / 'dashboards'
 Recording = dict[str, list[Any]]
@@ -31,7 +31,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
     config = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml')
     path = tmp_path_factory.mktemp('replay') / 'out.mcap'
-    write_verdicts(check_bag(ROOT / 'bags' / 'coast_down', config), config, path)
+    with VerdictWriter(path) as writer:
+        check_recording(ROOT / 'bags' / 'coast_down', config, [writer])
     found: Recording = {}
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():

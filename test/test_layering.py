@@ -47,7 +47,7 @@ EVERYWHERE = {'numpy', 'scipy'}
 ONLY_IN = {
     'argcomplete': ('cli.py',),
     'aiohttp': ('dashboard/', 'links/'),
-    'distributed': ('offline/fleet.py',),
+    'distributed': ('offline/archive.py',),
     'jinja2': ('report/',),
     'lz4': ('bags/',),
     'matplotlib': ('drawing/',),

@@ -49,7 +49,7 @@ from stickslip_monitor.monitor.configure import (
     load_calibration,
     require_same_sensors,
 )
-from stickslip_monitor.offline.check import scan_whole
+from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.physics.belief import EXACT, QUANTILES
 
 
@@ -158,8 +158,9 @@ def _dips(
     found = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
-        whole = scan_whole(path, MonitorConfig((config,)))
-        found.append(source.of_recording(whole, config))
+        kept = Kept()
+        check_recording(path, MonitorConfig((config,)), [kept])
+        found.append(source.of_recording(kept, config))
     return source.dips(config, prior, found)
 
 

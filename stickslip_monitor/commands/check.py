@@ -7,11 +7,11 @@ anywhere without a network: .html to read, .png to show, .json for programs. --m
 verdicts as messages beside the inputs, for replay in Foxglove or PlotJuggler; --clips writes a
 short recording around each alarm.
 Several bags are checked on all cores, or with --scheduler on a Dask cluster whose workers see
-them under the same paths. A bad bag is named and does not stop the rest. --resume keeps the result
-of each bag in a file and takes it from there the next time.
+them under the same paths. A bad bag is named and does not stop the rest.
 --learn compares when a bearing vibrated with what was predicted, over all bags, and proposes a
 calibration if it would change something; this advice changes neither the configuration nor the
-exit code. Exits 1 if the monitor warned, 2 if a bag could not be checked.
+exit code. Exits 0 if all was read and nothing warned, 1 if something did or a part could not be
+read, 2 if a bag could not be checked or has no usable data.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,8 @@ from stickslip_monitor.files import PICTURES, printable
 from stickslip_monitor.monitor.ladder import Level
 
 if TYPE_CHECKING:
-    from stickslip_monitor.commands.check_results import Found
+    from stickslip_monitor.commands.check_tasks import Found
+    from stickslip_monitor.offline.clips import ClipCounts
 
 STDIN = '-'
 REPORTS = {
@@ -39,7 +41,6 @@ REPORTS = {
     '.png': PICTURES['.png'],
     '.json': b'"schema": "stickslip_monitor/check/1"',
 }
-_KEPT = {'': b'{"key": "check-'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,8 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(parser, '--learn', metavar='FROM', help=text)
     text = 'bags checked at a time (default: one for each core)'
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
-    text = 'keep the result of each bag in this file, and check only the bags not in it'
-    options.add_output(parser, '--resume', marks=_KEPT, help=text)
+    options.add_gone(parser, '--resume', 'keep the --json of each recording in a file of its own')
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
     parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
 
@@ -84,16 +84,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler or args.resume):
+    if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
             "'-', a recording on standard input, goes alone: neither with other bags nor with"
-            ' --scheduler or --resume'
-        )
-    kept = (args.report or '.json').lower().endswith('.json')
-    if args.resume is not None and not (kept and args.mcap is args.clips is args.learn is None):
-        raise ConfigurationError(
-            '--resume keeps what --json prints: it does not go with --mcap, --clips, --learn or a'
-            ' --report to be read'
+            ' --scheduler'
         )
     if args.scheduler is None:
         return
@@ -121,31 +115,34 @@ def _check_bags(
     Returns:
         The exit code: 1 after a warning, 2 after a bag that could not be checked.
     """
-    from stickslip_monitor.commands import check_results
+    from stickslip_monitor.commands import check_tasks
 
-    task = check_results.task_of(args, len(bags))
+    task = check_tasks.task_of(args, len(bags))
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     all_found = []
-    for found in check_results.check_all(task, bags, args, meter):
+    archive = check_tasks.archive_of(task)
+    for found in check_tasks.check_all(task, bags, args, meter):
         _tell(found, args, listed, shown)
-        all_found.append(found)
+        if archive is not None and found.part is not None:
+            archive.add(found.part)
+        all_found.append(replace(found, part=None))
     documents = [found.document for found in all_found]
     code = max(found.code for found in all_found)
     if not listed and 'error' in documents[0]:
         return code
     if task.learn is not None:
-        lessons = check_results.lessons_of(args, task, all_found, meter)
+        lessons = check_tasks.lessons_of(args, task, all_found, meter)
         for document in documents:
             # All teach it.
             document['learned'] = lessons
         if not args.json:
             sys.stdout.writelines(f'learned: {printable(text)}\n' for text in lessons)
     text = output.json_text(documents if listed else documents[0])
-    output.write_outputs(args, report=lambda: check_results.report_of(args, task, all_found, text))
+    output.write_outputs(args, report=lambda: check_tasks.report_of(args, task, archive, text))
     if args.mcap is not None:
         output.say_written(args.mcap)
-    advice = check_results.tolerance_advice(task.config)
+    advice = check_tasks.tolerance_advice(task.config)
     if args.json:
         sys.stdout.write(text)
     elif advice:
@@ -175,8 +172,16 @@ def _tell(found: Found, args: argparse.Namespace, listed: bool, shown: str | Non
             f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n'
         )
     if found.clips is not None:
-        clips = plural(found.clips, 'clip')
-        sys.stderr.write(f'{place}: {clips} written into {printable(args.clips)}\n')
+        _tell_clips(found.clips, place, printable(args.clips))
+
+
+def _tell_clips(clips: ClipCounts, place: str, folder: str) -> None:
+    written = f'{plural(clips.written, "clip")} written into {folder}'
+    if clips.removed:
+        written += f'; {plural(clips.removed, "older clip")} removed, as clips.most says'
+    sys.stderr.write(f'{place}: {written}\n')
+    for text in clips.failures:
+        sys.stderr.write(f'ERROR: {place}: a clip was not written: {printable(text)}\n')
 
 
 _GREEN, _YELLOW, _RED, _BOLD, _END = (f'\x1b[{code}m' for code in (32, 33, 31, 1, 0))

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.commands.check_results import bag_record
+from stickslip_monitor.commands.check_records import bag_record
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.report.formatting import date, is_dated, minute

@@ -54,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _track(path: str, own: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
-    from stickslip_monitor.offline.check import scan_whole
+    from stickslip_monitor.offline.check import Kept, check_recording
 
-    return track_of_scan(scan_whole(path, MonitorConfig((own,))).bearings[own.name].scan)
+    kept = Kept()
+    check_recording(path, MonitorConfig((own,)), [kept])
+    return track_of_scan(kept.scan(own.name))

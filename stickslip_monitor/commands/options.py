@@ -169,6 +169,20 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
 
 
+def add_gone(options: _Options, name: str, heir: str) -> None:
+    """Add an option that there was in the last version, to name what takes its place."""
+    options.add_argument(name, action=_Gone, nargs='?', const=heir, help=argparse.SUPPRESS)
+
+
+class _Gone(argparse.Action):
+    """Refuses an option of the last version, and names its heir."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
+    ) -> None:
+        raise ConfigurationError(f'{name} is gone: {self.const}')
+
+
 class _Renamed(argparse.Action):
     """An option under the name that it had in the last version."""
 

@@ -44,7 +44,7 @@ from stickslip_monitor.lab.warning_quality import (
     pooled,
     written,
 )
-from stickslip_monitor.offline.fleet import core_count
+from stickslip_monitor.offline.archive import core_count
 from stickslip_monitor.offline.outline import condition_intervals
 
 OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/2'

@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from stickslip_monitor import jit
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, write_bag
@@ -34,13 +36,13 @@ from stickslip_monitor.lab.warning_quality import (
     merged,
     quality_of,
 )
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.bulk import BearingScan, Scan
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
-from stickslip_monitor.monitor.signals import to_si
+from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
-from stickslip_monitor.offline.check import WholeBearing, scan_whole
-from stickslip_monitor.offline.fleet import run_in_processes
+from stickslip_monitor.offline.archive import run_in_processes
+from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.offline.outline import condition_intervals
 
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
@@ -133,20 +135,51 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
     with TemporaryDirectory(prefix='stickslip_') as folder:
         path = Path(folder) / 'voyage.mcap'
         write_bag(_without_lining(scene) if known else scene, path)
+        config = replace(scene.config, bearings=tuple(configured))
+        kept = _kept(path, config, jit.has_compiler())
+        for own in configured:
+            if own.name not in truths:
+                truths[own.name] = _truth(kept.bag, own.name)
+    for own in configured:
+        yield Sailed(Sent.of(kept, own), truths[own.name], _is_plain(scene))
+
+
+def _kept(path: str | Path, config: MonitorConfig, long: bool | None = None) -> Kept:
+    """The samples and verdicts of a recording, in memory."""
+    kept = Kept()
+    check_recording(path, config, [kept], long=long)
+    return kept
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What a bearing's sensors sent over a whole recording."""
+
+    config: BearingConfig
+    stream: Stream  # its samples in order of arrival
+    start_ns: int | None  # of the recording [ns]
+    end_ns: int | None
+
+    @classmethod
+    def of(cls, kept: Kept, config: BearingConfig) -> Sent:
+        """What was kept of one bearing."""
+        sent = cls(config, kept.stream(config.name), kept.start_ns, kept.end_ns)
+        sent.__dict__['scan'] = kept.scan(config.name)  # known already
+        return sent
+
+    @cached_property
+    def scan(self) -> Scan:
+        """The verdicts, worked out when they are first asked for."""
         # Of many voyages a second of compiling is soon repaid.
-        whole = scan_whole(path, replace(scene.config, bearings=tuple(configured)), many=True)
-        for name in whole.bearings:
-            if name not in truths:
-                truths[name] = _truth(whole.bag, name)
-    for name, own in whole.bearings.items():
-        yield Sailed(own, truths[name], _is_plain(scene))
+        own = BearingScan(self.config, self.start_ns, jit.has_compiler())
+        return own.finish(self.stream, self.end_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
     """One bearing on one voyage: what the monitor is configured with and gets, and the truth."""
 
-    sent: WholeBearing  # the bearing as the monitor has it, and its samples
+    sent: Sent  # the bearing as the monitor has it, and its samples
     truth: TruthRecord  # the truth
     plain: bool  # whether what happens shows in speed and load, and does so once
 
@@ -172,11 +205,11 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[tuple[Voyage, Sai
     Raises:
         BagError: The bag cannot be read, or it holds no truth.
     """
-    whole = scan_whole(path, config)
+    kept = _kept(path, config)
     found = []
-    for own in [b for b in config.bearings if has_truth(whole.bag, b.name)] or config.bearings[:1]:
+    for own in [b for b in config.bearings if has_truth(kept.bag, b.name)] or config.bearings[:1]:
         # A recording does not say whether all that happened in it shows in speed and load.
-        case = Sailed(whole.bearings[own.name], read_truth(whole.bag, own.name), plain=False)
+        case = Sailed(Sent.of(kept, own), read_truth(kept.bag, own.name), plain=False)
         found.append((Voyage(str(path), None, None, own.name, case.rules()), case))
     return found
 
@@ -244,7 +277,7 @@ def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
     return found
 
 
-def _has_wrong_source(sent: WholeBearing) -> bool:
+def _has_wrong_source(sent: Sent) -> bool:
     """Whether the source of an input is told to be wrong."""
     config, stream = sent.config, sent.stream
     for place, source in enumerate((config.speed, config.load)):

@@ -7,7 +7,8 @@ same verdicts, and memory does not grow with the recording. A long one runs comp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor import jit
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig
@@ -37,6 +38,12 @@ MANY_CYCLES = 2000
 """Cycles from which on it pays to compile them."""
 # Room for changes of the alarm; the loop is left and entered again where they are more.
 _CHANGES = 256
+
+
+_OF_POINTS = (
+    'time_ns', 'until_ns', 'speed', 'load', 'chances', 'rung', 'sticking', 'measured', 'sample',
+    'stretch',
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -70,6 +77,37 @@ class Scan:
         """The models' assessments of the points, of arrays of shape (n,)."""
         table = self.settings.boundaries
         return assessed(self.config, table, self.speed, self.load, self.chances.T)
+
+    def part(self, points: IndexArray, samples: slice, events: Sequence[int]) -> Scan:
+        """Some of the points, samples and events; the counts stay those of all."""
+        columns: dict[str, Any] = {
+            name: column[points]
+            for name in _OF_POINTS
+            if (column := getattr(self, name)) is not None
+        }
+        return replace(
+            self,
+            **columns,
+            events=[self.events[k] for k in events],
+            at=[self.at[k] for k in events],
+            now_ns=self.now_ns[samples],
+            status=self.status[samples],
+        )
+
+
+def joined(parts: Sequence[Scan]) -> Scan:
+    """The verdicts on a recording from those on its parts."""
+    columns: dict[str, Any] = {
+        each.name: np.concatenate([getattr(part, each.name) for part in parts])
+        for each in fields(Scan)
+        if isinstance(getattr(parts[0], each.name), np.ndarray)
+    }
+    return replace(
+        parts[-1],
+        **columns | {'counts': np.sum([part.counts for part in parts], 0)},
+        events=[event for part in parts for event in part.events],
+        at=[sample for part in parts for sample in part.at],
+    )
 
 
 def scan_bearing(
@@ -105,6 +143,7 @@ class BearingScan:
         self.settings = settings_of(config)
         self.state = State()
         self._long = long
+        self._compiled = False
         self._taken = self._jumps = self._sized = 0
         self._held: dict[str, NDArray[Any]] = {}
         self._last: FloatArray | None = None
@@ -126,8 +165,7 @@ class BearingScan:
 
     def _take(self, stream: Stream, end_ns: int | None, final: bool) -> Scan:
         size, has_level = stream.time_ns.size, self.config.level is not None
-        notes = np.zeros((size, 7), np.int64)
-        points = np.zeros((size, 2 if self.config.belief is None else 5))
+        notes, points = self._room(stream)
         changes = self._run(stream, notes, points)
         made = np.flatnonzero(notes[:, rule.POINT])
         events, at = [], []
@@ -186,14 +224,52 @@ class BearingScan:
             unknown=self._standing(self.state, None).unknown,
         )
 
+    def memories(
+        self, stream: Stream, ends: Sequence[int]
+    ) -> Iterator[tuple[State, FloatArray | None]]:
+        """Take samples without verdicts; the memory and the latest point after so many of them.
+
+        Args:
+            stream: The samples.
+            ends: How many of them, in rising order.
+        """
+        notes, points = self._room(stream)
+        kept: list[State] = []
+        self._run(stream, notes, points, ends, kept)
+        made = np.flatnonzero(notes[:, rule.POINT])
+        latest = np.searchsorted(made, ends) - 1
+        before = self._last
+        if made.size:
+            self._last = points[made[-1]].copy()
+        for state, k in zip(kept, latest.tolist(), strict=True):
+            yield state, before if k < 0 else points[made[k]]
+
+    def _room(self, stream: Stream) -> tuple[IntArray, FloatArray]:
+        """Where the rule notes what became of each sample, and the points."""
+        size = stream.time_ns.size
+        return (
+            np.zeros((size, 7), np.int64),
+            np.zeros((size, 2 if self.config.belief is None else 5)),
+        )
+
     def _run(
-        self, stream: Stream, notes: IntArray, points: FloatArray
+        self,
+        stream: Stream,
+        notes: IntArray,
+        points: FloatArray,
+        ends: Sequence[int] = (),
+        kept: list[State] | None = None,
     ) -> list[tuple[IntArray, State]]:
-        """Run the rule over a block; the changes of the alarm, with the memory at each."""
+        """Run the rule over a block; the changes of the alarm, with the memory at each.
+
+        The memory after so many samples as ``ends`` says is added to what is ``kept``.
+        """
         settings = self.settings
+        size = stream.time_ns.size
         long = self._long
         if long is None:
-            long = stream.time_ns.size >= LONG and jit.has_compiler()
+            # What has once run compiled goes on so, however short its last block.
+            long = self._compiled = self._compiled or (size >= LONG and jit.has_compiler())
         columns: Any = (stream.inputs, stream.time_ns, stream.value)
         given: tuple[Any, ...]
         if long:
@@ -206,17 +282,23 @@ class BearingScan:
             loop, states = rule.run, [self.state]
             given = [settings.live], settings.law, settings.table, settings.belief
             columns = tuple(column.tolist() for column in columns)
-        changes, begin, size = [], 0, stream.time_ns.size
-        while begin < size:
-            rows = np.zeros((_CHANGES, 5), np.int64)
-            kept: Any = np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([None] * _CHANGES)
-            begin, count = loop(states, *given, columns, begin, notes, points, rows, kept)
-            state = states.view(np.recarray)[0] if long else self.state
-            if rule.amplitude_due(state, settings.live):
-                self._sized += 1
-                size_cycle(self.config, state, long and self._sized > MANY_CYCLES)
-            for k in range(count):
-                changes.append((rows[k], State.of_row(kept[k]) if long else kept[k]))
+        changes, begin, count = list[tuple[IntArray, State]](), 0, 1
+        for end in (*ends, size):
+            while begin < end:
+                if count:
+                    rows = np.zeros((_CHANGES, 5), np.int64)
+                    room: Any = (
+                        np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([None] * _CHANGES)
+                    )
+                begin, count = loop(states, *given, columns, begin, end, notes, points, rows, room)
+                state = states.view(np.recarray)[0] if long else self.state
+                if rule.amplitude_due(state, settings.live):
+                    self._sized += 1
+                    size_cycle(self.config, state, long and self._sized > MANY_CYCLES)
+                for k in range(count):
+                    changes.append((rows[k], State.of_row(room[k]) if long else room[k]))
+            if kept is not None and len(kept) < len(ends):
+                kept.append(State.of_row(states[0]) if long else self.state.copy())
         if long:
             self.state = State.of_row(states[0])
         return changes

@@ -615,6 +615,7 @@ def run(
     belief: Any,
     samples: tuple[Any, Any, Any],
     begin: int,
+    end: int,
     notes: Any,
     points: Any,
     changes: Any,
@@ -630,6 +631,7 @@ def run(
         belief: The table of probabilities; of no matter without a belief.
         samples: Which input each is of, its stamp [ns], and its number, each shape (n,).
         begin: The first sample to take.
+        end: The one after the last.
         notes: What is noted of each sample, shape (n, 7).
         points: Speed and load at each point, shape (n, 2); with a belief the three probabilities,
             too, shape (n, 5).
@@ -642,7 +644,7 @@ def run(
     places, stamps, numbers = samples
     s, settings = states[0], c[0]
     count = 0
-    for k in range(begin, len(stamps)):
+    for k in range(begin, end):
         if count + 2 > len(kept) or (k > begin and amplitude_due(s, settings)):
             return k, count
         place, stamp = places[k], stamps[k]
@@ -667,7 +669,7 @@ def run(
             points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
             if settings.has_belief:
                 points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
-    return len(stamps), count
+    return end, count
 
 
 def keep(

@@ -1,30 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor over a recorded bag: what it says of every bearing, and what the data lacked.
+"""One pass over a recording: the monitor's verdicts on every bearing, and what is done with them.
 
-Everything is added up while the bag is read, so memory does not grow with the recording.
+Each stretch of a recording goes once through the rule. What comes of it is added up here, and
+handed to sinks, which write messages or clips or keep what they need; so memory does not grow with
+the recording unless a sink's does.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor import jit
-from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Progress, Recording
+from stickslip_monitor.bags.recording import Bound, Progress, Recording
 from stickslip_monitor.bags.values import Fault, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.bulk import BearingScan, Scan
+from stickslip_monitor.monitor.bulk import BearingScan, Scan, joined
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import MEASURED
 from stickslip_monitor.monitor.signals import Stream
@@ -33,13 +33,16 @@ from stickslip_monitor.offline.input_check import (
     InputCheck,
     InputReport,
     Plausibility,
-    check_topics,
+    bound_to,
 )
 from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
 
 _AHEAD_NS = 10**9
 """A stamp may be so much later than the recorder's time, by the errors of both clocks [ns]."""
-_SILENCE = Stream(np.empty(0, np.int64), np.empty(0, np.int8), np.empty(0))
+_NONE = np.empty(0, np.int64)
+_NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())
+_EARLIEST = -(1 << 63)
+_SILENCE = Stream(_NONE, np.empty(0, np.int8), np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,80 +69,172 @@ class CheckReport:
     """The result of checking one bag; without messages it has no start and no end."""
 
     bag: Recording
+    config: MonitorConfig  # as it holds for the recording
     bearings: dict[str, BearingReport]  # by name
     start_ns: int | None  # on the clock of the samples
     end_ns: int | None
+    complete: bool  # whether all of it was read
 
 
-def check_bag(
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What came of the inputs of a bearing in a stretch of a recording."""
+
+    stream: Stream  # the samples in order of arrival
+    scan: Scan  # the verdicts that are known with them
+    first: int  # which sample of the recording is the first of the stream
+
+    def between(self, begin_ns: int, end_ns: int) -> Heard:
+        """The same of what came after a log time and not after another [ns]."""
+        stream, scan = self.stream, self.scan
+        a, b = np.searchsorted(stream.arrival_ns, [begin_ns, end_ns], 'right').tolist()
+        # Verdicts and changes of before, which are known a sample late, go with the first.
+        low, high = self.first + a if begin_ns > _EARLIEST else 0, self.first + b
+        rows = np.flatnonzero((scan.sample >= low) & (scan.sample < high))
+        told = [k for k, sample in enumerate(scan.at) if low <= sample < high]
+        return Heard(
+            _rows(stream, slice(a, b)), scan.part(rows, slice(a, b), told), self.first + a
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A stretch of a recording; the last one has no samples, and the verdicts at the end."""
+
+    end_ns: int  # the last log time in it [ns]
+    bearings: Mapping[str, Heard]  # by name
+
+    def split(self, most: int) -> Iterator[Stretch]:
+        """The same in parts of some ``most`` samples of a bearing, cut between log times."""
+        arrivals = [own.stream.arrival_ns for own in self.bearings.values()]
+        longest = max(arrivals, key=np.size)
+        begin_ns = _EARLIEST
+        for end_ns in [*np.unique(longest[most::most] - 1).tolist(), self.end_ns]:
+            yield Stretch(
+                end_ns,
+                {name: own.between(begin_ns, end_ns) for name, own in self.bearings.items()},
+            )
+            begin_ns = end_ns
+
+
+class Sink:
+    """Takes what comes of a recording; see :func:`check_recording`."""
+
+    def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
+        """A recording begins, by the clock of the samples [ns]."""
+
+    def take(self, stretch: Stretch) -> None:
+        """Take the next stretch."""
+
+    def finish(self) -> None:
+        """All stretches were given."""
+
+
+def check_recording(
     path: str | Path,
     config: MonitorConfig,
+    sinks: Sequence[Sink] = (),
     progress: Progress | None = None,
+    *,
     outlined: bool = False,
+    long: bool | None = None,
 ) -> CheckReport:
-    """Run the monitor over a bag.
+    """Run the monitor over a recording, once.
 
     Args:
-        path: A rosbag2 folder or an .mcap file.
-        config: The configuration; its topics must be in the bag.
+        path: The recording.
+        config: The configuration; its topics must be in the recording.
+        sinks: What takes the samples and the verdicts.
         progress: Called with bytes read and bytes in all.
         outlined: Whether the outlines of the verdicts are kept, to be drawn.
+        long: Whether the rule runs compiled; ``None``: where a recording is long.
 
     Returns:
         The report.
 
     Raises:
-        BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
+        BagError: The recording cannot be read, lacks a topic, or a field leads to no number.
     """
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
-    config = check_topics(bag, config)
-    reading = bag.reading({r for b in config.bearings for r in requests_of(b)}, progress)
-    span = SampleSpan(bag)
-    checks = [_BearingCheck(bearing, outlined) for bearing in config.bearings]
-    running: list[Future[None]] = []
-    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter.
+    bound = bound_to(bag, config)
+    config, span = bound.config, SampleSpan(bag)
+    checks = {own.name: _BearingCheck(own, bound, outlined, long) for own in config.bearings}
+    reading = bag.reading({r for each in checks.values() for r in each.requests if r}, progress)
+
+    def hand_on(end_ns: int, heard: Mapping[str, Heard]) -> None:
+        for sink in sinks:
+            sink.take(Stretch(end_ns, heard))
+
+    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter: what was
+    # read before is scanned while the next is read.
     with ThreadPoolExecutor(min(len(checks), os.cpu_count() or 1)) as pool:
+        end_ns, running = None, dict[str, Future[Heard]]()
         for part in reading:
-            # What was read before is scanned while the next is read.
-            for future in running:
-                future.result()
+            if end_ns is not None:
+                hand_on(end_ns, {name: each.result() for name, each in running.items()})
             span.extend(part.values())
-            running = [pool.submit(check.take, part, span.start_ns) for check in checks]
-        for future in running:
-            future.result()
+            if end_ns is None:
+                for sink in sinks:
+                    sink.begin(bag, config, span.start_ns)
+            ends = (int(each.log_time_ns[-1]) for each in part.values() if each.value.size)
+            end_ns = max(ends, default=bag.start_ns or 0)
+            running = {
+                name: pool.submit(own.take, part, span.start_ns) for name, own in checks.items()
+            }
+        hand_on(end_ns or 0, {name: each.result() for name, each in running.items()})
+    hand_on(bag.end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
+    for sink in sinks:
+        sink.finish()
     faults = reading.faults()
-    reports = {check.config.name: check.report(span, faults) for check in checks}
-    return CheckReport(bag, reports, span.start_ns, span.end_ns)
+    reports = {name: own.report(span, faults) for name, own in checks.items()}
+    complete = not (bag.losses or any(faults.values()))
+    return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 
 
 class _BearingCheck:
     """Runs the monitor over one bearing's samples and adds up what it says."""
 
-    def __init__(self, config: BearingConfig, outlined: bool) -> None:
-        self.config = config
-        self._requests = requests_of(config)
+    def __init__(
+        self, config: BearingConfig, bound: Bound, outlined: bool, long: bool | None
+    ) -> None:
+        self.config, self._long = config, long
+        absent = [bound.absent.get((config.name, of), '') for of in config.inputs]
+        self.requests = [
+            None if text else request
+            for request, text in zip(requests_of(config), absent, strict=True)
+        ]
+        """What is read for each input; ``None`` for one that is not in the recording."""
         self._scan: BearingScan | None = None
         self._outliner = Outliner(config) if outlined else None
-        self._inputs = [InputCheck(config, k) for k in range(len(config.inputs))]
+        self._inputs = [InputCheck(config, k, text) for k, text in enumerate(absent)]
         self._plausibility = Plausibility(config)
         self._worst = Worst()
         self._events: list[Event] = []
-        self._evaluations = 0
+        self._evaluations = self._taken = 0
         self._lasting_ns = np.zeros(len(REGIMES), np.int64)
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
-    def take(self, part: Mapping[Request, Series], start_ns: int | None) -> None:
+    def take(self, part: Mapping[Request, Series], start_ns: int | None) -> Heard:
         """Take the next part of a recording that begins at a time [ns]."""
-        series = [part[request] for request in self._requests]
-        stream = streamed(series)
+        series = [_NOTHING if request is None else part[request] for request in self.requests]
+        stream = merged(series)
         if self._scan is None:
-            self._scan = BearingScan(self.config, start_ns)
+            self._scan = BearingScan(self.config, start_ns, self._long)
         scan = self._scan.take(stream)
         self._add(scan)
         for each, own in zip(self._inputs, series, strict=True):
             each.take(own, stream, scan)
+        first, self._taken = self._taken, self._taken + stream.time_ns.size
+        return Heard(stream, scan, first)
+
+    def finish(self, end_ns: int | None) -> Heard:
+        """Come to the end of the recording [ns]."""
+        assert self._scan is not None
+        self._end = self._scan.finish(_SILENCE, end_ns)
+        self._add(self._end)
+        return Heard(_SILENCE, self._end, self._taken)
 
     def _add(self, scan: Scan) -> None:
         """Add up the verdicts that are known with a part, a point behind."""
@@ -157,15 +252,12 @@ class _BearingCheck:
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]]
     ) -> BearingReport:
         """The complaints about the whole recording, with the faults of its messages."""
-        assert self._scan is not None
-        end = self._scan.finish(_SILENCE, span.end_ns)
-        self._add(end)
         seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
         silent_ns = max(0, span.length_ns - int(self._lasting_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
         asked = self._plausibility.questions()
-        if end.unknown is not None:
-            asked['level'] = [f'says nothing at the end: {end.unknown.sentence}']
+        if self._end.unknown is not None:
+            asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
         # Each input is held against the load, and the load against the speed.
         others = [self._inputs[int(k != 1)] for k in range(len(self._inputs))]
@@ -176,8 +268,12 @@ class _BearingCheck:
             seconds,
             self._worst.found,
             tuple(
-                each.report(faults[request], tuple(asked.get(each.quantity, ())), other)
-                for each, request, other in zip(self._inputs, self._requests, others, strict=True)
+                each.report(
+                    () if request is None else faults[request],
+                    tuple(asked.get(each.quantity, ())),
+                    other,
+                )
+                for each, request, other in zip(self._inputs, self.requests, others, strict=True)
             ),
             None if self.config.level is None else dict(measured),
             None if self._outliner is None else self._outliner.outline(),
@@ -196,25 +292,24 @@ def requests_of(config: BearingConfig) -> tuple[Request, ...]:
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
-def merged(series: Sequence[Series]) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
-    """Some series in the order of the recording.
-
-    Returns:
-        Which of them, stamp [ns], number and log time [ns] of each message, shape (n,).
-    """
+def merged(series: Sequence[Series]) -> Stream:
+    """The samples of a bearing's inputs in the order of the recording."""
     order = np.argsort(np.concatenate([each.sequence for each in series]), kind='stable')
-    return (
-        np.repeat(np.arange(len(series)), [each.sequence.size for each in series])[order],
-        np.concatenate([each.stamp_ns for each in series])[order],
-        np.concatenate([each.value for each in series])[order],
-        np.concatenate([each.log_time_ns for each in series])[order],
+    inputs = np.repeat(np.arange(len(series), dtype=np.int8), [e.sequence.size for e in series])
+    stamp_ns, value, arrival_ns = (
+        np.concatenate([getattr(each, name) for each in series])[order]
+        for name in ('stamp_ns', 'value', 'log_time_ns')
     )
+    return Stream(stamp_ns, inputs[order], value, arrival_ns=arrival_ns)
 
 
-def streamed(series: Sequence[Series]) -> Stream:
-    """The samples of a bearing's inputs; they came when the recorder got them."""
-    inputs, stamp_ns, value, log_time_ns = merged(series)
-    return Stream(stamp_ns, inputs.astype(np.int8), value, arrival_ns=log_time_ns)
+def _rows(stream: Stream, rows: slice) -> Stream:
+    return Stream(
+        stream.time_ns[rows],
+        stream.inputs[rows],
+        stream.value[rows],
+        arrival_ns=stream.arrival_ns[rows],
+    )
 
 
 class SampleSpan:
@@ -251,50 +346,29 @@ class SampleSpan:
         return 0 if self.start_ns is None or self.end_ns is None else self.end_ns - self.start_ns
 
 
-@dataclass(frozen=True)
-class WholeBearing:
-    """One bearing over a whole recording in memory."""
+class Kept(Sink):
+    """Keeps samples and verdicts of a whole recording, for what needs them at once."""
 
-    config: BearingConfig
-    stream: Stream  # its samples
-    span: SampleSpan
-    many: bool  # whether it is one of many, for which compiling pays however short it is
+    def __init__(self) -> None:
+        self._parts: list[Stretch] = []
 
-    @cached_property
-    def scan(self) -> Scan:
-        """The verdicts, worked out when they are first asked for."""
-        long = jit.has_compiler() if self.many else None
-        own = BearingScan(self.config, self.span.start_ns, long)
-        return own.finish(self.stream, self.span.end_ns)
+    def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
+        """A recording begins."""
+        self.bag, self.start_ns, self.end_ns = bag, start_ns, bag.end_ns
 
+    def take(self, stretch: Stretch) -> None:
+        """Keep the next stretch."""
+        self._parts.append(stretch)
 
-@dataclass(frozen=True, slots=True)
-class WholeBag:
-    """A bag with all its verdicts in memory, for what needs them at once."""
-
-    bag: Recording
-    bearings: dict[str, WholeBearing]  # by name
-    start_ns: int | None  # on the clock of the samples
-
-
-def scan_whole(path: str | Path, config: MonitorConfig, many: bool = False) -> WholeBag:
-    """Run the monitor over a bag and keep everything, of one bag or of ``many``.
-
-    Raises:
-        BagError: The bag cannot be read, lacks a topic, or a field leads to no number.
-    """
-    bag = open_bag(path)
-    asked = {b.name: requests_of(b) for b in config.bearings}
-    series = bag.read({request for own in asked.values() for request in own})
-    span = SampleSpan(bag)
-    span.extend(series.values())
-    found = {
-        bearing.name: WholeBearing(
-            bearing,
-            streamed([series[request] for request in asked[bearing.name]]),
-            span,
-            many,
+    def stream(self, name: str) -> Stream:
+        """The samples of a bearing."""
+        parts = [part.bearings[name].stream for part in self._parts]
+        time_ns, inputs, value, arrival_ns = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ('time_ns', 'inputs', 'value', 'arrival_ns')
         )
-        for bearing in config.bearings
-    }
-    return WholeBag(bag, found, span.start_ns)
+        return Stream(time_ns, inputs, value, arrival_ns=arrival_ns)
+
+    def scan(self, name: str) -> Scan:
+        """The verdicts on a bearing."""
+        return joined([part.bearings[name].scan for part in self._parts])

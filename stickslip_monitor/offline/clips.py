@@ -7,18 +7,29 @@ import contextlib
 import itertools
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from stickslip_monitor.bags.encode import MESSAGE_TYPES
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import TimeSpans
 from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
-from stickslip_monitor.offline.check import CheckReport
-from stickslip_monitor.offline.verdict_bag import NODE, MessageColumn, tell_verdicts, topics
+from stickslip_monitor.offline.check import Sink, Stretch
+from stickslip_monitor.offline.verdict_messages import (
+    NODE,
+    MessageColumn,
+    VerdictMessages,
+    columns_of,
+    events_of,
+    input_topics,
+    topics,
+)
 
 _SLICE = 500
 # Written in the file, so that a recording of somebody else is none of ours, whatever its name.
@@ -43,6 +54,8 @@ class ClipFolder:
     def __init__(self, config: ClipConfig) -> None:
         self.path = Path(config.directory).expanduser()
         self._most = config.most
+        self.removed = 0
+        """How many clips have made room for newer ones."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -57,7 +70,22 @@ class ClipFolder:
         Raises:
             BagError: It cannot be written; nothing of it stays.
         """
-        with BagWriter(self._free(clip), label=_LABEL) as writer:
+        while not (yield from self._written(clip, self._free(clip))):
+            pass
+        self._drop_oldest()
+
+    def _written(self, clip: Clip, path: Path) -> Generator[None, None, bool]:
+        """Write a clip; False where another process has taken its name meanwhile."""
+        try:
+            yield from self._write(clip, path)
+        except BagError:
+            if not path.exists():
+                raise
+            return False
+        return True
+
+    def _write(self, clip: Clip, path: Path) -> Iterator[None]:
+        with BagWriter(path, label=_LABEL) as writer:
             known: set[str] = set()
             for number, message in enumerate(clip.messages, 1):
                 if message.topic not in known:
@@ -68,7 +96,6 @@ class ClipFolder:
                 writer.write(message.topic, message.time_ns, message.data)
                 if number % _SLICE == 0:
                     yield
-        self._drop_oldest()
 
     def clips(self) -> list[Path]:
         """The clips of the folder, the oldest first.
@@ -106,47 +133,83 @@ class ClipFolder:
         for path in self.clips()[: -self._most]:
             with contextlib.suppress(FileNotFoundError):
                 path.unlink()
+                self.removed += 1
 
 
-def write_clips(checked: CheckReport, config: MonitorConfig, store: ClipFolder) -> int:
-    """Write a clip of every alarm in a checked bag, and return how many there were.
+@dataclass(slots=True)
+class ClipCounts:
+    """What came of the clips of a recording."""
 
-    Args:
-        checked: What the check found.
-        config: The configuration it was checked with.
-        store: Where to.
+    written: int = 0
+    removed: int = 0  # older ones that made room
+    failures: list[str] = field(default_factory=list)  # why others could not be written
 
-    Raises:
-        BagError: One cannot be written, or the bag cannot be read again.
+
+class ClipWriter(Sink):
+    """Writes a clip of every alarm in a recording, as the node does while it runs.
+
+    A stretch waits until it is known whether an alarm follows it. A clip that cannot be written
+    is named and costs nothing else.
     """
-    definitions = {kind: text for _, kind, text in topics(checked, config) if text is not None}
-    recorder = ClipRecorder(config.clips, definitions)
-    events = [event for bearing in checked.bearings.values() for event in bearing.events]
-    events.sort(key=lambda event: event.time_ns)
-    around = config.clips.around_ns
-    alarms = [event.time_ns for event in events if begins_clip(event)]
-    spans = TimeSpans((time_ns - around, time_ns + around) for time_ns in alarms)
-    raised = iter([event for event in events if spans.overlap(event.time_ns, event.time_ns)])
-    count = 0
 
-    def store_clips() -> None:
-        nonlocal count
-        for clip in recorder.clips():
-            for _ in store.write(clip):
-                pass
-            count += 1
+    def __init__(self, store: ClipFolder) -> None:
+        self._store = store
+        self.counts = ClipCounts()
 
-    def take(columns: Sequence[MessageColumn]) -> None:
+    def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
+        """A recording begins."""
+        self._bag, self._topics = bag, input_topics(bag, config)
+        definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}
+        self._recorder = ClipRecorder(config.clips, definitions)
+        self._messages = VerdictMessages(config, start_ns)
+        self._around_ns = config.clips.around_ns
+        self._waiting: deque[tuple[int, Stretch]] = deque()
+        self._alarms: list[int] = []
+        self._begun_ns = 0
+
+    def take(self, stretch: Stretch) -> None:
+        """Take the next stretch, and tell of those that no further alarm can be about."""
+        self._alarms += [e.time_ns for e in events_of(stretch) if begins_clip(e)]
+        self._waiting.append((self._begun_ns, stretch))
+        self._begun_ns = stretch.end_ns + 1
+        while self._waiting[0][1].end_ns + self._around_ns < stretch.end_ns:
+            self._tell(*self._waiting.popleft())
+
+    def finish(self) -> None:
+        """Tell of the rest."""
+        while self._waiting:
+            self._tell(*self._waiting.popleft())
+        self._recorder.finish()
+        self._write()
+
+    def _tell(self, begun_ns: int, stretch: Stretch) -> None:
+        """Give the messages around alarms to the recorder, in order of time."""
+        around = self._around_ns
+        spans = TimeSpans((t - around, t + around) for t in self._alarms)
+        raised = [e for e in events_of(stretch) if spans.overlap(e.time_ns, e.time_ns)]
+        following = iter(raised)
+        own = TimeSpans(
+            (max(a, begun_ns), min(b, stretch.end_ns))
+            for a, b in spans.spans
+            if a <= stretch.end_ns and b >= begun_ns
+        )
+        inputs = self._bag.messages(self._topics, own) if own.spans else iter(())
+        columns = [*columns_of(inputs), *self._messages.of(stretch, spans)]
         for message in _in_order(columns):
-            recorder.add(message)
+            self._recorder.add(message)
             if message.topic == f'/{NODE}/warnings':
-                recorder.note(next(raised))
-            store_clips()
+                self._recorder.note(next(following))
+            self._write()
 
-    tell_verdicts(checked, config, take, spans)
-    recorder.finish()
-    store_clips()
-    return count
+    def _write(self) -> None:
+        for clip in self._recorder.clips():
+            try:
+                for _ in self._store.write(clip):
+                    pass
+                self.counts.written += 1
+            except BagError as error:
+                self.counts.failures.append(str(error))
+        self.counts.removed = self._store.removed
 
 
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:

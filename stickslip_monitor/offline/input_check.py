@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.recording import Recording
+from stickslip_monitor.bags.recording import Bound, Recording
 from stickslip_monitor.bags.values import Fault, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import Assessment
@@ -21,6 +21,7 @@ from stickslip_monitor.monitor.questions import FACTOR, questions
 from stickslip_monitor.monitor.signals import (
     INPUTS,
     LEVEL,
+    QUANTITIES,
     STATUS_SENTENCES,
     Status,
     Stream,
@@ -109,9 +110,9 @@ class InputReport:
 class InputCheck:
     """Adds up what came of one input of a bearing."""
 
-    def __init__(self, config: BearingConfig, place: int) -> None:
+    def __init__(self, config: BearingConfig, place: int, absent: str = '') -> None:
         self.quantity = INPUTS[place]
-        self._place = place
+        self._place, self._absent = place, absent
         self._source = config.inputs[self.quantity]
         self._counts = np.zeros(len(Status), np.int64)
         self._gaps = Gaps(self._source.timeout_ns)
@@ -139,6 +140,8 @@ class InputCheck:
 
     def _fault(self, other: InputCheck) -> str:
         """Why the input brings nothing, or what its clock differs from the other's by."""
+        if self._absent:
+            return f'{self._absent}.'
         facts = _facts(self._source)
         if not self._messages:
             return input_fault(facts)
@@ -178,16 +181,19 @@ class InputCheck:
         )
 
 
-def check_topics(bag: Recording, config: MonitorConfig) -> MonitorConfig:
-    """The configuration as it holds for a recording.
+def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
+    """The configuration as it holds for a recording, and why an input is not in it.
+
+    One that is absent costs its bearing and no other.
 
     Raises:
-        BagError: An input is not in it.
+        BagError: No bearing has both speed and load.
     """
     bound = bag.bound(config)
-    for text in bound.absent.values():
-        raise BagError(text)
-    return bound.config
+    lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
+    if len(lost) == len(bound.config.bearings):
+        raise BagError(next(text for (_, of), text in bound.absent.items() if of in QUANTITIES))
+    return bound
 
 
 def _facts(source: InputConfig) -> InputFacts:

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A report on recordings: one HTML page without network, script or further files, or a picture.
 
-The part of one recording is texts and pictures only, without samples, so that it can come from
-another process.
+What is said of one recording comes from another process, with the outlines that pictures are drawn
+of. Of an archive the bearings that need a look most are drawn, whatever its size.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,7 +57,6 @@ from stickslip_monitor.report.summary import (
 
 MOST_EVENTS = 400
 _MOST_TOPICS = 100
-_MOST_ON_SHEET = 12
 _GRADES = {'OK': 'clear', 'WARN': 'warning', 'ERROR': 'alarm'}
 _CONDITIONS = {condition.value: name for condition, name in CONDITION_NAMES.items()}
 _ORDER = tuple(_GRADES)
@@ -66,11 +64,10 @@ _ORDER = tuple(_GRADES)
 _WIDE, _NARROW = 9.0, 3.6
 _MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
 _MARKS = 60
-# Of a recording; a page with more takes minutes to make and nobody looks at them all.
+# A page with more bearings takes minutes to make and nobody looks at them all.
 _MOST_DRAWN = 12
-_DRAWING = threading.Lock()
 _NOT_DRAWN = (
-    f'Not drawn: pictures are of the {_MOST_DRAWN} bearings of a recording that need a look most.'
+    f'Not drawn: pictures are of the {_MOST_DRAWN} bearings that need a look most.'
     ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
 )
 _MAP_CAPTION = (
@@ -116,56 +113,80 @@ class RecordingPart:
     name: str
     document: Mapping[str, Any]  # what ``check --json`` prints of it
     findings: tuple[Finding, ...]  # the verdicts on its bearings, or that there is none
-    bearings: Mapping[str, BearingPart]  # for a page
-    figures: tuple[Pixels, ...] = ()  # for a picture, below each other
+    bearings: Mapping[str, BearingPart] = field(default_factory=dict)  # empty in a row of a table
+    courses: tuple[Course, ...] = ()  # what can be drawn
 
 
 def recording_part(
-    document: Mapping[str, Any], checked: CheckReport, config: MonitorConfig, *, with_pages: bool
+    document: Mapping[str, Any], checked: CheckReport | None = None
 ) -> RecordingPart:
-    """Say and draw what there is to one recording, for a page or for a picture.
+    """Say what there is to one recording.
 
-    The document is what ``check --json`` prints of it, ``checked`` has outlines.
+    Args:
+        document: What ``check --json`` prints of it.
+        checked: What the check found, with outlines; ``None`` where it could not be checked.
     """
-    anchor, name = _anchor(document), _name(document)
-    courses = [_course(config, checked, item) for item in checked.bearings.values()]
-    findings = tuple(finding_of(course) for course in courses)
-    # matplotlib's settings belong to the process, not to one of its threads.
-    with _DRAWING:
-        if not with_pages:
-            figures = [
-                drawn(figure)
-                for course, finding in zip(courses, findings, strict=True)
-                for figure in _figures(name, course, finding)
-            ]
-            return RecordingPart(anchor, name, document, findings, {}, tuple(figures))
-        urgent = sorted(range(len(courses)), key=lambda k: -GRADES.index(findings[k].grade))
-        parts = {
-            course.name: _bearing_part(
-                f'{anchor}-{course.name}', course, findings[k], k in urgent[:_MOST_DRAWN]
-            )
-            for k, course in enumerate(courses)
-        }
-    return RecordingPart(anchor, name, document, findings, parts)
+    # A path may be no text.
+    path = os.fsencode(document['path'])
+    anchor = f'bag-{hashlib.sha256(path).hexdigest()[:12]}'
+    name = printable(os.path.basename(os.path.realpath(document['path'])))  # noqa: PTH119
+    if checked is None:
+        text = f'this recording could not be checked: {document["error"]}'
+        finding = Finding('unknown', 'No verdict', (text,))
+        return RecordingPart(anchor, name, document, (finding,))
+    courses = tuple(_course(checked, item) for item in checked.bearings.values())
+    findings = tuple(map(finding_of, courses))
+    return RecordingPart(anchor, name, document, findings, courses=courses)
 
 
-def missing_part(document: Mapping[str, Any]) -> RecordingPart:
-    """The part of a report for a recording that could not be checked."""
-    text = f'this recording could not be checked: {document["error"]}'
-    finding = Finding('unknown', 'No verdict', (text,))
-    return RecordingPart(_anchor(document), _name(document), document, (finding,), {})
+class Archive:
+    """The parts of a report on many recordings.
+
+    Outlines are kept of the recordings whose bearings need a look most, so that memory and page
+    grow with the others by a row each.
+
+    Attributes:
+        parts: All parts, in the order in which they were added.
+    """
+
+    def __init__(self) -> None:
+        self.parts: list[RecordingPart] = []
+        self._urgent: list[tuple[int, int, int]] = []
+
+    def add(self, part: RecordingPart) -> None:
+        """Add a part, and drop the outlines that will not be drawn."""
+        number = len(self.parts)
+        self.parts.append(part)
+        own = [
+            (-GRADES.index(finding.grade), number, k) for k, finding in enumerate(part.findings)
+        ]
+        ranked = sorted([*self._urgent, *own[: len(part.courses)]])
+        self._urgent = ranked[:_MOST_DRAWN]
+        kept = {n for _, n, _ in self._urgent}
+        for n in {n for _, n, _ in ranked[_MOST_DRAWN:]} - kept:
+            self.parts[n] = replace(self.parts[n], courses=())
+
+    def shown(self) -> Iterator[RecordingPart]:
+        """The parts as a page has them: drawn, or for a row."""
+        urgent = {(n, k) for _, n, k in self._urgent}
+        for n, part in enumerate(self.parts):
+            bearings = {
+                course.name: _bearing_part(
+                    f'{part.anchor}-{course.name}', course, part.findings[k], (n, k) in urgent
+                )
+                for k, course in enumerate(part.courses)
+            }
+            yield replace(part, bearings=bearings)
+
+    def figures(self) -> Iterator[Pixels]:
+        """The pictures for a sheet."""
+        for part in self.parts:
+            for course, finding in zip(part.courses, part.findings, strict=False):
+                yield from map(drawn, _figures(part.name, course, finding))
 
 
-def _anchor(document: Mapping[str, Any]) -> str:
-    return f'bag-{hashlib.sha256(document["path"].encode()).hexdigest()[:12]}'
-
-
-def _name(document: Mapping[str, Any]) -> str:
-    return printable(Path(os.path.realpath(document['path'])).name)
-
-
-def _course(config: MonitorConfig, checked: CheckReport, item: BearingReport) -> Course:
-    own = config.bearing(item.name)
+def _course(checked: CheckReport, item: BearingReport) -> Course:
+    own = checked.config.bearing(item.name)
     doubts = [
         f'{each.quantity} on {each.topic}: {text}'
         for each, source in zip(item.inputs, own.inputs.values(), strict=True)
@@ -273,11 +294,14 @@ def html_page(
 ) -> bytes:
     """The page; ``made`` is the time of its making that it names.
 
-    Every text is escaped; only the pictures are taken as they are.
+    Every text is escaped; only the pictures are taken as they are. Of many recordings those
+    without bearings to show are rows of a table.
 
     Raises:
         ReportError: Jinja2 is not installed.
     """
+    few = len(parts) <= _MOST_DRAWN
+    whole = [part for part in parts if few or part.bearings]
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:
@@ -295,9 +319,12 @@ def html_page(
     environment.filters |= {
         name: getattr(formatting, name)
         for name in ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'minute', 'share')
-    } | {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
+    }
+    environment.filters |= {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
+    environment.filters['worst'] = _worst
     page = environment.get_template('page.html').render(
-        parts=parts,
+        parts=whole,
+        others=[part for part in parts if not (few or part.bearings)],
         finding=_overall(parts),
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
@@ -314,18 +341,19 @@ def html_page(
     return f'{page}\n'.encode(errors='replace')
 
 
-def png_sheet(parts: Sequence[RecordingPart], path: str) -> bytes:
+def png_sheet(archive: Archive, path: str) -> bytes:
     """All pictures below each other, of several bearings under the verdict on all of them.
 
     Raises:
         ReportError: They are more than fit on one picture.
     """
-    figures = [figure for part in parts for figure in part.figures]
-    if len(figures) > 3 * _MOST_ON_SHEET:
+    parts = archive.parts
+    if sum(len(part.findings) for part in parts) > _MOST_DRAWN:
         raise ReportError(
-            f"report '{path}': a picture holds {_MOST_ON_SHEET} bearings at most; write a .html"
-            ' instead, or fewer bags'
+            f"report '{path}': a picture holds {_MOST_DRAWN} bearings at most; write a .html"
+            ' instead, or fewer recordings'
         )
+    figures = list(archive.figures())
     if sum(len(part.findings) for part in parts) > 1 or not figures:
         verdict = _overall(parts)
         above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
@@ -335,6 +363,10 @@ def png_sheet(parts: Sequence[RecordingPart], path: str) -> bytes:
 
 def _overall(parts: Sequence[RecordingPart]) -> Finding:
     return overall([(part.name, finding) for part in parts for finding in part.findings])
+
+
+def _worst(findings: Sequence[Finding]) -> Finding:
+    return max(findings, key=lambda finding: GRADES.index(finding.grade))
 
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:

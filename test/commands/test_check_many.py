@@ -17,7 +17,6 @@ import pytest
 from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands import check_results
 
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
@@ -83,37 +82,13 @@ def test_a_folder_of_bags_is_a_list_even_of_one(
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
 
 
-def test_what_was_found_is_kept_and_only_the_rest_is_checked_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_the_option_that_kept_results_names_what_takes_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kept, bags = tmp_path / 'found.jsonl', [tmp_path / name for name in 'abc']
-    for bag in bags:
-        shutil.copytree(BAGS / 'voyage', bag)
-    options = (*bags, '--jobs', 1, '--resume', kept)
-    first = documents(capsys, *options)
-    # The power fails in the middle of the last line.
-    kept.write_text(kept.read_text('utf-8')[:-20], 'utf-8')
-    checked: list[Path] = []
-    attempt = check_results.attempt
-
-    def count(task: Any, bag: Path, *more: Any) -> Any:
-        checked.append(bag)
-        return attempt(task, bag, *more)
-
-    monkeypatch.setattr(check_results, 'attempt', count)
-    assert documents(capsys, *options) == first
-    assert checked == [bags[2]]
-    # The first bag is another one now.
-    os.utime(next(bags[0].glob('*.mcap')), (1, 1))
-    assert documents(capsys, *options) == first
-    assert checked == [bags[2], bags[0]]
-    assert check(*bags, '--resume', CONFIG) == 2
-    assert 'is the input' in capsys.readouterr().err
-    # A diary is replaced if somebody insists, never written into.
-    kept.write_text('Monday\n', 'utf-8')
-    assert check(*options) == 2
-    assert check(*options, '--force') == 0
-    assert 'Monday' not in kept.read_text('utf-8')
+    assert check(BAGS / 'voyage', '--resume', tmp_path / 'found.jsonl') == 2
+    assert capsys.readouterr().err == (
+        'ERROR: --resume is gone: keep the --json of each recording in a file of its own\n'
+    )
 
 
 @pytest.mark.parametrize('cut', [0, 3000])

@@ -17,7 +17,7 @@ from shared import CONFIG, ROOT, Program
 
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import event_record
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 
@@ -63,7 +63,7 @@ def test_a_recording_is_played_to_its_end(start: Callable[..., str]) -> None:
     assert state['source'] == {'name': str(BAG), 'replay': True}
     status = state['bearings'][0]['status']
     # The check reads the same recording in bulk.
-    checked = check_bag(BAG, load_config(CONFIG)).bearings['aft_stern']
+    checked = check_recording(BAG, load_config(CONFIG)).bearings['aft_stern']
     assert status['inputs']['load']['counts']['accepted'] == checked.inputs[1].used
     assert status['reason'] == checked.events[-1].after.value == 'bistable'
     raised = [c['time'] for c in state['log'] if c['what'] == 'raise']

@@ -12,7 +12,7 @@ from shared import CONFIG, ROOT
 
 from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 
@@ -55,7 +55,7 @@ def played(monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], Board, replay.
 def test_a_replay_takes_the_time_of_the_recording(played: Any) -> None:
     now, board, player = played
     asyncio.run(player.play())
-    bag = check_bag(BAG, load_config(CONFIG)).bag
+    bag = check_recording(BAG, load_config(CONFIG)).bag
     assert now[0] == pytest.approx((bag.end_ns - bag.start_ns) * 1e-11, abs=0.2)
     # What is shown is never ahead of its time, nor more than one step behind.
     for at, time_ns in board.shown[:-2]:

@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.clips import ClipFolder
 
 NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
@@ -125,7 +125,7 @@ def test_a_checked_bag_has_a_clip_around_each_alarm(
     out = tmp_path / 'clips'
     assert main(['check', str(recording), '--clips', str(out), '--config', str(CONFIG)]) == 1
     assert f'2 clips written into {out}' in capsys.readouterr().err
-    events = check_bag(recording, config).bearings['aft_stern'].events
+    events = check_recording(recording, config).bearings['aft_stern'].events
     alarms = [e for e in events if e.raised and e.after.level == 2]
     for path, alarm in zip(sorted(out.iterdir()), alarms, strict=True):
         assert path.stem.endswith(f'_aft_stern_{alarm.after.value}')
@@ -135,4 +135,4 @@ def test_a_checked_bag_has_a_clip_around_each_alarm(
         inputs = {'/shaft/speed', '/bearing/aft_stern/load'}
         assert {*inputs, '/stickslip_monitor/warnings'} <= set(bag.topics)
         assert bag.topics['/shaft/speed'].count == pytest.approx(1200, abs=2)
-        assert check_bag(path, config).bearings['aft_stern'].events
+        assert check_recording(path, config).bearings['aft_stern'].events

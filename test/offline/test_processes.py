@@ -12,7 +12,7 @@ import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 
-from stickslip_monitor.offline.fleet import core_count, run_in_processes
+from stickslip_monitor.offline.archive import core_count, run_in_processes
 
 
 def test_every_call_is_done_once_and_failures_are_their_own() -> None:
@@ -45,7 +45,7 @@ def test_work_that_is_broken_off_leaves_no_process() -> None:
 
 def test_cores_are_those_that_may_be_used() -> None:
     code = 'import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n'
-    code += 'from stickslip_monitor.offline.fleet import core_count; print(core_count())'
+    code += 'from stickslip_monitor.offline.archive import core_count; print(core_count())'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout == '1\n'
     assert core_count() == operator.length_hint(os.sched_getaffinity(0))

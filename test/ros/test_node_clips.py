@@ -13,7 +13,7 @@ import pytest
 
 from stickslip_monitor import build_config
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.offline.check import scan_whole
+from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -63,8 +63,8 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
     assert raised + 1.3 <= seconds[-1] <= raised + 2.1
     # The same monitor over the clip alone says the same.
     inputs = {f'aft.{quantity}.topic': f'{space}/shaft' for quantity in ('speed', 'load')}
-    scan = scan_whole(path, build_config(kit.parameters(kit.STAMPED) | inputs))
-    told = [e for e in scan.bearings['aft'].scan.events if e.after.value == 'stick_slip']
+    found = check_recording(path, build_config(kit.parameters(kit.STAMPED) | inputs))
+    told = [e for e in found.bearings['aft'].events if e.after.value == 'stick_slip']
     assert told[0].time_ns == pytest.approx(kit.T0 + raised * kit.SECOND, abs=1e3)
 
 

@@ -20,7 +20,7 @@ from shared import record
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.monitor.configure import build_config
 from stickslip_monitor.monitor.messages import event_record
-from stickslip_monitor.offline.check import check_bag
+from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -164,7 +164,7 @@ def coast(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
-    report = check_bag(path, build_config(values))
+    report = check_recording(path, build_config(values))
     # As JSON brings them.
     events = [event_record(event) for event in report.bearings['aft'].events]
     return list(json.loads(json.dumps(events)))

@@ -38,7 +38,7 @@ from stickslip_monitor.lab.truth import has_truth, on_recorder_clock, read_truth
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
-from stickslip_monitor.offline.check import WholeBag
+from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.belief import QUANTILES
 
@@ -74,17 +74,17 @@ class EvidenceSource:
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
     true: bool = False  # whether it is the truth, and nothing else
 
-    def of_recording(self, whole: WholeBag, config: BearingConfig) -> Evidence:
+    def of_recording(self, kept: Kept, config: BearingConfig) -> Evidence:
         """The evidence of one recording.
 
         Raises:
             CalibrationError: It has no truth, and there is no other source.
         """
-        name, scan = whole.bag.path.name, whole.bearings[config.name].scan
+        name, scan = kept.bag.path.name, kept.scan(config.name)
         if self.reports is not None:
             return Evidence(name, courses_of(name, scan), self._reports_of(config))
         if (topic := self._level_of(config)) is None:
-            return _true_evidence(whole, config)
+            return _true_evidence(kept, config)
         reports = measured_reports(config, scan, f'{topic} in {name}')
         return Evidence(name, courses_of(name, scan), reports)
 
@@ -146,16 +146,16 @@ def measured_reports(
     )  # fmt: skip
 
 
-def _true_evidence(whole: WholeBag, config: BearingConfig) -> Evidence:
-    bag = whole.bag
+def _true_evidence(kept: Kept, config: BearingConfig) -> Evidence:
+    bag = kept.bag
     if not has_truth(bag, config.name):
         raise CalibrationError(
             f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
             ' give --reports, or configure its level'
         )
     truth = read_truth(bag, config.name)
-    own = whole.bearings[config.name]
-    scan = on_recorder_clock(own.stream, own.stream.arrival_ns, own.scan)
+    stream = kept.stream(config.name)
+    scan = on_recorder_clock(stream, stream.arrival_ns, kept.scan(config.name))
     name, span = bag.path.name, (truth.start_ns, truth.end_ns)
     source = f'truth of {name}'
     reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)

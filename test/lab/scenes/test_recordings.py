@@ -23,7 +23,7 @@ from stickslip_monitor.bags.values import Request
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.offline.check import scan_whole
+from stickslip_monitor.offline.check import Kept, check_recording
 
 ROOT = Path(__file__).resolve().parents[3]
 BAGS = ROOT / 'bags'
@@ -118,10 +118,10 @@ def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
 def scans(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
-    report = scan_whole(BAGS / name, config)
-    start_ns = report.bag.start_ns
+    kept = Kept()
+    start_ns = check_recording(BAGS / name, config, [kept]).bag.start_ns
     assert start_ns is not None
-    return [(each, start_ns, report.bearings[each.name].scan) for each in config.bearings]
+    return [(each, start_ns, kept.scan(each.name)) for each in config.bearings]
 
 
 def scan(name: str) -> tuple[BearingConfig, int, Scan]:

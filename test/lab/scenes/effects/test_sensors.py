@@ -20,7 +20,7 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import Scene, write_bag
 from stickslip_monitor.lab.scenes.telemetry import Messages
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.offline.check import scan_whole
+from stickslip_monitor.offline.check import Kept, check_recording
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]
@@ -230,7 +230,9 @@ def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_pat
     ]
     scene = make_scene('stamped', 4.0, effects=effects)
     write_bag(scene, tmp_path / 'bag')
-    counts = scan_whole(tmp_path / 'bag', scene.config).bearings['aft'].scan.counts
+    kept = Kept()
+    check_recording(tmp_path / 'bag', scene.config, [kept])
+    counts = kept.scan('aft').counts
     load = {status: int(counts[1, status]) for status in Status}
     assert load[Status.NOT_FINITE] == 8
     assert load[Status.IMPLAUSIBLE] == 4

@@ -24,8 +24,8 @@ from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import FleetError
-from stickslip_monitor.offline import fleet
-from stickslip_monitor.offline.fleet import connected, on_cluster
+from stickslip_monitor.offline import archive as offline_archive
+from stickslip_monitor.offline.archive import died, on_cluster
 
 distributed = pytest.importorskip('distributed')
 dask = pytest.importorskip('dask')
@@ -72,16 +72,15 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
     address: str, tmp_path: Path
 ) -> None:
     calls = {f'square-{number}-{tmp_path}': (number,) for number in range(20)}
-    with connected(address) as client:
-        arriving = on_cluster(client, squared_slowly(tmp_path), calls)
-        found: list[tuple[str, int]] = []
-        reader = Thread(target=lambda: found.extend(arriving))
-        reader.start()
-        at_work = until(lambda: len({p for _, p in diary(tmp_path)}) == 2 and diary(tmp_path))
-        number, victim = at_work[0]
-        os.kill(victim, signal.SIGKILL)
-        (tmp_path / 'leave').touch()
-        reader.join(LIMIT)
+    arriving = on_cluster(address, squared_slowly(tmp_path), calls)
+    found: list[tuple[str, int]] = []
+    reader = Thread(target=lambda: found.extend(arriving))
+    reader.start()
+    at_work = until(lambda: len({p for _, p in diary(tmp_path)}) == 2 and diary(tmp_path))
+    number, victim = at_work[0]
+    os.kill(victim, signal.SIGKILL)
+    (tmp_path / 'leave').touch()
+    reader.join(LIMIT)
     assert Counter(key for key, _ in found) == Counter(list(calls))
     assert dict(found) == {key: number**2 for key, (number,) in calls.items()}
     begun = [process for each, process in diary(tmp_path) if each == number]
@@ -91,9 +90,8 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
 
 
 def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
-    with connected(address) as client:
-        calls = {f'invert-{value}': (value,) for value in (2, 0, 4)}
-        found = dict(on_cluster(client, lambda value: 1 / value, calls))
+    calls = {f'invert-{value}': (value,) for value in (2, 0, 4)}
+    found = dict(on_cluster(address, lambda value: 1 / value, calls))
     assert (found['invert-2'], found['invert-4']) == (0.5, 0.25)
     assert isinstance(found['invert-0'], ZeroDivisionError)
 
@@ -108,11 +106,9 @@ def test_a_bag_that_kills_every_worker_is_given_up(address: str) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return number
 
-    with connected(address) as client:
-        found = dict(on_cluster(client, die, {f'die-{n}': (n,) for n in range(3)}))
+    found = dict(on_cluster(address, die, {f'die-{n}': (n,) for n in range(3)}))
     assert (found['die-0'], found['die-2']) == (0, 2)
-    assert isinstance(found['die-1'], FleetError)
-    assert 'every worker that did it died' in str(found['die-1'])
+    assert died(found['die-1'])
 
 
 def archive(folder: Path) -> list[Path]:
@@ -156,31 +152,34 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 def test_a_scheduler_that_is_not_there_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(fleet, '_PATIENCE', 0.5)
+    monkeypatch.setattr(offline_archive, '_PATIENCE', 0.5)
     with closing(socket.socket()) as taken:
         # Bound but not listening: nobody answers, and nobody else gets the port.
         taken.bind(('127.0.0.1', 0))
         address = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
         line = refusal(capsys, '--scheduler', address)
-    assert line == f"ERROR: scheduler '{address}' cannot be reached: no answer in 0.5 s"
+    assert line.startswith(f"ERROR: scheduler '{address}' cannot be reached: Timed out trying")
     assert 'known schemes' in refusal(capsys, '--scheduler', 'ftp://ship:1')
     assert "missing port number in address 'ship'" in refusal(capsys, '--scheduler', 'ship')
 
 
 def test_a_worker_is_no_scheduler(address: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with connected(address) as client:
+    with distributed.Client(address, set_as_default=False) as client:
         client.wait_for_workers(1)
         (worker, *_) = client.scheduler_info()['workers']
-    assert refusal(capsys, '--scheduler', worker).endswith('it is a Worker of Dask')
+    assert refusal(capsys, '--scheduler', worker).endswith('it is another part of Dask')
 
 
 def test_another_version_on_the_workers_is_refused(
     address: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # Here only: the workers are processes of their own.
-    monkeypatch.setattr(fleet, '__version__', '9.9')
+    monkeypatch.setattr(offline_archive, '__version__', '9.9')
     line = refusal(capsys, '--scheduler', address)
-    assert re.search(r'worker \S+ of .* has stickslip_monitor 0\.\S+, not 9\.9 as here', line)
+    assert re.search(
+        r'worker \S+ of .* has stickslip_monitor 0\..*, not stickslip_monitor 9\.9, .* as here',
+        line,
+    )
 
 
 CLUSTER = """
@@ -205,12 +204,12 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
         [sys.executable, '-c', CLUSTER], stdout=subprocess.PIPE, text=True
     ) as cluster:
         try:
-            with connected(cluster.stdout.readline().strip()) as client:
-                arriving = on_cluster(client, wait, {'short': (0.0,), 'long': (60.0,)})
-                assert next(arriving) == ('short', 0.0)
-                cluster.kill()
-                with pytest.raises(FleetError, match='was lost with 1 calls to do'):
-                    next(arriving)
+            address = cluster.stdout.readline().strip()
+            arriving = on_cluster(address, wait, {'short': (0.0,), 'long': (60.0,)})
+            assert next(arriving) == ('short', 0.0)
+            cluster.kill()
+            with pytest.raises(FleetError, match='the scheduler was lost with 1 to do'):
+                next(arriving)
         finally:
             cluster.kill()
 
@@ -218,15 +217,13 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
 def test_a_cluster_without_workers_is_not_waited_for_for_ever(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(fleet, '_LOOK', 0.1)
-    monkeypatch.setattr(fleet, '_NO_WORKER', 0.1)
+    monkeypatch.setattr(offline_archive, '_LOOK', 0.1)
     with (
         distributed.LocalCluster(
             n_workers=0, processes=False, dashboard_address=':0', protocol='tcp'
         ) as cluster,
-        connected(cluster.scheduler_address) as client,
         pytest.raises(FleetError) as caught,
     ):
-        list(on_cluster(client, abs, {'a': (-1,), 'b': (-2,)}))
+        list(on_cluster(cluster.scheduler_address, abs, {'a': (-1,), 'b': (-2,)}))
     address = cluster.scheduler_address
-    assert str(caught.value) == f"scheduler '{address}' has no worker, with 2 calls to do"
+    assert str(caught.value) == f"scheduler '{address}': no worker is left, with 2 to do"

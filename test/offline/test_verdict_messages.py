@@ -19,12 +19,13 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.values import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.check_results import to_json
+from stickslip_monitor.commands.check_records import to_json
+from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import BearingState, diagnostic_record, event_record
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.offline.check import CheckReport, check_bag, scan_whole
-from stickslip_monitor.offline.verdict_bag import MessageColumn, tell_verdicts, write_verdicts
+from stickslip_monitor.offline.check import CheckReport, Kept, check_recording
+from stickslip_monitor.offline.verdict_messages import VerdictWriter
 
 NS, START = 10**9, 1_777_874_400 * 10**9
 # docs/interfaces.md, by hand.
@@ -93,14 +94,27 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def checked(bag: Path) -> CheckReport:
-    return check_bag(bag, config_of())
+    return check_recording(bag, config_of())
 
 
 @pytest.fixture(scope='module')
-def written(checked: CheckReport, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('out') / 'out.mcap'
-    write_verdicts(checked, config_of(), path)
+    write(bag, path)
     return path
+
+
+def write(bag: Path, path: Path, config: MonitorConfig | None = None) -> CheckReport:
+    """Check a recording and write the verdicts on it."""
+    with VerdictWriter(path) as writer:
+        return check_recording(bag, config or config_of(), [writer])
+
+
+def scan_of(bag: Path, config: MonitorConfig) -> Scan:
+    """The verdicts on the bearing."""
+    kept = Kept()
+    check_recording(bag, config, [kept])
+    return kept.scan('aft')
 
 
 def rosbags_messages(path: Path) -> list[tuple[str, int, Any]]:
@@ -168,7 +182,7 @@ def test_inputs_are_copied_byte_by_byte_with_their_times(bag: Path, written: Pat
 
 
 def test_our_reader_gives_the_same_check_again(written: Path, checked: CheckReport) -> None:
-    again = check_bag(written, config_of())
+    again = check_recording(written, config_of())
     first, second = (
         [event_record(event) for event in found.bearings['aft'].events]
         for found in (checked, again)
@@ -176,7 +190,7 @@ def test_our_reader_gives_the_same_check_again(written: Path, checked: CheckRepo
     assert first == second
     request = Request('/stickslip_monitor/aft/fold_margin', 'data', 'std_msgs/msg/Float64')
     series = open_bag(written).read([request])[request]
-    expected = scan_whole(written, config_of()).bearings['aft'].scan.assessment.fold_margin
+    expected = scan_of(written, config_of()).assessment.fold_margin
     np.testing.assert_array_equal(series.value, expected)
 
 
@@ -202,11 +216,9 @@ def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
 def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     bag: Path, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = to_json(check_bag(bag, config_of()))
+    whole = to_json(check_recording(bag, config_of()))
     monkeypatch.setattr(series, '_OF_TOPIC', 2)
-    found = check_bag(bag, config_of())
-    assert to_json(found) == whole
-    write_verdicts(found, config_of(), tmp_path / 'out.mcap')
+    assert to_json(write(bag, tmp_path / 'out.mcap')) == whole
     one, other = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
         for path in (written, tmp_path / 'out.mcap')
@@ -214,16 +226,17 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     assert one == other
 
 
-def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path) -> None:
+def test_a_publish_period_thins_the_values_and_keeps_the_changes(
+    bag: Path, tmp_path: Path
+) -> None:
     config = config_of(publish_period=5.0)
-    found = check_bag(bag, config)
-    told: list[MessageColumn] = []
-    tell_verdicts(found, config, told.extend)
-    times = sorted(t for c in told if c.topic.endswith('/regime') for t in c.time_ns.tolist())
+    found = write(bag, tmp_path / 'out.mcap', config)
+    regimes = open_bag(tmp_path / 'out.mcap').messages(['/stickslip_monitor/aft/regime'])
+    times = [message.log_time_ns for message in regimes]
     changes = {event.time_ns for event in found.bearings['aft'].events}
     assert len(times) < 30
     early = [b for a, b in pairwise(times) if b - a < 5 * NS]
-    scan = scan_whole(bag, config).bearings['aft'].scan
+    scan = scan_of(bag, config)
     # What comes early is the first evaluation at or after a change.
     firsts = {int(t) for c in changes for t in scan.time_ns[scan.time_ns >= c][:1]}
     assert early
@@ -236,9 +249,8 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
     columns = {'/shaft': (times, np.full(50, 60.0)), '/load': (times, np.full(50, 1000.0))}
     record(tmp_path / 'in', columns)
     config = config_of(**{'aft.load.type': 'std_msgs/msg/Float64', 'aft.load.field': 'data'})
-    found = check_bag(tmp_path / 'in', config)
+    found = write(tmp_path / 'in', tmp_path / 'out.mcap', config)
     assert found.bearings['aft'].events == []
-    write_verdicts(found, config, tmp_path / 'out.mcap')
     assert open_bag(tmp_path / 'out.mcap').topics['/diagnostics'].count == 5
 
 
@@ -254,8 +266,7 @@ def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
             (data,) = encode_stamped(kind, 'wrench.force.z', [stamp], [1000.0])
             writer.write('/load', at, data)
             writer.write('/shaft', at, encode_float64s([20.0])[0])
-    found = check_bag(tmp_path / 'in', config_of())
-    write_verdicts(found, config_of(), tmp_path / 'out.mcap')
+    found = write(tmp_path / 'in', tmp_path / 'out.mcap')
     counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))
     evaluations = found.bearings['aft'].evaluations
     assert counts['/stickslip_monitor/aft/regime'] == evaluations

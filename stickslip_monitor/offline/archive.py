@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calls spread over processes on this machine, or over a Dask cluster. Nothing else knows Dask.
+
+One that dies costs its own call only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import platform
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, as_completed
+from contextlib import AbstractContextManager
+from typing import Any, TypeVar
+
+from stickslip_monitor import __version__
+from stickslip_monitor.errors import FleetError
+
+_Key = TypeVar('_Key')
+Pool = Callable[[int], AbstractContextManager[Executor]]
+"""Opens an executor with at most so many workers."""
+_PATIENCE = 10.0
+"""How long a scheduler may take to answer [s]."""
+_LOOK = 60.0
+"""A cluster may be without any worker for so long: one that died may be started again [s]."""
+_MANY = 1000
+
+
+def core_count() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def died(outcome: object) -> bool:
+    """Whether the worker of a call died of it, or of one that ran beside it."""
+    return type(outcome).__name__ in ('BrokenProcessPool', 'KilledWorker')
+
+
+def spread(
+    pool: Pool, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
+) -> Generator[tuple[_Key, Any], None, None]:
+    """Call a function many times, several calls at once.
+
+    Args:
+        pool: Opens what runs them.
+        function: It and its arguments can be pickled.
+        calls: The arguments of each call, by a key.
+        jobs: Calls at a time.
+
+    Yields:
+        The key of each call, as it is done, and its result or the exception it raised; one of
+        which :func:`died` is true where its worker died.
+
+    Raises:
+        FleetError: The scheduler is lost, or has no worker any more.
+    """
+    waiting = dict(calls)
+    while waiting:
+        with pool(min(jobs, len(waiting))) as workers:
+            for key, outcome in _done(workers, function, waiting):
+                if not died(outcome):
+                    del waiting[key]
+                    yield key, outcome
+        # A worker that dies takes calls along that were waiting. The one that it died of was
+        # running, so it is among the oldest: alone, each of these shows what it does.
+        for key in list(waiting)[: jobs + 1]:
+            with pool(1) as workers:
+                yield from _done(workers, function, {key: waiting.pop(key)})
+
+
+def _done(
+    workers: Executor, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
+) -> Iterator[tuple[_Key, Any]]:
+    with _uninterrupted():
+        futures = {workers.submit(function, *call): key for key, call in calls.items()}
+    while futures:
+        # As it was called, the time-out is for all: what was lost shows whenever it has passed.
+        with contextlib.suppress(TimeoutError):
+            for future in as_completed(list(futures), _LOOK):
+                try:
+                    error = future.exception()
+                except CancelledError:
+                    raise FleetError(f'the scheduler was lost with {len(futures)} to do') from None
+                # Whoever takes it decides how long it is kept.
+                yield futures.pop(future), future.result() if error is None else error
+                del future, error
+        if futures and (client := getattr(workers, '_client', None)) is not None:
+            try:
+                client.wait_for_workers(1, timeout=_LOOK)
+            except (OSError, TimeoutError):
+                raise FleetError(f'no worker is left, with {len(futures)} to do') from None
+
+
+@contextlib.contextmanager
+def processes(jobs: int) -> Iterator[Executor]:
+    """Processes of this machine, which go at once when the work is broken off."""
+    others = multiprocessing.active_children()
+    # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))
+    try:
+        yield pool
+    except BaseException:
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Processes started here leave Ctrl-C, which reaches a whole terminal, to this one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def run_in_processes(
+    function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
+) -> Generator[tuple[_Key, Any], None, None]:
+    """:func:`spread` over so many processes, started afresh, not forked."""
+    return spread(processes, function, calls, jobs)
+
+
+def on_cluster(
+    address: str, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
+) -> Generator[tuple[_Key, Any], None, None]:
+    """:func:`spread` over the workers of a Dask cluster.
+
+    Args:
+        address: Where its scheduler is, ``tcp://host:port``.
+        function: It and its arguments can be pickled.
+        calls: The arguments of each call, by a key.
+
+    Raises:
+        FleetError: Dask is not installed, the scheduler does not answer or is lost, or a worker
+            has another version of this package, of Dask or of Python.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise FleetError(
+            f"--scheduler needs Dask ({error}): install this package with the extra 'fleet'"
+        ) from error
+    place = f"scheduler '{address}'"
+    # One sentence stands for what it would log, tracebacks and all.
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    try:
+        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+    except TypeError:  # a worker is asked as a scheduler is
+        raise FleetError(f'{place} cannot be used: it is another part of Dask') from None
+    except (OSError, ValueError, RuntimeError) as error:
+        raise FleetError(f'{place} cannot be reached: {_line(error)}') from None
+    with client:
+        own = versions()
+        for worker, there in client.run(versions, on_error='return').items():
+            if there != own:
+                raise FleetError(
+                    f'worker {worker} of {place} has {_told(there)}, not {_told(own)} as here:'
+                    ' verdicts are only the same with the same versions'
+                )
+        try:
+            yield from spread(
+                lambda _: contextlib.nullcontext(client.get_executor()), function, calls, _MANY
+            )
+        except FleetError as error:
+            raise FleetError(f'{place}: {error}') from None
+
+
+def versions() -> dict[str, str]:
+    """What must be the same here and on every worker, for the same results."""
+    import distributed
+
+    python = '.'.join(platform.python_version_tuple()[:2])
+    return {'stickslip_monitor': __version__, 'Dask': distributed.__version__, 'Python': python}
+
+
+def _told(found: dict[str, str] | Exception) -> str:
+    if isinstance(found, Exception):
+        return _line(found)
+    return ', '.join(f'{name} {version}' for name, version in found.items())
+
+
+def _line(error: BaseException) -> str:
+    return ' '.join(str(error).split()) or type(error).__name__

@@ -1,0 +1,362 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdicts on a recording as messages, as the node would have published them.
+
+The numbers are columns of the pass over the recording. A state of the bearings, every second and
+at every change, is that after all samples that had arrived by then: a second scan follows the
+first, and stops there.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from stickslip_monitor.bags.encode import (
+    MESSAGE_TYPES,
+    StatusFields,
+    encode_diagnostics,
+    encode_float64s,
+    encode_string,
+)
+from stickslip_monitor.bags.recording import Recording
+from stickslip_monitor.bags.values import Message, TimeSpans
+from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor import rule
+from stickslip_monitor.monitor.assessment import REGIMES, Assessment, at_indices
+from stickslip_monitor.monitor.bulk import BearingScan, Scan
+from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.ladder import MEASURED, Condition
+from stickslip_monitor.monitor.messages import (
+    POINT_NUMBERS,
+    BearingState,
+    diagnostic_record,
+    event_json,
+    output_topics,
+    topic_numbers,
+    topic_words,
+)
+from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.rule_state import NEVER, State
+from stickslip_monitor.monitor.signals import Input, Status
+from stickslip_monitor.monitor.verdict import Event, Verdict, assessed
+from stickslip_monitor.offline.check import Heard, Sink, Stretch
+
+NODE = 'stickslip_monitor'
+TICK_NS = 10**9
+"""Time between two diagnostics [ns]."""
+SILENCE_NS = 3600 * 10**9
+"""Diagnostics of a longer silence end [ns]: a clock that was wrong for one message would else
+make them for years."""
+# Samples of a bearing whose messages are laid out at a time.
+_SAMPLES = 1 << 13
+ALWAYS = TimeSpans([(0, (1 << 63) - 1)])
+
+
+class MessageColumn(NamedTuple):
+    """Messages of one topic: n log times [ns], and as many messages in CDR."""
+
+    topic: str
+    type: str
+    time_ns: IntArray
+    payload: Sequence[bytes]
+
+
+def check_target(path: str | Path) -> Path:
+    """The path of a recording of verdicts, which is one MCAP file that is not there yet.
+
+    Raises:
+        BagError: It ends in something else, or exists.
+    """
+    path = Path(path)
+    if path.suffix != '.mcap':
+        raise BagError(f"recording of verdicts '{path}' must end in .mcap")
+    if path.exists():
+        raise BagError(f"bag '{path}' exists already and is not overwritten")
+    return path
+
+
+class VerdictWriter(Sink):
+    """Writes the inputs of a recording and the verdicts on them as one MCAP file.
+
+    It is a context manager: the file appears where the pass comes to its end.
+
+    Args:
+        path: Where to; a name ending in ``.mcap`` that is not there yet.
+        progress: Given the messages written, now and then.
+
+    Raises:
+        BagError: It cannot be written.
+    """
+
+    def __init__(self, path: str | Path, progress: Callable[[int], None] | None = None) -> None:
+        self._writer, self._progress = BagWriter(check_target(path)), progress
+
+    def __enter__(self) -> VerdictWriter:
+        """Begin to write beside the target."""
+        self._writer.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        """Finish the file, or remove what there is of it."""
+        self._writer.__exit__(*error)
+
+    def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
+        """Define the topics."""
+        for topic, kind, definition in topics(bag, config):
+            self._writer.add_topic(topic, kind, definition)
+        self._inputs = bag.messages(input_topics(bag, config))
+        self._next = next(self._inputs, None)
+        self._messages = VerdictMessages(config, start_ns)
+
+    def take(self, stretch: Stretch) -> None:
+        """Write the messages of a stretch, inputs before verdicts."""
+        for part in stretch.split(_SAMPLES):
+            columns = [*columns_of(self._until(part.end_ns)), *self._messages.of(part)]
+            self._writer.write_columns(
+                (each.topic, each.time_ns, each.payload) for each in columns
+            )
+        if self._progress is not None:
+            self._progress(sum(self._writer.message_counts.values()))
+
+    def _until(self, end_ns: int) -> Iterator[Message]:
+        """The messages of the inputs up to a log time [ns]."""
+        while self._next is not None and self._next.log_time_ns <= end_ns:
+            yield self._next
+            self._next = next(self._inputs, None)
+
+
+def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
+    """Name, type and, where it is not built in, definition of every topic of the verdicts."""
+    for name in input_topics(bag, config):
+        kind = bag.topics[name].type
+        yield name, kind, None if kind in MESSAGE_TYPES else bag.definition(name)
+    for name, kind in output_topics(config.bearings, f'/{NODE}').items():
+        yield name, kind, None
+
+
+def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
+    """The topics that the bearings read and the recording has, each once."""
+    wanted = dict.fromkeys(i.topic for b in config.bearings for i in b.inputs.values())
+    return [name for name in wanted if name in bag.topics]
+
+
+def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
+    """Messages as they were recorded, topic by topic."""
+    found: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+    for message in messages:
+        own = found.setdefault((message.topic, message.type), [])
+        own.append((message.log_time_ns, message.data))
+    for (topic, kind), items in found.items():
+        yield _column(topic, kind, items)
+
+
+def _column(topic: str, kind: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
+    times, payload = zip(*messages, strict=True)
+    return MessageColumn(topic, kind, np.array(times), payload)
+
+
+class VerdictMessages:
+    """Makes the messages of one stretch of a recording after the other.
+
+    A verdict has its own time, that of the later of its two measurements.
+    """
+
+    def __init__(self, config: MonitorConfig, start_ns: int | None) -> None:
+        self._kinds = output_topics(config.bearings, f'/{NODE}')
+        period_ns = round(config.publish_period * 1e9)
+        self._bearings = {own.name: _Follower(own, start_ns, period_ns) for own in config.bearings}
+        self._start_ns = start_ns or 0
+        self._ticked_ns = self._heard_ns = self._start_ns - 1
+        self._due: list[Event] = []
+
+    def of(self, stretch: Stretch, spans: TimeSpans = ALWAYS) -> Iterator[MessageColumn]:
+        """The messages of a stretch.
+
+        Args:
+            stretch: The stretch, after all that came before it.
+            spans: The times that are wanted: nothing else is encoded.
+        """
+        events = events_of(stretch)
+        for name, heard in stretch.bearings.items():
+            time_ns, columns = self._bearings[name].numbers(heard.scan, spans)
+            for last, payload in columns:
+                topic = f'/{NODE}/{name}/{last}'
+                yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
+        told = [e for e in events if spans.overlap(e.time_ns, e.time_ns)]
+        if told:
+            texts = [(event.time_ns, encode_string(event_json(event))) for event in told]
+            yield self._of_topic(f'/{NODE}/warnings', texts)
+        yield from self._diagnostics(stretch, events, spans)
+
+    def _of_topic(self, topic: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
+        return _column(topic, self._kinds[topic], messages)
+
+    def _diagnostics(
+        self, stretch: Stretch, events: Sequence[Event], spans: TimeSpans
+    ) -> Iterator[MessageColumn]:
+        """The states at every second and every change."""
+        arrivals = [heard.stream.arrival_ns for heard in stretch.bearings.values()]
+        is_last = not any(arrival.size for arrival in arrivals)
+        # More may have arrived at the same time.
+        until_ns = stretch.end_ns - (not is_last)
+        self._due += events
+        lost = {e.time_ns for e in self._due if e.after is Condition.INPUT_STALE}
+        for name, heard in stretch.bearings.items():
+            lost.update(self._bearings[name].loss(heard))
+        seconds = self._seconds(np.sort(np.concatenate(arrivals)), until_ns)
+        ticks = sorted(
+            t
+            for t in {*seconds, *lost, *(e.time_ns for e in self._due)}
+            if self._ticked_ns < t <= until_ns and spans.overlap(t, t)
+        )
+        # A loss counts from the nanosecond after it fell due.
+        seen = [t + (t in lost) for t in ticks]
+        self._due = [event for event in self._due if event.time_ns > until_ns]
+        self._ticked_ns = max(self._ticked_ns, until_ns)
+        states = [
+            self._bearings[name].states(heard, ticks, seen)
+            for name, heard in stretch.bearings.items()
+        ]
+        found = [
+            (t, encode_diagnostics(t, fields)) for t, *fields in zip(ticks, *states, strict=True)
+        ]
+        if found:
+            yield self._of_topic('/diagnostics', found)
+
+    def _seconds(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
+        """Every second since the start up to a time, but not of a long silence."""
+        times = np.concatenate([[self._heard_ns], arrival_ns, [until_ns + 1]])
+        self._heard_ns = int(times[-2])
+        silent = np.flatnonzero(np.diff(times) > SILENCE_NS)
+        begins = [self._ticked_ns + 1, *times[silent + 1].tolist()]
+        ends = [*(times[silent] + SILENCE_NS).tolist(), until_ns]
+        for begin, end in zip(begins, ends, strict=True):
+            passed = -(-(begin - self._start_ns) // TICK_NS)
+            yield from range(self._start_ns + TICK_NS * passed, end + 1, TICK_NS)
+
+
+def events_of(stretch: Stretch) -> list[Event]:
+    """The changes of all bearings' alarms in a stretch, in order of time."""
+    events = [event for heard in stretch.bearings.values() for event in heard.scan.events]
+    return sorted(events, key=lambda event: event.time_ns)
+
+
+class _Follower:
+    """What is published of one bearing: its verdicts, and its state at some times."""
+
+    def __init__(self, config: BearingConfig, start_ns: int | None, period_ns: int) -> None:
+        self._config, self._period_ns = config, period_ns
+        self._scan = BearingScan(config, start_ns)
+        self._bearing = BearingMonitor(config)
+        self._counts = np.zeros((len(Input), len(Status)), np.int64)
+        self._changed: set[int] = set()
+        self._published_ns: int | None = None
+
+    def numbers(
+        self, scan: Scan, spans: TimeSpans
+    ) -> tuple[IndexArray, Iterator[tuple[str, Sequence[bytes]]]]:
+        """When verdicts were published [ns], and what the topics say, by their last part."""
+        rows = np.flatnonzero(self._is_published(scan) & spans.holds(scan.time_ns))
+        if not rows.size:
+            return rows, iter(())
+        points = scan.assessment
+        if rows.size < scan.time_ns.size:
+            # Not at_indices: what is worked out of all would be, of those that nobody wants.
+            points = assessed(
+                self._config, scan.settings.boundaries, scan.speed[rows], scan.load[rows],
+                scan.chances[rows].T,
+            )  # fmt: skip
+        return scan.time_ns[rows], self._encoded(points, scan.measured, rows)
+
+    def _encoded(
+        self, points: Assessment, measured: Any, rows: IndexArray
+    ) -> Iterator[tuple[str, Sequence[bytes]]]:
+        """What the topics of a bearing say of some points, by their last part."""
+        for name in topic_numbers(self._config):
+            values = getattr(points, name)
+            if name.startswith('amplitude'):
+                values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
+            yield name, encode_float64s(values)
+        for name in topic_words(self._config):
+            known, codes = (
+                (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
+            )
+            encoded = [encode_string(str(word)) for word in known]
+            yield name, [encoded[code] for code in codes.tolist()]
+
+    def _is_published(self, scan: Scan) -> BoolArray:
+        """At most one in each period, and whatever comes with a change."""
+        found = np.ones(scan.time_ns.size, np.bool_)
+        if not self._period_ns:
+            return found
+        self._changed.update(scan.at)
+        for k, (time, sample) in enumerate(
+            zip(scan.time_ns.tolist(), scan.sample.tolist(), strict=True)
+        ):
+            before = self._published_ns
+            if sample in self._changed or before is None or not (
+                0 <= time - before < self._period_ns
+            ):  # fmt: skip
+                self._published_ns = time
+            else:
+                found[k] = False
+        return found
+
+    def loss(self, heard: Heard) -> list[int]:
+        """When an input is lost in a stretch in which nothing comes [ns]."""
+        state = self._scan.state
+        if heard.stream.time_ns.size or state.now == NEVER or state.lost:
+            return []
+        return [max(rule.standing_until(state, self._scan.settings.live), state.now)]
+
+    def states(
+        self, heard: Heard, ticks: Sequence[int], seen: Sequence[int]
+    ) -> list[StatusFields]:
+        """The state after all that had arrived at some times, as it is seen then [ns]."""
+        ends = np.searchsorted(heard.stream.arrival_ns, ticks, 'right')
+        found = list(self._scan.memories(heard.stream, ends.tolist()))
+        points = self._assessed([point for _, point in found if point is not None])
+        counts = self._counted(heard, ends)
+        return [
+            self._status(state, None if point is None else next(points), count, time_ns)
+            for (state, point), count, time_ns in zip(found, counts, seen, strict=True)
+        ]
+
+    def _assessed(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
+        """The assessments of some points, whose numbers are worked out together."""
+        if points:
+            speed, load, *chances = np.array(points).T
+            table = self._bearing.settings.boundaries
+            together = assessed(self._config, table, speed, load, chances)
+            for name in (*POINT_NUMBERS, 'stability_margin'):
+                getattr(together, name)  # worked out now, for all
+            yield from (at_indices(together, k) for k in range(len(points)))
+
+    def _counted(self, heard: Heard, ends: IntArray) -> IntArray:
+        """Samples by input and status after so many of a stretch."""
+        kinds = heard.stream.inputs.astype(np.int64) * len(Status) + heard.scan.status
+        own = np.zeros((ends.size, self._counts.size), np.int64)
+        for kind in np.unique(kinds).tolist():
+            own[:, kind] = np.searchsorted(np.flatnonzero(kinds == kind), ends)
+        found = own.reshape(-1, *self._counts.shape) + self._counts
+        self._counts += np.bincount(kinds, minlength=own.shape[1]).reshape(self._counts.shape)
+        return found
+
+    def _status(
+        self, state: State, point: Assessment | None, counts: IntArray, time_ns: int
+    ) -> StatusFields:
+        bearing = copy.copy(self._bearing)
+        bearing.state, bearing.counts = state, counts
+        if point is not None:
+            bearing.verdict = Verdict(self._config.name, state.now, lambda: point)
+        bearing.advance(time_ns)
+        record = diagnostic_record(NODE, BearingState(bearing))
+        return StatusFields(
+            record.level, record.name, record.message, record.hardware_id, record.values
+        )
