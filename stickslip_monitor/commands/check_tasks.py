@@ -27,7 +27,7 @@ from stickslip_monitor.errors import (
 )
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.offline.check import CheckReport, Kept, Sink, check_recording
+from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink, check_recording
 from stickslip_monitor.physics.friction import Stribeck
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
 class Sinks:
     """What takes the verdicts on a recording, beside their sums."""
 
-    verdicts: Sink | None  # writes them
+    verdicts: StretchSink | None  # writes them
     clips: ClipWriter | None
     kept: Kept | None  # keeps them for what is learned
 
@@ -211,7 +211,7 @@ class Sinks:
         return cls(verdicts, clips, None if task.learn is None else Kept())
 
     @property
-    def all(self) -> list[Sink]:
+    def all(self) -> list[StretchSink]:
         """All that there are."""
         return [each for each in (self.verdicts, self.clips, self.kept) if each is not None]
 

@@ -117,7 +117,7 @@ class Stretch:
             begin_ns = end_ns
 
 
-class Sink:
+class StretchSink:
     """Takes what comes of a recording; see :func:`check_recording`."""
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
@@ -133,7 +133,7 @@ class Sink:
 def check_recording(
     path: str | Path,
     config: MonitorConfig,
-    sinks: Sequence[Sink] = (),
+    sinks: Sequence[StretchSink] = (),
     progress: Progress | None = None,
     *,
     outlined: bool = False,
@@ -346,7 +346,7 @@ class SampleSpan:
         return 0 if self.start_ns is None or self.end_ns is None else self.end_ns - self.start_ns
 
 
-class Kept(Sink):
+class Kept(StretchSink):
     """Keeps samples and verdicts of a whole recording, for what needs them at once."""
 
     def __init__(self) -> None:

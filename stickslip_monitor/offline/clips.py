@@ -20,7 +20,7 @@ from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
-from stickslip_monitor.offline.check import Sink, Stretch
+from stickslip_monitor.offline.check import Stretch, StretchSink
 from stickslip_monitor.offline.verdict_messages import (
     NODE,
     MessageColumn,
@@ -145,7 +145,7 @@ class ClipCounts:
     failures: list[str] = field(default_factory=list)  # why others could not be written
 
 
-class ClipWriter(Sink):
+class ClipWriter(StretchSink):
     """Writes a clip of every alarm in a recording, as the node does while it runs.
 
     A stretch waits until it is known whether an alarm follows it. A clip that cannot be written

@@ -45,7 +45,7 @@ from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.signals import Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict, assessed
-from stickslip_monitor.offline.check import Heard, Sink, Stretch
+from stickslip_monitor.offline.check import Heard, Stretch, StretchSink
 
 NODE = 'stickslip_monitor'
 TICK_NS = 10**9
@@ -81,7 +81,7 @@ def check_target(path: str | Path) -> Path:
     return path
 
 
-class VerdictWriter(Sink):
+class VerdictWriter(StretchSink):
     """Writes the inputs of a recording and the verdicts on them as one MCAP file.
 
     It is a context manager: the file appears where the pass comes to its end.

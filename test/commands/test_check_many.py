@@ -82,15 +82,6 @@ def test_a_folder_of_bags_is_a_list_even_of_one(
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
 
 
-def test_the_option_that_kept_results_names_what_takes_its_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert check(BAGS / 'voyage', '--resume', tmp_path / 'found.jsonl') == 2
-    assert capsys.readouterr().err == (
-        'ERROR: --resume is gone: keep the --json of each recording in a file of its own\n'
-    )
-
-
 @pytest.mark.parametrize('cut', [0, 3000])
 def test_a_recording_on_standard_input_is_checked_as_the_file_is(
     cut: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -59,7 +59,7 @@ def test_the_commands_that_write_declare_it() -> None:
     assert {name: outputs for name, outputs in written.items() if outputs} == {
         'accuracy': ['output', 'picture'],
         'calibrate': ['fragment', 'output', 'picture'],
-        'check': ['report', 'resume'],
+        'check': ['report'],
         'diagram': ['output'],
         'fit': ['fragment', 'output', 'picture'],
         'init': ['output'],
@@ -118,7 +118,6 @@ def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path:
     ('command', 'option', 'suffix', 'more'),
     [
         ('check', '--report', '.html', (BAG, '-c', CONFIG)),
-        ('check', '--resume', '.jsonl', (BAG, '-c', CONFIG)),
         ('diagram', '-o', '.csv', ('-c', CONFIG, '--load', '1kN', '--points', '10')),
         ('map', '-o', '.svg', ('-c', CONFIG)),
     ],

@@ -58,7 +58,7 @@ REFUSED = {
     f'fit {CURVE} --speed 1rpm': '--speed needs --config and --load',
     'accuracy --from x --quick': 'does not go with --quick',
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
-    f'check {BAG} -c own.yaml --resume x --mcap y.mcap': '--resume keeps what --json prints',
+    f'check {BAG} -c own.yaml --resume x': '--resume is gone: keep the --json',
     f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
     **{
         f'check {BAG} -c own.yaml --scheduler tcp://ship:8786 {option}': (
