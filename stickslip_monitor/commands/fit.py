@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +24,18 @@ from rich.table import Table
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.fits import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
-from stickslip_monitor.lab.friction_fit.curve_file import NAMES, FrictionCurve, read_curve
-from stickslip_monitor.lab.friction_fit.fit import (
+from stickslip_monitor.lab.curve_file import NAMES, FrictionCurve, read_curve
+from stickslip_monitor.lab.friction_fit import (
+    ASIDE,
+    UNITS,
     VISCOUS_LEVEL,
+    BoundarySpread,
+    Spread,
     StribeckFit,
-    ViscousTest,
+    boundary_spread,
     fit_stribeck,
+    unchecked,
 )
-from stickslip_monitor.lab.friction_fit.solve import UNITS
-from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread, boundary_spread
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
@@ -40,6 +43,7 @@ from stickslip_monitor.physics.oscillator import SPEED_UNITS
 SCHEMA = 'stickslip_monitor/fit/1'
 FRAGMENT_MARK = '# Fitted to '
 _POINT = ('speed', 'coefficient', 'residual', 'weight')
+_VISCOUS = ('slope', 'f_value', 'p_value')
 _SPREADS = {
     'hopf_speed': 'Hopf speed', 'fold_speed': 'fold speed',
     'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin',
@@ -177,6 +181,7 @@ def to_json(
             for k in fit.outliers
         ],
         'warnings': list(fit.warnings),
+        'unchecked': unchecked(fit) or None,
         'fragment': fragment(args.curve, fit),
         'bearings': [_bearing_json(item, spread, args) for item, spread in spreads],
     }
@@ -184,11 +189,10 @@ def to_json(
 
 def _viscous_json(fit: StribeckFit, asked: str) -> dict[str, Any]:
     test = fit.viscous_test
-    names = [field.name for field in fields(ViscousTest)]
     return {
         'asked': asked,
         'used': 'viscous' in fit.names,
-        **{name: number(getattr(test, name)) if test else None for name in names},
+        **{name: number(getattr(test, name)) if test else None for name in _VISCOUS},
         'sentence': viscous_sentence(fit, asked),
     }
 
@@ -237,10 +241,7 @@ def viscous_sentence(fit: StribeckFit, asked: str) -> str:
     test = fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'
-    numbers = (
-        f'slope {test.slope:.3g} s/m, t = {test.t_value:.3g}, F = {test.f_value:.3g},'
-        f' p = {test.p_value:.2g}, AICc gain {test.aicc_gain:.3g}'
-    )
+    numbers = f'slope {test.slope:.3g} s/m, F = {test.f_value:.3g}, p = {test.p_value:.2g}'
     rule = f'rule: slope > 0 and p < {VISCOUS_LEVEL:g}'
     asked_for = '' if asked == 'auto' else f', as asked for by --viscous {asked}'
     if asked == 'yes' and not used:
@@ -272,6 +273,8 @@ def print_fit(
     _print_outliers(out, fit)
     for text in fit.warnings:
         out.print(f'[yellow]warning:[/] {escape(text)}')
+    if note := unchecked(fit):
+        out.print(f'note: {escape(note)}')
     for item, spread in spreads:
         out.print(_spread_table(item, spread, args))
         if spread.regimes:
@@ -302,8 +305,11 @@ def _estimates(fit: StribeckFit) -> Table:
 
 
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
-    aside = int(np.sum(fit.weight == 0.0))
-    out.print(f'outliers: {fit.outliers.size} with less than half the weight, {aside} with none')
+    aside = int(np.sum(fit.weight < ASIDE))
+    out.print(
+        f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than'
+        f' {ASIDE:.0%}'
+    )
     for k in fit.outliers:
         out.print(
             f'  line {fit.curve.line[k]}: {fit.curve.coefficient[k]:.4g} at'
@@ -316,7 +322,7 @@ def _spread_table(item: BearingConfig, spread: BoundarySpread, args: argparse.Na
     without = f'{spread.without:.1%} of the samples have no boundary: 0 rpm'
     table = _table(
         f'{item.name} with this law at {args.load}',
-        'quantity; value; standard error; median; 95 % interval; unit',
+        'quantity; value; median; 95 % interval; unit',
         without if spread.without else None,
     )
     per_rpm = 1.0 / item.bearing.speed.factor('rpm')
@@ -325,8 +331,7 @@ def _spread_table(item: BearingConfig, spread: BoundarySpread, args: argparse.Na
         factor, unit = (per_rpm, 'rpm') if 'speed' in field else (100.0, '%')
         if row is not None:
             table.add_row(
-                name, f'{row.estimate * factor:.4g}', f'{row.delta_error * factor:.2g}',
-                f'{row.median * factor:.4g}',
+                name, f'{row.estimate * factor:.4g}', f'{row.median * factor:.4g}',
                 f'{row.low * factor:.4g} to {row.high * factor:.4g}', unit,
             )  # fmt: skip
     return table

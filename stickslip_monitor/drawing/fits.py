@@ -24,8 +24,7 @@ from stickslip_monitor.drawing.canvas import (
 from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
 from stickslip_monitor.lab.calibration.evidence import load_of
-from stickslip_monitor.lab.friction_fit.fit import StribeckFit
-from stickslip_monitor.lab.friction_fit.spread import BoundarySpread, Spread
+from stickslip_monitor.lab.friction_fit import BoundarySpread, Spread, StribeckFit
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.belief import QUANTILES

@@ -33,8 +33,11 @@ NAMES = {
 """The headings by which each quantity is recognised, in lower case and without their unit."""
 
 _UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
-    'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm', '1/s': 'Hz', 'm s-1': 'm/s',
+    'mm/s': 'mm/s', 'cm/s': 'cm/s', 'um/s': 'um/s', 'm s-1': 'm/s', '1/s': 'Hz',
+    'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm',
 }  # fmt: skip
+_LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
+_SHARES = ('coefficient', 'std')
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
 # The squares and cubes of what is below are still numbers.
 _TOO_LARGE = 1e30
@@ -97,14 +100,16 @@ def read_curve(
         )
         for quantity, index in chosen.items()
     }
-    factor = 1.0
-    if unit != 'm/s':
+    factor = _LINEAR.get(unit, 1.0)
+    if unit not in _LINEAR:
         if journal_diameter is None:
             raise FitError(
                 f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
                 ' m (or --config)'
             )
         factor = BearingSpeed(journal_diameter).factor(unit)
+    shares = {name: _share(path, rows[0], chosen[name]) for name in chosen if name in _SHARES}
+    values |= {name: values[name] * share for name, share in shares.items()}
     std = values.get('std', np.ones(len(rows) - 1))
     if 'weight' in values:
         std = values['weight'] ** -0.5
@@ -117,9 +122,11 @@ def _split(heading: str) -> tuple[str, str]:
     match = _HEADING.fullmatch(heading)
     name, unit = match.groups() if match else (heading, '')
     name = ' '.join(name.replace('_', ' ').lower().split())
-    for ending in ('rpm', 'hz'):
-        if not unit and name.endswith(f' {ending}'):
-            return name.removesuffix(f' {ending}'), ending
+    if not unit:
+        # 'velocity m/s', and a heading that is nothing but a unit: 'rpm'.
+        for written in (*_UNITS, '%'):
+            if name == written or name.endswith(f' {written}'):
+                return name.removesuffix(written).strip(), written
     return name, unit.strip()
 
 
@@ -148,6 +155,8 @@ def _index(path: str | Path, headings: TableRow, quantity: str, asked: str | Non
     wanted = NAMES[quantity] if asked is None else (_split(asked)[0],)
     found = [k for k, cell in enumerate(cells) if cell == asked]
     found = found or [k for k, cell in enumerate(cells) if _split(cell)[0] in wanted]
+    if not found and quantity == 'speed' and asked is None:
+        found = [k for k, cell in enumerate(cells) if _split(cell)[0] == '' and cell]
     if len(found) == 1:
         return found[0]
     if found:
@@ -181,6 +190,19 @@ def _unit(path: str | Path, line: int, heading: str, asked: str | None) -> tuple
     if asked is not None:
         return asked, '--speed-unit'
     return (unit, 'the heading') if unit else ('m/s', 'assumed: the heading states none')
+
+
+def _share(path: str | Path, headings: TableRow, index: int) -> float:
+    """What a coefficient in the heading's unit is multiplied by: percent, or none."""
+    unit = _split(headings.cells[index])[1].lower()
+    if unit in ('%', 'percent'):
+        return 0.01
+    if unit not in ('', '-', '1', 'n/n'):
+        raise FitError(
+            f"{path}, line {headings.line}, column '{headings.cells[index]}': unit '{unit}' must"
+            ' be %, or none: a coefficient is force over load'
+        )
+    return 1.0
 
 
 def _number(
