@@ -27,8 +27,14 @@ def has_compiler() -> bool:
     return find_spec('numba') is not None
 
 
+# The functions that a friction law's own module has in place of those of other modules.
+_OF_A_LAW = ('friction_drop', 'friction_slope')
+
+
 @functools.cache
-def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[..., Any]:
+def compiled(
+    entry: str, *modules: ModuleType, law: ModuleType | None = None, inline: bool = True
+) -> Callable[..., Any]:
     """Compile a function with all functions of its modules that it may call.
 
     The plain functions stay as they are: copies of them are compiled. The compiled code is kept
@@ -37,15 +43,18 @@ def compiled(entry: str, *modules: ModuleType, inline: bool = True) -> Callable[
     Args:
         entry: Name of the function.
         modules: The module that defines it, and those whose functions it calls.
+        law: The module of a friction law, whose ``friction_drop`` and ``friction_slope`` it calls
+            in place of functions of these names. numba keeps no code of a function that is
+            handed another, but it keeps this.
         inline: Whether to copy functions into their callers: right for short ones.
 
     Returns:
         The compiled function.
     """
     try:
-        found = _compile(entry, modules, inline, cache=True)
+        found = _compile(entry, modules, law, inline, cache=True)
     except RuntimeError:  # numba has no folder that it may write to
-        found = _compile(entry, modules, inline, cache=False)
+        found = _compile(entry, modules, law, inline, cache=False)
     if sys.stderr.isatty() and not _is_kept(found):
         sys.stderr.write('compiling for long work: seconds, once for this version\n')
     return found
@@ -58,12 +67,17 @@ def _is_kept(function: Any) -> bool:
 
 
 def _compile(
-    entry: str, modules: tuple[ModuleType, ...], inline: bool, cache: bool
+    entry: str,
+    modules: tuple[ModuleType, ...],
+    law: ModuleType | None,
+    inline: bool,
+    cache: bool,
 ) -> Callable[..., Any]:
     numba = import_module('numba')
-    digest = _digest(modules)
+    everything = (*modules, law) if law else modules
+    digest = _digest(everything)
     found: dict[FunctionType, Any] = {}
-    spaces = {module.__name__: dict(vars(module)) for module in modules}
+    spaces = {module.__name__: dict(vars(module)) for module in everything}
     for name, space in spaces.items():
         for function in list(space.values()):
             if isinstance(function, FunctionType) and function.__module__ == name:
@@ -73,10 +87,12 @@ def _compile(
                 # Inlining the entry itself would leave nothing to call.
                 inlined = {'inline': 'always'} if inline and own != entry else {}
                 found[function] = numba.njit(cache=cache, **_OPTIONS, **inlined)(copy)
+    given = {key: vars(law)[key] for key in _OF_A_LAW if hasattr(law, key)}
     for space in spaces.values():
         for key, value in space.items():
             if isinstance(value, FunctionType):
-                space[key] = found.get(value, value)
+                function = given.get(key, value)
+                space[key] = found.get(function, function)
     return next(each for plain, each in found.items() if plain.__name__ == entry)
 
 

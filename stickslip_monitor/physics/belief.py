@@ -48,8 +48,9 @@ from stickslip_monitor.physics.chances import (
     HOPF,
     WIDEST,
 )
-from stickslip_monitor.physics.friction import Stribeck, as_stribeck, require_not_negative
+from stickslip_monitor.physics.friction import Stribeck, as_stribeck
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.quantities import require_not_negative
 
 QUANTILES = (0.05, 0.5, 0.95)
 """The quantiles of a boundary that are shown beside a probability."""

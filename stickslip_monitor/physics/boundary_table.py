@@ -24,7 +24,6 @@ from stickslip_monitor.physics.averaging import boundaries
 from stickslip_monitor.physics.averaging.quadrature import slope_table
 from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
 from stickslip_monitor.physics.fold_curve import curve_speeds, last_speeds, slowest_speed
-from stickslip_monitor.physics.law_numbers import PIECES, law_numbers
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 
 # Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
@@ -96,7 +95,7 @@ def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
     """The averaged and the exact fold of a bearing over the load."""
-    broken = law_numbers(bearing.friction)[PIECES] > 0.0
+    broken = bool(getattr(bearing.friction, 'kinks', ()))
 
     def averaged(load: FloatArray) -> FloatArray:
         found = _read_from_curve(bearing, load) if broken else None

@@ -3,46 +3,36 @@
 
 Every law gives, for any array of relative speeds ``v`` [m/s], the coefficient ``mu(v)`` [-] and
 its slope ``d mu / d|v|`` [s/m]. At ``v = 0`` friction is set-valued, ``[-static, static]``; the
-functions return the positive end there and the slope from the right. The rules that any quantity
-of the model must keep stand here too, each raising one sentence with name, value and rule.
+functions return the positive end there and the slope from the right.
+
+That is all a law needs. What runs compiled, long recordings and motions in time, asks it number
+by number: a law that is to be as fast there gives its parameters as a named tuple ``numbers``, and
+its module has two functions of them, as this one has::
+
+    def friction_drop(law, origin, step): ...  # mu(origin) - mu(origin + step), see below
+    def friction_slope(law, speed): ...  # d mu / d|v|
+
+Without them the law's methods are called, at some microseconds a call.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-
-
-def require_finite(name: str, value: float, unit: str = '') -> None:
-    """Raise :class:`PhysicsError` unless the value is a finite number."""
-    if not math.isfinite(value):
-        raise PhysicsError(f'{name} = {f"{value:g} {unit}".rstrip()} must be a finite number')
-
-
-def require_positive(name: str, value: float, unit: str = '') -> None:
-    """Raise :class:`PhysicsError` unless the value is finite and above zero."""
-    require_finite(name, value, unit)
-    if not value > 0.0:
-        raise PhysicsError(f'{name} = {f"{value:g} {unit}".rstrip()} must be greater than 0')
-
-
-def require_not_negative(name: str, value: float, unit: str = '') -> None:
-    """Raise :class:`PhysicsError` unless the value is finite and not below zero."""
-    require_finite(name, value, unit)
-    if value < 0.0:
-        raise PhysicsError(f'{name} = {f"{value:g} {unit}".rstrip()} must not be negative')
-
-
-def _show(value: float, unit: str) -> str:
-    return f'{value:g} {unit}'.rstrip()
+from stickslip_monitor.physics.friction_table import Tabulated as Tabulated
+from stickslip_monitor.physics.quantities import (
+    require_finite,
+    require_not_negative,
+    require_positive,
+)
 
 
 @runtime_checkable
@@ -117,6 +107,11 @@ class Stribeck:
         require_finite('(static - kinetic) * decay', fall, 's/m')
 
     @property
+    def numbers(self) -> Exponential:
+        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`."""
+        return Exponential(self.kinetic, self.static - self.kinetic, self.decay, self.viscous)
+
+    @property
     def breakpoints(self) -> tuple[float, ...]:
         """Multiples of the decay speed: each panel between them is smooth at any ``beta``."""
         return tuple(multiple / self.decay for multiple in (1.0, 4.0, 12.0, 40.0))
@@ -154,6 +149,12 @@ class Stretched:
         Stribeck(self.static, self.kinetic, self.decay, self.viscous)  # its rules are ours
         if not 1.0 <= self.exponent <= 4.0:
             raise PhysicsError(f'exponent = {self.exponent:g} must be between 1 and 4')
+
+    @property
+    def numbers(self) -> Exponential:
+        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`."""
+        gap = self.static - self.kinetic
+        return Exponential(self.kinetic, gap, self.decay, self.viscous, self.exponent)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -218,6 +219,11 @@ class Coulomb:
         require_not_negative('kinetic', self.kinetic)
 
     @property
+    def numbers(self) -> Exponential:
+        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`."""
+        return Exponential(self.kinetic, 0.0, 0.0, 0.0)
+
+    @property
     def breakpoints(self) -> tuple[float, ...]:
         """None: the law is constant on each side of zero."""
         return ()
@@ -232,114 +238,65 @@ class Coulomb:
         return np.zeros_like(np.asarray(speed, dtype=float))
 
 
-@dataclass(frozen=True, slots=True)
-class Tabulated:
-    """A measured friction curve, joined by the monotone cubic interpolant of Fritsch and Carlson.
+class Exponential(NamedTuple):
+    """``mu_k + gap exp(-(beta v)^delta) + nu v`` of sliding ahead, with ``gap`` = mu_s - mu_k."""
 
-    Below the first and above the last measured speed the coefficient stays at its end value, so
-    nothing is claimed that was not measured.
+    kinetic: float
+    gap: float
+    decay: float
+    viscous: float
+    exponent: float = 1.0
+
+
+# Decays of speed from which nothing is left, and whose powers are still numbers: Python's power
+# raises where it overflows.
+_FADED = 1e60
+
+
+def friction_drop(law: Exponential, origin: float, step: float) -> float:
+    """``mu(v) - mu(v + step)`` of sliding ahead [-], without cancellation for a small step.
+
+    ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``; below
+    ``v`` = 0 the law is continued smoothly for a distance of ``1/beta``.
 
     Args:
-        speed: At least two relative speeds, >= 0 and strictly rising, shape (n,) [m/s].
-        coefficient: The coefficients measured there, >= 0, shape (n,) [-].
+        law: Its numbers.
+        origin: ``v`` >= 0 [m/s].
+        step: Any change of speed [m/s].
 
-    Attributes:
-        cubics: The cubic of each interval in the distance from its begin, highest power first,
-            shape (4, n - 1).
-
-    Raises:
-        PhysicsError: A table breaks its rule.
+    >>> round(friction_drop(Stribeck(0.3, 0.1, 10.0).numbers, 0.0, 0.1), 6)
+    0.126424
     """
-
-    speed: tuple[float, ...]
-    values: tuple[float, ...]
-    cubics: FloatArray = field(init=False, repr=False, compare=False)
-    _begins: FloatArray = field(init=False, repr=False, compare=False)
-    _rises: FloatArray = field(init=False, repr=False, compare=False)
-
-    def __init__(self, speed: Sequence[float], coefficient: Sequence[float]) -> None:
-        v = _table_column('speed', speed)
-        mu = _table_column('coefficient', coefficient)
-        if len(v) != len(mu):
-            raise PhysicsError(
-                f'friction table has {len(v)} speeds and {len(mu)} coefficients: give one'
-                ' coefficient for each speed'
-            )
-        if len(v) < 2:
-            raise PhysicsError(f'friction table has {len(v)} point: give at least two')
-        falling = np.flatnonzero(np.diff(v) <= 0.0)
-        if falling.size:
-            index = int(falling[0])
-            raise PhysicsError(
-                f'friction table speed[{index + 1}] = {v[index + 1]:g} m/s does not exceed'
-                f' speed[{index}] = {v[index]:g} m/s: speeds must rise strictly'
-            )
-        for name, value in (
-            ('speed', v),
-            ('values', mu),
-            ('cubics', _monotone_cubics(v, mu)),
-            ('_begins', np.array(v[:-1])),
-            ('_rises', np.sign(np.diff(mu))),
-        ):
-            object.__setattr__(self, name, value)
-
-    @property
-    def static(self) -> float:
-        """The coefficient at the slowest measured speed [-]."""
-        return self.values[0]
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """The measured speeds, where the interpolant changes from one cubic to the next."""
-        return tuple(v for v in self.speed if v > 0.0)
-
-    def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
-        v = np.asarray(speed, dtype=float)
-        i, s = self._place(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
-        a, b, c, d = self.cubics[:, i]
-        value: FloatArray = ((a * s + b) * s + c) * s + d
-        # At v = 0 the positive end, whatever the sign of zero.
-        return np.copysign(value, v + 0.0)
-
-    def slope(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
-        v = np.abs(np.asarray(speed, dtype=float))
-        inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
-        i, s = self._place(inside)
-        a, b, c, _ = self.cubics[:, i]
-        derivative = (3.0 * a * s + 2.0 * b) * s + c
-        # Where the curve turns level, rounding must not give its slope the wrong sign.
-        falls_or_rises = derivative * self._rises[i] > 0.0
-        return np.where((v == inside) & falls_or_rises, derivative, 0.0)
-
-    def _place(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Interval of each measured speed, and the distance from its begin [m/s]."""
-        i = np.searchsorted(self._begins[1:], inside, side='right')
-        return i, inside - self._begins[i]
+    if law.exponent == 1.0:
+        at, more = law.decay * origin, law.decay * step
+        more = more if more > -1.0 - at else -1.0 - at
+    else:
+        at = _decline(law, origin)
+        more = _decline(law, origin + step) - at
+    if more >= 0.0:
+        return -law.gap * math.exp(-at) * math.expm1(-more) - law.viscous * step
+    return law.gap * math.exp(-at - more) * math.expm1(more) - law.viscous * step
 
 
-def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
-    # Takes as long to import as all the rest, and only a table needs it.
-    from scipy.interpolate import PchipInterpolator
+def friction_slope(law: Exponential, speed: float) -> float:
+    """``d mu / d|v|`` at a relative speed [s/m]; from the right at ``v`` = 0.
 
-    rule = 'friction table is too steep for its slope to be a finite number'
-    try:
-        with np.errstate(all='ignore'):
-            cubics = np.asarray(PchipInterpolator(v, mu).c, dtype=float)
-    except ValueError as error:
-        raise PhysicsError(rule) from error
-    if not np.isfinite(cubics).all():
-        raise PhysicsError(rule)
-    return cubics
+    ``nu - (mu_s - mu_k) beta delta (beta |v|)^(delta - 1) exp(-(beta |v|)^delta)``
+
+    >>> friction_slope(Stribeck(0.5, 0.25, 10.0).numbers, 0.0)
+    -2.5
+    """
+    v, rate = abs(speed), law.decay
+    if law.exponent != 1.0:
+        base = min(law.decay * v, _FADED)
+        rate *= law.exponent * base ** (law.exponent - 1.0)
+        return law.viscous - law.gap * rate * math.exp(-_decline(law, v))
+    return law.viscous - law.gap * rate * math.exp(-law.decay * v)
 
 
-def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
-    column = tuple(float(value) for value in np.atleast_1d(np.asarray(values, dtype=float)))
-    for index, value in enumerate(column):
-        require_finite(f'friction table {name}[{index}]', value)
-        require_not_negative(f'friction table {name}[{index}]', value)
-    return column
+def _decline(law: Exponential, speed: float) -> float:
+    """``(beta v)^delta``, 0 below ``v`` = 0 [-]."""
+    return min(law.decay * speed, _FADED) ** law.exponent if speed > 0.0 else 0.0
 
 
 LAWS: dict[str, tuple[Callable[..., FrictionLaw], tuple[str, ...]]] = {

@@ -10,12 +10,7 @@ from scipy.integrate import solve_ivp
 from stickslip_monitor import Bearing, exact_cycle, fold_speed, hopf_speed
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.friction import Stretched, Stribeck, stribeck
-from stickslip_monitor.physics.law_numbers import (
-    STEEPEST,
-    forward_coefficient,
-    friction_slope,
-    law_numbers,
-)
+from stickslip_monitor.physics.scalar_law import friction_drop, friction_slope, scalar_law
 
 LAW = Stretched(0.3, 0.1, 10.0, 0.002, 2.0)
 BENCH = Bearing(50.0, 400.0, 2.0e6, LAW, 0.100)
@@ -34,12 +29,13 @@ def test_slope_and_numbers_are_those_of_the_coefficient(exponent):
     v, h = np.geomspace(1e-3, 0.5, 30), 1e-7
     by_difference = (law.coefficient(v + h) - law.coefficient(v - h)) / (2.0 * h)
     np.testing.assert_allclose(law.slope(v), by_difference, rtol=1e-6, atol=1e-9)
-    numbers = law_numbers(law)
+    own = scalar_law(law).plain
     for speed in (0.003, 0.1):
-        assert forward_coefficient(numbers, speed) == pytest.approx(float(law.coefficient(speed)))
-        assert friction_slope(numbers, speed) == pytest.approx(float(law.slope(speed)))
+        mu = own.top - friction_drop(own.own, 0.0, speed)
+        assert mu == pytest.approx(float(law.coefficient(speed)))
+        assert friction_slope(own.own, speed) == pytest.approx(float(law.slope(speed)))
     fine = -law.slope(np.linspace(1e-4, 0.5, 200_001))
-    assert numbers[STEEPEST] == pytest.approx(np.max(fine), rel=1e-8)
+    assert own.fall == pytest.approx(np.max(fine), rel=1e-8)
 
 
 @pytest.mark.parametrize('exponent', [0.5, 4.5, float('nan')])

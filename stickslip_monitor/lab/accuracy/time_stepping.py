@@ -17,7 +17,6 @@ from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
-from stickslip_monitor.physics.law_numbers import forward_coefficient, law_numbers
 from stickslip_monitor.physics.motion.integrator import (
     Drive,
     MotionOutcome,
@@ -26,6 +25,7 @@ from stickslip_monitor.physics.motion.integrator import (
     integrate,
 )
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.scalar_law import friction_drop, scalar_law
 
 Flow = Callable[[float, FloatArray], tuple[float, float]]
 Event = Callable[[float, FloatArray], float]
@@ -76,10 +76,11 @@ def smoothed(
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
     rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
-    law = law_numbers(bearing.friction)
+    law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
-        return load * math.tanh(relative / width) * forward_coefficient(law, abs(relative))
+        mu = law.top - friction_drop(law.own, 0.0, abs(relative))
+        return load * math.tanh(relative / width) * mu
 
     flow = _flow(bearing, speed, friction)
     way = solve_ivp(
@@ -142,8 +143,12 @@ def switching(
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
     """``(x', x'')`` while it slips behind (side 1) or ahead (-1) of the belt."""
-    law = law_numbers(bearing.friction)
-    return _flow(bearing, speed, lambda v: load * side * forward_coefficient(law, side * v))
+    law = scalar_law(bearing.friction).plain
+
+    def friction(relative: float) -> float:
+        return load * side * (law.top - friction_drop(law.own, 0.0, side * relative))
+
+    return _flow(bearing, speed, friction)
 
 
 def _contact(speed: float, side: float, earliest: float) -> Event:
@@ -195,7 +200,7 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
     before, evaluations = math.nan, 0
     for _ in range(_MOST_STRETCHES):
         motion = integrate(bearing, drive, state, times)
-        evaluations, state = evaluations + motion.expansions, motion.final
+        evaluations, state = evaluations + motion.slip_steps, motion.final
         if motion.outcome is not MotionOutcome.COMPLETE:
             break
         x, v, a = motion.displacement, motion.velocity, motion.acceleration

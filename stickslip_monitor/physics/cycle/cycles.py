@@ -29,11 +29,10 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
-from stickslip_monitor.physics import law_numbers as law_module
-from stickslip_monitor.physics import roots
-from stickslip_monitor.physics.cycle import slip, step
+from stickslip_monitor.physics import roots, scalar_law
+from stickslip_monitor.physics.cycle import slip
 from stickslip_monitor.physics.cycle.exact_fold import exact_fold
-from stickslip_monitor.physics.law_numbers import HOLD, law_numbers
+from stickslip_monitor.physics.motion import slip_step
 from stickslip_monitor.physics.motion.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -64,7 +63,7 @@ class CycleKind(IntEnum):
 
 
 # Modules that are compiled together, and the points from which that repays itself.
-_MODULES = (law_module, roots, step, slip)
+_MODULES = (scalar_law, roots, slip_step, slip)
 _MANY = 2000
 # Exponent beyond which a Floquet multiplier is as good as infinite.
 _LARGEST = 700.0
@@ -123,10 +122,10 @@ class Cycle:
 def _beginning(
     bearing: Bearing, speed: float, load: float, start: float, slips: bool
 ) -> MotionState:
-    """The state in which a cycle begins, from the place in :class:`slip.Found`."""
-    law, side = law_numbers(bearing.friction), math.copysign(1.0, speed)
+    """The state in which a cycle begins, from the place in :class:`slip.FoundCycle`."""
+    law, side = scalar_law.scalar_law(bearing.friction).plain, math.copysign(1.0, speed)
     medium = slip.slip_medium(law, _body(bearing), abs(speed), load)
-    place = medium[1] * law[HOLD] - medium[2]
+    place = medium.force * law.hold - medium.damping
     place += slip.steady_displacement(law, medium) - start if slips else start
     displacement = float(side * place * abs(speed) / bearing.natural_frequency)
     return MotionState(displacement, float(speed) if slips else 0.0, Phase(int(side)))
@@ -135,21 +134,21 @@ def _beginning(
 def _points_found(
     bearing: Bearing, speed: FloatArray, load: FloatArray, wanted: float
 ) -> FloatArray:
-    """The columns of ``slip.Found`` of some points, shape (7, n)."""
-    numbers, body = law_numbers(bearing.friction), _body(bearing)
+    """The columns of ``slip.FoundCycle`` of some points, shape (7, n)."""
+    law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
     out = np.full((7, speed.size), np.nan)
-    if speed.size >= _MANY and jit.has_compiler():
-        loop = jit.compiled('cycles_of_points', *_MODULES, inline=False)
-        loop(np.array(numbers), body, np.array(speed), np.array(load), wanted, out)
+    if speed.size >= _MANY and law.module and jit.has_compiler():
+        loop = jit.compiled('cycles_of_points', *_MODULES, law=law.module, inline=False)
+        loop(law.compiled, body, np.array(speed), np.array(load), wanted, out)
     else:
         columns = out.tolist()
-        slip.cycles_of_points(numbers, body, speed.tolist(), load.tolist(), wanted, columns)
+        slip.cycles_of_points(law.plain, body, speed.tolist(), load.tolist(), wanted, columns)
         out[:] = columns
     return out
 
 
-def _body(bearing: Bearing) -> tuple[float, float, float]:
-    return float(bearing.mass), float(bearing.damping), float(bearing.stiffness)
+def _body(bearing: Bearing) -> slip.Oscillator:
+    return slip.Oscillator(float(bearing.mass), float(bearing.damping), float(bearing.stiffness))
 
 
 def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, wanted: float) -> Cycle:
@@ -212,11 +211,11 @@ def exact_amplitude(
         many: Whether many more numbers follow, so that it pays to compile.
     """
     if isinstance(speed, float) and isinstance(load, float):
-        numbers, body = law_numbers(bearing.friction), _body(bearing)
-        if many and jit.has_compiler():
-            loop = jit.compiled('amplitude_of_cycle', *_MODULES, inline=False)
-            return loop(np.array(numbers), body, speed, load)
-        return slip.amplitude_of_cycle(numbers, body, speed, load)
+        law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
+        if many and law.module and jit.has_compiler():
+            loop = jit.compiled('amplitude_of_cycle', *_MODULES, law=law.module, inline=False)
+            return loop(law.compiled, body, speed, load)
+        return slip.amplitude_of_cycle(law.plain, body, speed, load)
     return exact_cycle(bearing, speed, load).amplitude
 
 

@@ -17,7 +17,13 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.averaging.quadrature import slope_surface
-from stickslip_monitor.physics.cycle.slip import GRAZING, ROUGHLY, Orbit, grazing_margin
+from stickslip_monitor.physics.cycle.slip import (
+    GRAZING,
+    ROUGHLY,
+    Orbit,
+    Oscillator,
+    grazing_margin,
+)
 from stickslip_monitor.physics.fold_curve import (
     curve_speeds,
     interpolated,
@@ -26,15 +32,6 @@ from stickslip_monitor.physics.fold_curve import (
     stretches,
 )
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
-from stickslip_monitor.physics.law_numbers import (
-    HOLD,
-    KINETIC,
-    PIECES,
-    STEEPEST,
-    VISCOUS,
-    forward_coefficient,
-    law_numbers,
-)
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import (
     begun_bracket,
@@ -43,6 +40,7 @@ from stickslip_monitor.physics.roots import (
     narrowed,
     next_trial,
 )
+from stickslip_monitor.physics.scalar_law import scalar_law
 
 
 class _Care(NamedTuple):
@@ -103,7 +101,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     loads, back = np.unique(load, return_inverse=True)
     out = np.full(loads.size, np.nan)
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-    falls = loads * grazing.law[STEEPEST] > bearing.damping
+    falls = loads * grazing.law.fall > bearing.damping
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
         out[falls & (boundaries.fold_speed(bearing, loads) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
@@ -117,9 +115,9 @@ class _Grazing:
 
     def __init__(self, bearing: Bearing) -> None:
         self.bearing, self.friction = bearing, bearing.friction
-        self.law = law_numbers(bearing.friction)
-        self.body = bearing.mass, bearing.damping, bearing.stiffness
-        self.in_pieces = self.law[PIECES] > 0.0
+        self.law = scalar_law(bearing.friction).plain
+        self.body = Oscillator(bearing.mass, bearing.damping, bearing.stiffness)
+        self.in_pieces = len(self.law.kinks) > 0
         # Such a law has cycles up to one speed.
         self.falls_on = computes_as(self.friction, Stribeck) or computes_as(self.friction, Coulomb)
         # Of the grazing margin over ln N, as last found, and the ln N there.
@@ -246,7 +244,7 @@ class _Grazing:
             fall = closed_form.peak_slope(self.friction, speed)
         else:
             fall = slope_surface(self.friction, np.ones_like(speed), speed)
-        drop = self.law[HOLD] - forward_coefficient(self.law, 0.0)
+        drop = self.law.hold - self.law.top
         with np.errstate(divide='ignore'):
             per_load = np.maximum(fall, 0.0) / self.bearing.damping
             if drop > 0.0:
@@ -256,20 +254,20 @@ class _Grazing:
     def is_steep(self, load: FloatArray | float) -> Any:
         """Whether slip grows so fast at breakaway that near grazing orbits part at once."""
         # A law that falls at once has no such growth.
-        growth = load * self.law[STEEPEST]
+        growth = load * self.law.fall
         return (growth > _STEEP_RATE * self.bearing.momentum) & (growth < math.inf)
 
     def _is_slight(self, load: float, speed: float) -> bool:
         """Whether averaging gives the fold better than orbits, whose energy hardly changes."""
         if not computes_as(self.friction, Stribeck):
             return False
-        drop = (self.law[HOLD] - self.law[KINETIC]) * load / self.bearing.momentum
-        return load * self.law[STEEPEST] < _WEAKLY * self.bearing.damping or drop < _SLIGHT * speed
+        drop = (self.law.hold - self.friction.kinetic) * load / self.bearing.momentum
+        return load * self.law.fall < _WEAKLY * self.bearing.damping or drop < _SLIGHT * speed
 
     def _coulomb(self, load: float) -> float:
         """The fold [m/s] of a law that falls at once: right to some percent."""
-        rise = 0.5 * self.law[VISCOUS] * load / self.bearing.momentum
-        drop = max(self.law[HOLD] - self.law[KINETIC], 0.0)
+        rise = 0.5 * getattr(self.friction, 'viscous', 0.0) * load / self.bearing.momentum
+        drop = max(self.law.hold - getattr(self.friction, 'kinetic', math.inf), 0.0)
         return load * self._lasting(drop, self.bearing.damping_ratio + rise) if drop > 0.0 else 0.0
 
     def _lasting(self, drop: float, damping: float) -> float:

@@ -14,19 +14,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import TypeAlias
+from typing import NamedTuple
 
-from stickslip_monitor.physics.cycle.step import Medium, acceleration, slip_step
-from stickslip_monitor.physics.law_numbers import (
-    EDGES,
-    HOLD,
-    PIECES,
-    STEEPEST,
-    LawNumbers,
-    forward_coefficient,
-    friction_drop,
-    friction_slope,
-    law_piece,
+from stickslip_monitor.physics.motion.slip_step import (
+    PLACE,
+    RELATIVE_SPEED,
+    Medium,
+    SlipState,
+    acceleration,
+    cut_step,
+    next_length,
+    slip_step,
+    until_kink,
 )
 from stickslip_monitor.physics.roots import (
     begun_bracket,
@@ -35,26 +34,115 @@ from stickslip_monitor.physics.roots import (
     narrowed,
     next_trial,
 )
+from stickslip_monitor.physics.scalar_law import LawInUse, friction_drop, friction_slope
 
-Orbit: TypeAlias = tuple[float, float, float, float, float]
+
+class Orbit(NamedTuple):
+    """How an orbit is followed.
+
+    Attributes:
+        stage: At the start; in even stages the lining moves with the belt, in odd ones against it.
+        last: The stage that ends it.
+        direction: In time, 1 or -1.
+        mode: What is looked for: ``TURNS``, ``CONTACT`` or ``LEVEL``.
+        tolerance: Error of a step in units of the motion.
+    """
+
+    stage: float
+    last: float
+    direction: float
+    mode: float
+    tolerance: float
+
+
+class Oscillator(NamedTuple):
+    """Mass [kg], damping [N s/m] and stiffness [N/m]."""
+
+    mass: float
+    damping: float
+    stiffness: float
+
+
+class Followed(NamedTuple):
+    """How an orbit ended, when and where.
+
+    Attributes:
+        end: What ended it.
+        time: After which time.
+        e: Displacement there.
+        z: Relative speed there.
+        crest: Displacement at the last turning point from above.
+        trough: At the last one from below.
+        divergence: Integral of the flow's divergence.
+    """
+
+    end: int
+    time: float
+    e: float
+    z: float
+    crest: float
+    trough: float
+    divergence: float
+
+
+class Round(NamedTuple):
+    """A round from falling behind the belt to falling behind it again.
+
+    Attributes:
+        end: What ended it.
+        e: Displacement there.
+        crest: Highest displacement.
+        trough: Lowest.
+        time: How long it took.
+        over: Displacement at which the lining overtook the belt; ``nan``: it did not.
+        divergence: Integral of the flow's divergence.
+    """
+
+    end: int
+    e: float
+    crest: float
+    trough: float
+    time: float
+    over: float
+    divergence: float
+
+
+class FoundCycle(NamedTuple):
+    """A cycle.
+
+    Attributes:
+        kind: Its kind, a number of ``cycles.CycleKind``.
+        crest: Highest displacement beyond breakaway.
+        trough: Lowest.
+        slipping: Time slipping.
+        sticking: Time sticking.
+        start: The place at which the lining falls behind the belt.
+        exponent: Logarithm of the Floquet multiplier.
+    """
+
+    kind: int
+    crest: float
+    trough: float
+    slipping: float
+    sticking: float
+    start: float
+    exponent: float
+
 
 # How an orbit ended, or what a step ended with.
 EXHAUSTED, LANDED, MISSED, RETURNED, SETTLED, ESCAPED, GOES_ON, TURNED = range(8)
 # What is looked for: nothing but turning points, the contact, or the level that decides on it.
 TURNS, CONTACT, LEVEL = 0.0, 1.0, 2.0
-# Orbits: stage at the start, stage that ends them, direction in time, what is looked for, and the
-# error of a step in units of the motion. In even stages the lining moves with the belt, in odd
-# ones against it. (All as floats: numba would compile a copy of a function for each value of a
-# constant flag.)
-BEHIND, AHEAD = (0.0, 3.0, 1.0, CONTACT, 1e-13), (0.0, 9.0, 1.0, CONTACT, 1e-13)
-AROUND, BACKWARD = (1.0, 3.0, -1.0, TURNS, 1e-13), (0.0, 1.0, -1.0, TURNS, 1e-13)
-GRAZING, ROUGHLY = (0.0, 3.0, 1.0, LEVEL, 1e-13), (0.0, 3.0, 1.0, LEVEL, 1e-9)
+# (All as floats: numba would compile a copy of a function for each value of a constant flag.)
+BEHIND, AHEAD = Orbit(0.0, 3.0, 1.0, CONTACT, 1e-13), Orbit(0.0, 9.0, 1.0, CONTACT, 1e-13)
+AROUND, BACKWARD = Orbit(1.0, 3.0, -1.0, TURNS, 1e-13), Orbit(0.0, 1.0, -1.0, TURNS, 1e-13)
+GRAZING, ROUGHLY = Orbit(0.0, 3.0, 1.0, LEVEL, 1e-13), Orbit(0.0, 3.0, 1.0, LEVEL, 1e-9)
 ONLY, WEIGHED = 0.0, 1.0
 SMALLEST_UNSTABLE, LARGEST_STABLE = -1.0, 1.0
 # What a cycle is; the numbers of cycles.CycleKind.
 STICK_SLIP, OVERTAKING, PURE_SLIP, NO_CYCLE, AT_REST, NO_CONTACT, NOT_FINITE, UNRESOLVED = range(8)
 
-SLIP_STEPS, _LONGEST_SLIP, _SHORTEST_SLIP = 20000, 1.0, 1e-13
+SLIP_STEPS, _SHORTEST_SLIP = 20000, 1e-13
 # Share of the energy at the start below which an orbit that does not turn has come to rest, and
 # the growth of energy, back in time, from which no orbit comes back; or way beyond the belt.
 _SETTLED_SHARE, _ESCAPED_SHARE, _THROUGH = 1e-12, 1e12, 1e-3
@@ -63,8 +151,6 @@ _GREATEST_FORCE = 1e150
 _LARGEST_EXPONENT = 700.0
 # Relative speed below which an orbit has certainly met the belt.
 _DEEP = -0.1
-# How far past an edge of a law a step is to end, relative to the belt's speed.
-_AT_EDGE = 1e-6
 # Gauss's nodes and weights on [0, 1].
 _GAUSS_NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262)
 _GAUSS_WEIGHTS = (0.17392742256872692, 0.3260725774312731, 0.3260725774312731, 0.17392742256872692)
@@ -75,123 +161,81 @@ _QUADRUPLINGS, _TRIALS = 40, 100
 _ROOT, _PANELS, _BALANCED = 1e-14, 24, 1e-13
 
 
-def slip_medium(
-    law: LawNumbers, body: tuple[float, float, float], speed: float, load: float
-) -> Medium:
-    """What a lining slips in behind the belt, seen from breakaway.
+def slip_medium(law: LawInUse, body: Oscillator, speed: float, load: float) -> Medium:
+    """What a lining slips in behind the belt, seen from breakaway: ``V`` > 0 [m/s], ``N`` > 0 [N].
 
-    The body is its mass [kg], damping [N s/m] and stiffness [N/m]; ``V`` > 0 [m/s], ``N`` > 0 [N].
+    >>> law = scalar_law(Stribeck(0.3, 0.1, 10.0)).plain
+    >>> slip_medium(law, Oscillator(50.0, 400.0, 2e6), 0.1, 1000.0).damping
+    0.04
     """
-    m, c, k = body
-    momentum = math.sqrt(m) * math.sqrt(k)
+    momentum = math.sqrt(body.mass) * math.sqrt(body.stiffness)
     force = load / (momentum * speed)
-    top = forward_coefficient(law, 0.0)
-    return speed, force, c / momentum, force * (law[HOLD] - top), 0.0, top, 1.0
+    held = force * (law.hold - law.top)
+    return Medium(speed, force, body.damping / momentum, held, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def ahead_of_belt(medium: Medium) -> Medium:
     """The same for the mirror image of a lining that overtook the belt."""
-    speed, force, damping, offset, origin, top, _ = medium
-    return speed, force, damping, offset, origin, top, -1.0
+    speed, force, damping, offset, origin, _, _, _, _ = medium
+    return Medium(speed, force, damping, offset, origin, -1.0, 0.0, 0.0, 0.0)
 
 
-def steady_displacement(law: LawNumbers, medium: Medium) -> float:
-    """Displacement of steady sliding behind breakaway."""
-    speed, force, damping, offset, origin, top, _ = medium
-    return damping - offset - force * friction_drop(law, origin, top, speed)
+def steady_displacement(law: LawInUse, medium: Medium) -> float:
+    """Displacement of steady sliding behind breakaway: where ``z' = 0`` at ``z = 1``."""
+    drop = friction_drop(law.own, medium.origin, medium.speed)
+    return medium.damping - medium.offset - medium.force * drop
 
 
-def about_steady_sliding(law: LawNumbers, medium: Medium) -> Medium:
+def about_steady_sliding(medium: Medium) -> Medium:
     """The same motion, with displacement and relative speed counted from steady sliding."""
-    speed, force, damping, _, _, _, _ = medium
-    return speed, force, damping, 0.0, speed, forward_coefficient(law, speed), 0.0
+    speed, force, damping, _, _, _, _, _, _ = medium
+    return Medium(speed, force, damping, 0.0, speed, 0.0, 0.0, 0.0, 0.0)
 
 
-def cut_step(
-    law: LawNumbers,
-    medium: Medium,
-    begin: tuple[float, float, float],
-    h: float,
-    of_place: float,
-    level: float,
-) -> tuple[float, float, float, float]:
-    """The length at which a step passes a level, and displacement, ``z`` and ``z'`` there.
-
-    Newton's method, kept between a length before the level and one behind; the level is one of the
-    displacement (``of_place`` 1.0) or of ``z`` (0.0), and has been passed at the length ``h``.
-    """
-    e0, z0, r0 = begin
-    before, behind = 0.0, h
-    first = e0 - level if of_place > 0.0 else z0 - level
-    e, z, r, _ = slip_step(law, medium, e0, z0, r0, h)
-    s, upward = h, (e if of_place > 0.0 else z) > level
-    scale = 1e-15 * (1.0 + abs(level))
-    if (first > 0.0) == upward and first != 0.0:
-        return s, e, z, r
-    for _ in range(60):
-        miss = (e if of_place > 0.0 else z) - level
-        if (miss > 0.0) == upward:
-            behind = s
-        else:
-            before = s
-        rate = medium[6] - z if of_place > 0.0 else r
-        after = s - miss / rate if rate != 0.0 else before
-        inside = min(before, behind) < after < max(before, behind)
-        if abs(miss) <= scale or (inside and abs(after - s) <= 1e-15 * abs(h)):
-            break
-        if not inside:
-            after = 0.5 * (before + behind)
-            if after in (before, behind):
-                break
-        s = after
-        e, z, r, _ = slip_step(law, medium, e0, z0, r0, s)
-    return s, e, z, r
-
-
-def step_divergence(
-    law: LawNumbers, medium: Medium, begin: tuple[float, float, float], h: float
-) -> float:
+def step_divergence(law: LawInUse, medium: Medium, begin: SlipState, h: float) -> float:
     """Integral over a step of the divergence of the flow, by Gauss's rule of order 8."""
-    speed, force, damping, _, origin, _, _ = medium
     total = 0.0
     for i in range(4):
-        z = slip_step(law, medium, begin[0], begin[1], begin[2], _GAUSS_NODES[i] * h)[1]
-        slope = -force * speed * friction_slope(law, origin + speed * z)
-        total += _GAUSS_WEIGHTS[i] * (slope - damping)
+        z = slip_step(law.own, medium, begin, _GAUSS_NODES[i] * h).state.z
+        slope = friction_slope(law.own, medium.origin + medium.speed * z)
+        total -= _GAUSS_WEIGHTS[i] * (medium.force * medium.speed * slope + medium.damping)
     return total * h
 
 
-def slip_event(
-    law: LawNumbers,
-    medium: Medium,
-    orbit: Orbit,
-    stage: float,
-    begin: tuple[float, float, float],
-    h: float,
-    after: tuple[float, float, float],
-) -> tuple[int, float, float, float, float]:
-    """What a step ends with, the length up to there, and displacement, ``z`` and ``z'`` there.
+class SlipEvent(NamedTuple):
+    """What a step ends with, its length up to there, and the state."""
 
-    ``begin`` and ``after`` are those at the begin and at the end of a step of length ``h``.
-    """
-    mode, hold, drift = orbit[3], -medium[3], medium[6]
-    landing = mode != TURNS and (stage == 2.0 or drift < 0.0)
-    place, z, rate = after
-    length, event = h, GOES_ON
-    if landing and drift > 0.0 and place > hold:
-        if begin[0] > hold:
-            return MISSED, 0.0, begin[0], begin[1], begin[2]
-        length, place, z, rate = cut_step(law, medium, begin, h, 1.0, hold)
-        event = MISSED if z >= 0.0 else LANDED
-    if landing and z < 0.0 and mode == CONTACT:
-        length, place, z, rate = cut_step(law, medium, begin, length, 0.0, 0.0)
+    event: int
+    length: float
+    state: SlipState
+
+
+def has_turned(z: float, drift: float, stage: float) -> bool:
+    """Whether the lining's own velocity has changed its sign since a stage began."""
+    return z <= drift if stage % 2.0 == 1.0 else z >= drift
+
+
+def slip_event(
+    law: LawInUse, medium: Medium, orbit: Orbit, stage: float, begin: SlipState, step: SlipEvent
+) -> SlipEvent:
+    """What a step ends with that began in a state and goes on to the end of ``step``."""
+    hold, drift = -medium.offset, medium.drift
+    landing = orbit.mode != TURNS and (stage == 2.0 or drift < 0.0)
+    event, length, after = step
+    if landing and drift > 0.0 and after.e > hold:
+        if begin.e > hold:
+            return SlipEvent(MISSED, 0.0, begin)
+        length, after = cut_step(law.own, medium, begin, length, PLACE, hold)
+        event = MISSED if after.z >= 0.0 else LANDED
+    if landing and after.z < 0.0 and orbit.mode == CONTACT:
+        length, after = cut_step(law.own, medium, begin, length, RELATIVE_SPEED, 0.0)
         event = LANDED
-    elif landing and z < _DEEP:
+    elif landing and after.z < _DEEP:
         event = LANDED
-    elif event == GOES_ON and drift >= 0.0 and (z <= drift if stage % 2.0 == 1.0 else z >= drift):
-        length, place, z, rate = cut_step(law, medium, begin, h, 0.0, drift)
+    elif event == GOES_ON and drift >= 0.0 and has_turned(after.z, drift, stage):
+        length, after = cut_step(law.own, medium, begin, length, RELATIVE_SPEED, drift)
         event = TURNED
-    return event, length, place, z, rate
+    return SlipEvent(event, length, after)
 
 
 def motion_energy(e: float, z: float) -> float:
@@ -209,55 +253,13 @@ def motion_fades(medium: Medium, direction: float, energy: float, now: float, z:
     """
     if direction > 0.0:
         return SETTLED if now < _SETTLED_SHARE * energy else GOES_ON
-    through = medium[4] + medium[0] * z < -_THROUGH * medium[0]
+    through = medium.origin + medium.speed * z < -_THROUGH * medium.speed
     return ESCAPED if through or now > _ESCAPED_SHARE * (1.0 + energy) else GOES_ON
 
 
-def until_edge(law: LawNumbers, medium: Medium, z: float, rate: float, h: float) -> float:
-    """Length of a step, cut where the relative speed comes to the next piece of a law.
-
-    A step over such an edge would be refused: the law's second derivative jumps there. The speed
-    is foreseen to second order, and a little beyond the edge does no harm.
-    """
-    speed, force, damping, _, origin, _, drift = medium
-    pieces = int(law[PIECES])
-    if pieces == 0:
-        return h
-    v, direction = origin + speed * z, 1.0 if h > 0.0 else -1.0
-    bend = drift - z - (damping + force * speed * friction_slope(law, v)) * rate
-    heading = direction * rate
-    # What has come so close to an edge is taken to have passed it.
-    beside = v + _AT_EDGE * speed if heading > 0.0 else v - _AT_EDGE * speed
-    i = law_piece(law, beside)
-    length = abs(h)
-    if i + 1 < pieces:
-        gap = (law[EDGES + i + 1] - v) / speed + _AT_EDGE
-        length = min(length, time_to_rise(heading, bend, gap))
-    if i > 0:
-        gap = (v - law[EDGES + i]) / speed + _AT_EDGE
-        length = min(length, time_to_rise(-heading, -bend, gap))
-    return direction * length
-
-
-def time_to_rise(rate: float, bend: float, gap: float) -> float:
-    """The time after which ``rate t + bend t^2/2`` first reaches a gap > 0; ``inf`` for never."""
-    square = rate * rate + 2.0 * bend * gap
-    fastest = rate + math.sqrt(square) if square > 0.0 else 0.0
-    return 2.0 * gap / fastest if fastest > 0.0 else math.inf
-
-
-def next_length(h: float, error: float, allowed: float) -> float:
-    """Length of the step after one of length ``h``, or in its place if that was too long."""
-    share = 5.0 if error == 0.0 else min(max(0.9 * (allowed / error) ** 0.125, 0.2), 5.0)
-    if not error <= allowed:
-        share = min(share, 0.5) if share >= 0.2 else 0.2
-    length = min(abs(h) * share, _LONGEST_SLIP)
-    return length if h > 0.0 else -length
-
-
 def follow_slip(
-    law: LawNumbers, medium: Medium, e: float, z: float, orbit: Orbit, weigh: float
-) -> tuple[int, float, float, float, float, float, float]:
+    law: LawInUse, medium: Medium, e: float, z: float, orbit: Orbit, weigh: float
+) -> Followed:
     """Follow one orbit from a displacement and a relative speed to its end.
 
     Args:
@@ -267,179 +269,172 @@ def follow_slip(
         z: Relative speed.
         orbit: ``BEHIND``, ``AHEAD``, ``GRAZING``, ``AROUND`` or ``BACKWARD``.
         weigh: ``WEIGHED`` to integrate the divergence, at five times the cost, or ``ONLY``.
-
-    Returns:
-        How it ended, after which time, displacement and ``z`` there, displacement at the last
-        turning points from above and from below, and the integral of the flow's divergence.
     """
-    speed, force, damping, _, origin, _, drift = medium
-    stage, last, direction, mode, tolerance = orbit
+    drift, stage, direction = medium.drift, orbit.stage, orbit.direction
     rest = steady_displacement(law, medium) if drift == 1.0 else 0.0
     energy = motion_energy(e - rest, z - drift)
-    r = acceleration(law, medium, e, z)
-    slope = force * speed * friction_slope(law, origin + speed * z)
-    h = direction * 0.1 / (1.0 + damping + abs(slope))
+    state = SlipState(e, z, acceleration(law.own, medium, e, z))
+    slope = friction_slope(law.own, medium.origin + medium.speed * z)
+    h = direction * 0.1 / (1.0 + medium.damping + abs(medium.force * medium.speed * slope))
     time, crest, trough, divergence, event = 0.0, math.nan, math.nan, 0.0, GOES_ON
     for _ in range(SLIP_STEPS):
-        length = until_edge(law, medium, z, r, h)
-        e1, z1, r1, error = slip_step(law, medium, e, z, r, length)
-        allowed = tolerance * (abs(e) + abs(z) + abs(length) * (abs(drift) + abs(r)))
+        length = until_kink(law.own, law.kinks, medium, state, h)
+        after, error = slip_step(law.own, medium, state, length)
+        moved = abs(state.e) + abs(state.z) + abs(length) * (abs(drift) + abs(state.rate))
+        allowed = orbit.tolerance * moved
         longest = h
         h = next_length(length, error, allowed)
         if error <= allowed and abs(h) < abs(longest) > abs(length):
-            h = longest  # the step was short for the edge's sake
+            h = longest  # the step was short for the kink's sake
         if not error <= allowed:
             if not abs(h) > _SHORTEST_SLIP:
                 break
             continue
-        event, s, e1, z1, r1 = slip_event(
-            law, medium, orbit, stage, (e, z, r), length, (e1, z1, r1)
+        event, s, after = slip_event(
+            law, medium, orbit, stage, state, SlipEvent(GOES_ON, length, after)
         )
         if weigh > 0.0:
-            divergence += step_divergence(law, medium, (e, z, r), s)
-        time, e, z, r = time + s, e1, z1, r1
+            divergence += step_divergence(law, medium, state, s)
+        time, state = time + s, after
         if event == TURNED:
-            crest, trough = (e, trough) if r > 0.0 else (crest, e)
+            crest, trough = (state.e, trough) if state.rate > 0.0 else (crest, state.e)
             stage += 1.0
             event = GOES_ON
-            if stage == last:
-                event = RETURNED if mode == TURNS else MISSED
+            if stage == orbit.last:
+                event = RETURNED if orbit.mode == TURNS else MISSED
         if event == GOES_ON and drift >= 0.0:
-            now = motion_energy(e - rest, z - drift)
-            event = motion_fades(medium, direction, energy, now, z)
+            now = motion_energy(state.e - rest, state.z - drift)
+            event = motion_fades(medium, direction, energy, now, state.z)
         if event != GOES_ON:
             break
     end = EXHAUSTED if event == GOES_ON else event
-    return end, time, e, z, crest, trough, divergence
+    return Followed(end, time, state.e, state.z, crest, trough, divergence)
 
 
-# Kind, highest and lowest displacement beyond breakaway, time slipping, time sticking, place at
-# which the lining falls behind the belt, logarithm of the Floquet multiplier.
-Found: TypeAlias = tuple[int, float, float, float, float, float, float]
-
-
-def absent_cycle(kind: int) -> Found:
+def absent_cycle(kind: int) -> FoundCycle:
     """What is found where there is no cycle."""
-    return kind, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
+    return FoundCycle(kind, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
 
 
-def slip_round(
-    law: LawNumbers, medium: Medium, start: float, weigh: float
-) -> tuple[int, float, float, float, float, float, float]:
-    """One slip phase behind the belt and, where the lining overtakes the belt, one ahead of it.
-
-    Returns:
-        How it ended, displacement, highest and lowest displacement and time as it falls behind
-        the belt again, the displacement at which it overtook the belt (``nan``: it did not), and
-        the integral of the flow's divergence.
-    """
-    stroke = -2.0 * medium[1] * law[HOLD]
-    end, time, e, _, crest, trough, divergence = follow_slip(
-        law, medium, start, 0.0, BEHIND, weigh
-    )
-    if end != LANDED or e >= stroke:
-        return end, e, crest, trough, time, math.nan, divergence
-    over = e
+def slip_round(law: LawInUse, medium: Medium, start: float, weigh: float) -> Round:
+    """One slip phase behind the belt and, where the lining overtakes the belt, one ahead of it."""
+    stroke = -2.0 * medium.force * law.hold
+    one = follow_slip(law, medium, start, 0.0, BEHIND, weigh)
+    if one.end != LANDED or one.e >= stroke:
+        return Round(one.end, one.e, one.crest, one.trough, one.time, math.nan, one.divergence)
     # Ahead of the belt the motion is the mirror image about the middle of the two stick limits.
-    end, more, e, _, _, _, further = follow_slip(
-        law, ahead_of_belt(medium), stroke - e, 0.0, AHEAD, weigh
-    )
-    return end, stroke - e, crest, trough, time + more, over, divergence + further
+    two = follow_slip(law, ahead_of_belt(medium), stroke - one.e, 0.0, AHEAD, weigh)
+    time, divergence = one.time + two.time, one.divergence + two.divergence
+    return Round(two.end, stroke - two.e, one.crest, one.trough, time, one.e, divergence)
 
 
-def through_belt(law: LawNumbers, medium: Medium, weigh: float) -> Found:
+def through_belt(law: LawInUse, medium: Medium, weigh: float) -> FoundCycle:
     """The stable cycle that reaches the belt's speed."""
-    end, e, crest, trough, time, over, _ = slip_round(law, medium, 0.0, ONLY)
-    if end == LANDED and (e <= 0.0 or math.isnan(over)):
-        return STICK_SLIP, crest, trough, time, max(-e, 0.0), 0.0, -math.inf
-    if end == LANDED:
-        return overtaking(law, medium, e, weigh)
-    return absent_cycle(UNRESOLVED if end == EXHAUSTED else NO_CYCLE)
+    one = slip_round(law, medium, 0.0, ONLY)
+    if one.end == LANDED and (one.e <= 0.0 or math.isnan(one.over)):
+        stick = max(-one.e, 0.0)
+        return FoundCycle(STICK_SLIP, one.crest, one.trough, one.time, stick, 0.0, -math.inf)
+    if one.end == LANDED:
+        return overtaking(law, medium, one.e, weigh)
+    return absent_cycle(UNRESOLVED if one.end == EXHAUSTED else NO_CYCLE)
 
 
-def overtaking(law: LawNumbers, medium: Medium, first: float, weigh: float) -> Found:
+def overtaking(law: LawInUse, medium: Medium, first: float, weigh: float) -> FoundCycle:
     """A cycle that passes the belt's speed twice and is never held: the fixed point of a round.
 
     The round that started at breakaway ended beyond it, at ``first`` > 0; orbits do not cross,
     so the fixed point lies beyond that.
     """
     high = 2.0 * first
-    gain = slip_round(law, medium, high, ONLY)[1] - high
+    gain = slip_round(law, medium, high, ONLY).e - high
     for _ in range(_QUADRUPLINGS):
         if not gain > 0.0:
             break
         high *= 4.0
-        gain = slip_round(law, medium, high, ONLY)[1] - high
-    low = slip_round(law, medium, first, ONLY)[1] - first
+        gain = slip_round(law, medium, high, ONLY).e - high
+    low = slip_round(law, medium, first, ONLY).e - first
     bracket = begun_bracket(first, low, high, gain)
     for _ in range(_TRIALS):
         if is_found(bracket, _ROOT):
             break
         start = next_trial(bracket, _ROOT)
-        bracket = narrowed(bracket, start, slip_round(law, medium, start, ONLY)[1] - start)
+        bracket = narrowed(bracket, start, slip_round(law, medium, start, ONLY).e - start)
     start = best_of(bracket)
-    end, _, crest, trough, time, over, divergence = slip_round(law, medium, start, weigh)
-    if end != LANDED or math.isnan(over):
+    one = slip_round(law, medium, start, weigh)
+    if one.end != LANDED or math.isnan(one.over):
         return absent_cycle(UNRESOLVED)
     # The flow jumps where friction reverses.
-    stroke, jump = -2.0 * medium[1] * law[HOLD], medium[3]
-    jumps = (over - stroke - jump) / (over + jump) * (start + jump) / (start - stroke - jump)
-    return OVERTAKING, crest, trough, time, 0.0, start, divergence + math.log(abs(jumps))
+    stroke, jump = -2.0 * medium.force * law.hold, medium.offset
+    jumps = (one.over - stroke - jump) / (one.over + jump) * (start + jump)
+    exponent = one.divergence + math.log(abs(jumps / (start - stroke - jump)))
+    return FoundCycle(OVERTAKING, one.crest, one.trough, one.time, 0.0, start, exponent)
 
 
-def outermost_turn(law: LawNumbers, medium: Medium) -> float:
+def outermost_turn(law: LawInUse, medium: Medium) -> float:
     """Amplitude of the orbit that grazes the belt, by going back in time from there.
 
     ``nan`` where it comes from no turning point, ``inf`` where that is not known.
     """
-    end, _, e, _, _, _, _ = follow_slip(law, medium, -medium[3], 0.0, BACKWARD, ONLY)
-    if end == EXHAUSTED:
+    back = follow_slip(law, medium, -medium.offset, 0.0, BACKWARD, ONLY)
+    if back.end == EXHAUSTED:
         return math.inf
-    return steady_displacement(law, medium) - e if end == RETURNED else math.nan
+    return steady_displacement(law, medium) - back.e if back.end == RETURNED else math.nan
 
 
-def energy_gain(law: LawNumbers, around: Medium, amplitude: float) -> float:
-    """Relative gain of energy in a turn about steady sliding, > 0 outward."""
-    # Back in time an unstable cycle attracts, however fast it repels on the way forward.
-    end, _, e, _, _, _, _ = follow_slip(law, around, -amplitude, 0.0, AROUND, ONLY)
+def energy_gain(law: LawInUse, around: Medium, amplitude: float) -> float:
+    """Relative gain of energy, back in time, of a turn about steady sliding; -1 where none ends.
+
+    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain
+    >>> abs(energy_gain(law, Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0), 0.5)) < 1e-12
+    True
+    """
+    turn = follow_slip(law, around, -amplitude, 0.0, AROUND, ONLY)
     # An orbit that came from far outside has lost energy on the way.
-    return (1.0 + e / amplitude) * (1.0 - e / amplitude) if end == RETURNED else -1.0
+    gained = (1.0 + turn.e / amplitude) * (1.0 - turn.e / amplitude)
+    return gained if turn.end == RETURNED else -1.0
 
 
-def pure_slip(law: LawNumbers, medium: Medium, wanted: float, weigh: float) -> Found:
+def pure_slip(law: LawInUse, medium: Medium, wanted: float, weigh: float) -> FoundCycle:
     """A cycle about steady sliding whose lining never reaches the belt's speed.
 
     ``LARGEST_STABLE`` is wanted about an unstable steady sliding; ``SMALLEST_UNSTABLE`` bounds the
     basin of a stable one.
     """
-    speed, force, damping, _, _, _, _ = medium
-    if (-force * speed * friction_slope(law, speed) < damping) == (wanted > 0.0):
+    growth = -medium.force * medium.speed * friction_slope(law.own, medium.speed)
+    if (growth < medium.damping) == (wanted > 0.0):
         return absent_cycle(NO_CYCLE)
     largest = outermost_turn(law, medium)
     if not largest > 0.0:
         return absent_cycle(NO_CYCLE)
     if largest == math.inf:
         return absent_cycle(UNRESOLVED)
-    around = about_steady_sliding(law, medium)
-    low, high, f_low, f_high = gain_bracket(law, around, largest, wanted)
-    if math.isnan(low):
+    around = about_steady_sliding(medium)
+    gain = gain_bracket(law, around, largest, wanted)
+    if math.isnan(gain.low):
         return absent_cycle(NO_CYCLE)
-    bracket = begun_bracket(low, f_low, high, f_high)
+    bracket = begun_bracket(gain.low, gain.at_low, gain.high, gain.at_high)
     for _ in range(_TRIALS):
         if is_found(bracket, _ROOT):
             break
         a = next_trial(bracket, _ROOT)
         bracket = narrowed(bracket, a, energy_gain(law, around, a))
     a = best_of(bracket)
-    end, time, _, _, crest, _, divergence = follow_slip(law, around, -a, 0.0, AROUND, weigh)
-    if end != RETURNED:
+    turn = follow_slip(law, around, -a, 0.0, AROUND, weigh)
+    if turn.end != RETURNED:
         return absent_cycle(UNRESOLVED)
-    return PURE_SLIP, crest, -a, -time, 0.0, a, -divergence
+    return FoundCycle(PURE_SLIP, turn.crest, -a, -turn.time, 0.0, a, -turn.divergence)
 
 
-def gain_bracket(
-    law: LawNumbers, around: Medium, largest: float, wanted: float
-) -> tuple[float, float, float, float]:
+class Gain(NamedTuple):
+    """Two amplitudes and the gains of energy there."""
+
+    low: float
+    high: float
+    at_low: float
+    at_high: float
+
+
+def gain_bracket(law: LawInUse, around: Medium, largest: float, wanted: float) -> Gain:
     """Amplitudes between which a gain of energy becomes a loss, or a loss a gain, and the gains.
 
     The outermost such change of a stable cycle, the innermost of an unstable one.
@@ -458,26 +453,24 @@ def gain_bracket(
             if wanted < 0.0:
                 break
         before, f_before = after, f_after
-    return low, high, f_low, f_high
+    return Gain(low, high, f_low, f_high)
 
 
 def stable_cycle(
-    law: LawNumbers, body: tuple[float, float, float], speed: float, load: float, weigh: float
-) -> Found:
+    law: LawInUse, body: Oscillator, speed: float, load: float, weigh: float
+) -> FoundCycle:
     """The stable cycle at any numbers: through the belt's speed or, without one, slower."""
     kind = why_no_cycle(law, body, speed, load)
     if kind != STICK_SLIP:
         return absent_cycle(kind)
     medium = slip_medium(law, body, abs(speed), load)
     found = through_belt(law, medium, weigh)
-    if found[0] != NO_CYCLE:
+    if found.kind != NO_CYCLE:
         return found
     return pure_slip(law, medium, LARGEST_STABLE, weigh)
 
 
-def unstable_cycle(
-    law: LawNumbers, body: tuple[float, float, float], speed: float, load: float
-) -> Found:
+def unstable_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> FoundCycle:
     """The smallest unstable cycle without stick about a stable steady sliding."""
     kind = why_no_cycle(law, body, speed, load)
     if kind != STICK_SLIP:
@@ -486,9 +479,7 @@ def unstable_cycle(
     return pure_slip(law, medium, SMALLEST_UNSTABLE, WEIGHED)
 
 
-def why_no_cycle(
-    law: LawNumbers, body: tuple[float, float, float], speed: float, load: float
-) -> int:
+def why_no_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> int:
     """Why there is certainly no cycle; ``STICK_SLIP`` where there may be one."""
     if not (math.isfinite(speed) and math.isfinite(load)):
         return NOT_FINITE
@@ -497,24 +488,22 @@ def why_no_cycle(
     if load <= 0.0:
         return NO_CONTACT
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-    if not load * law[STEEPEST] > body[1]:
+    if not load * law.fall > body.damping:
         return NO_CYCLE
-    if not load / abs(speed) < _GREATEST_FORCE * math.sqrt(body[0]) * math.sqrt(body[2]):
+    if not load / abs(speed) < _GREATEST_FORCE * math.sqrt(body.mass) * math.sqrt(body.stiffness):
         return UNRESOLVED
     return STICK_SLIP
 
 
-def amplitude_of_cycle(
-    law: LawNumbers, body: tuple[float, float, float], speed: float, load: float
-) -> float:
+def amplitude_of_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> float:
     """Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` where there is none."""
     found = stable_cycle(law, body, speed, load, ONLY)
-    omega = math.sqrt(body[2] / body[0])
-    return 0.5 * (found[1] - found[2]) * abs(speed) / omega
+    omega = math.sqrt(body.stiffness / body.mass)
+    return 0.5 * (found.crest - found.trough) * abs(speed) / omega
 
 
 def grazing_margin(
-    law: LawNumbers, body: tuple[float, float, float], speed: float, load: float, orbit: Orbit
+    law: LawInUse, body: Oscillator, speed: float, load: float, orbit: Orbit
 ) -> float:
     """Signed distance of the slip phase from grazing, > 0 where it meets the belt.
 
@@ -524,13 +513,14 @@ def grazing_margin(
     if why_no_cycle(law, body, speed, load) != STICK_SLIP:
         return -1.0
     medium = slip_medium(law, body, speed, load)
-    end, _, _, z, _, _, _ = follow_slip(law, medium, 0.0, 0.0, orbit, ONLY)
-    return -z if end == LANDED or (end == MISSED and z < 1.0) else -1.0
+    slip = follow_slip(law, medium, 0.0, 0.0, orbit, ONLY)
+    meets = slip.end == LANDED or (slip.end == MISSED and slip.z < 1.0)
+    return -slip.z if meets else -1.0
 
 
 def cycles_of_points(
-    law: LawNumbers,
-    body: tuple[float, float, float],
+    law: LawInUse,
+    body: Oscillator,
     speeds: Sequence[float],
     loads: Sequence[float],
     wanted: float,
@@ -542,5 +532,6 @@ def cycles_of_points(
             found = stable_cycle(law, body, speeds[i], loads[i], WEIGHED)
         else:
             found = unstable_cycle(law, body, speeds[i], loads[i])
-        out[0][i], out[1][i], out[2][i] = found[0], found[1], found[2]
-        out[3][i], out[4][i], out[5][i], out[6][i] = found[3], found[4], found[5], found[6]
+        out[0][i], out[1][i], out[2][i] = found.kind, found.crest, found.trough
+        out[3][i], out[4][i] = found.slipping, found.sticking
+        out[5][i], out[6][i] = found.start, found.exponent

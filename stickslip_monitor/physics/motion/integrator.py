@@ -4,7 +4,8 @@
 ``m x'' + c x' + k x = N(t) mu(V(t) - x')``, with friction set-valued at zero relative speed: the
 lining sticks (``x' = V``) until the friction it needs, ``m V' + c V + k x``, exceeds ``mu_s N``;
 it slips forward while the belt is faster (``v = V - x' > 0``) and backward while it is slower.
-The law is never smoothed: every change of phase is located to rounding.
+The law is never smoothed: every change of phase is located to rounding. Steps of slip phases are
+by Dormand and Prince's method of order 8 (:mod:`.slip_step`).
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.friction import require_finite, require_positive
-from stickslip_monitor.physics.law_numbers import SeriesLaw, series_law
-from stickslip_monitor.physics.motion import kernel, polynomial
+from stickslip_monitor.physics import scalar_law as scalars
+from stickslip_monitor.physics.motion import march, slip_step
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.quantities import require_finite, require_positive
+from stickslip_monitor.physics.scalar_law import LawInUse, ScalarLaw, scalar_law
 
 Phases = NDArray[np.int8]
 
@@ -50,26 +52,25 @@ class Accuracy:
 
     Args:
         tolerance: Error of a step relative to the speeds of belt and lining, > 0 [-].
-        order: Order of the Taylor series, 3 to 40.
         longest: Longest step in units of ``1/omega``, > 0.
 
     Raises:
         PhysicsError: A setting breaks its rule.
+
+    >>> Accuracy(1e-9).longest
+    1.0
     """
 
     tolerance: float
-    order: int
-    longest: float = 2.0
+    longest: float = 1.0
 
     def __post_init__(self) -> None:
         require_positive('tolerance', self.tolerance)
         require_positive('longest', self.longest)
-        if not 3 <= self.order <= 40:
-            raise PhysicsError(f'order = {self.order} must be between 3 and 40')
 
 
-EXACT = Accuracy(1e-13, 22)
-FAST = Accuracy(1e-10, 16)
+EXACT = Accuracy(1e-13)
+FAST = Accuracy(1e-10)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,7 @@ class MotionState:
         displacement: ``x`` [m].
         relative_speed: ``v = V - x'`` [m/s].
         phase: Its phase; by default the one that follows from the numbers.
+        trial: Length of the step to try next in units of ``1/omega``; 0 for none yet.
 
     Raises:
         PhysicsError: A number is not finite, or the phase contradicts the relative speed.
@@ -88,6 +90,7 @@ class MotionState:
     displacement: float
     relative_speed: float
     phase: Phase | None = None
+    trial: float = 0.0
 
     def __post_init__(self) -> None:
         require_finite('displacement', self.displacement, 'm')
@@ -134,7 +137,7 @@ class Motion:
         final: State at the drive's end, from which the next drive may go on.
         outcome: How it ended; unless ``COMPLETE``, arrays end where the motion does.
         steps: Steps taken in all phases.
-        expansions: Taylor expansions of the friction law, one for each step of a slip phase.
+        slip_steps: Those of slip phases, twelve evaluations of the friction law each.
         span: First and last instant [s].
     """
 
@@ -149,7 +152,7 @@ class Motion:
     final: MotionState
     outcome: MotionOutcome
     steps: int
-    expansions: int
+    slip_steps: int
     span: tuple[float, float]
 
     @property
@@ -163,13 +166,12 @@ class Drive:
     """Surface speed ``V`` and load ``N`` on the pieces between rising times.
 
     Use :meth:`constant` or :meth:`sampled`. On piece ``i``, with ``s`` the time since
-    ``time[i]``, each is ``sum c[i, j] s^j``.
+    ``time[i]``, each is ``c[i, 0] + c[i, 1] s``.
 
     Attributes:
         time: Ends of the pieces, shape (n + 1,) [s].
-        speed: Coefficients of ``V``, which is continuous, shape (n, 4) [m/s, m/s^2, ...].
-        load: Coefficients of ``N`` >= 0, which may jump between pieces, shape (n, 4)
-            [N, N/s, ...].
+        speed: Coefficients of ``V``, which is continuous, shape (n, 2) [m/s, m/s^2].
+        load: Coefficients of ``N`` >= 0, which may jump between pieces, shape (n, 2) [N, N/s].
     """
 
     time: FloatArray
@@ -222,7 +224,7 @@ class Drive:
     def largest_load(self) -> float:
         """An upper bound of ``N`` [N]."""
         width = np.diff(self.time)[:, None]
-        return float(np.max(np.sum(np.abs(self.load) * width ** np.arange(4), axis=1)))
+        return float(np.max(np.sum(np.abs(self.load) * width ** np.arange(2), axis=1)))
 
 
 def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
@@ -253,18 +255,15 @@ def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
 
 
 def _lines(time: FloatArray, values: FloatArray) -> FloatArray:
-    pieces = np.zeros((time.size - 1, 4))
-    pieces[:, 0] = values[:-1]
-    pieces[:, 1] = np.diff(values) / np.diff(time)
-    return pieces
+    return np.stack([values[:-1], np.diff(values) / np.diff(time)], axis=1)
 
 
 # Transitions that the inner loops log before they return to have the log emptied.
 _LOG = 4096
 _OUTCOMES = {
-    kernel.DONE: MotionOutcome.COMPLETE,
-    kernel.EXHAUSTED: MotionOutcome.EXHAUSTED,
-    kernel.NOT_FINITE: MotionOutcome.NOT_FINITE,
+    march.DONE: MotionOutcome.COMPLETE,
+    march.EXHAUSTED: MotionOutcome.EXHAUSTED,
+    march.NOT_FINITE: MotionOutcome.NOT_FINITE,
 }
 
 
@@ -294,62 +293,54 @@ def integrate(
     """
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
-    use, law = is_compiled(compiled), series_law(bearing.friction)
-    # In the order of the kernel's names.
-    body = [bearing.mass, bearing.damping, bearing.stiffness, bearing.natural_frequency]
-    body += [law.hold, accuracy.tolerance, accuracy.longest]
-    limit = _step_limit(bearing, drive, law, accuracy)
-    phase = _starting_phase(body, drive, state)
-    start = MotionState(state.displacement, state.relative_speed, phase)
-    piece = int(np.searchsorted(law.edges, abs(state.relative_speed), side='right')) - 1
+    law = scalar_law(bearing.friction)
+    use = is_compiled(compiled) and law.module is not None
+    own = law.compiled if use and law.compiled else law.plain
+    body = _body(bearing, drive, own, accuracy)
+    phase = _starting_phase(own, body, drive, state)
+    start = MotionState(state.displacement, state.relative_speed, phase, state.trial)
 
-    def numbers(values: Any, kind: type = float) -> Any:
-        """What the inner loops take: an array if compiled, else lists, which are fast then."""
-        array: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
-        return array if use else array.tolist()
+    def columns(kind: type, *values: Any) -> Any:
+        """What the inner loops take: arrays if compiled, else lists, which are fast then."""
+        arrays: list[NDArray[Any]] = [np.ascontiguousarray(each, dtype=kind) for each in values]
+        return arrays if use else [array.tolist() for array in arrays]
 
-    inputs = [drive.time, drive.speed.ravel(), drive.load.ravel(), body]
-    inputs += [law.exponential, law.edges, law.cubics.ravel()]
-    options = numbers([accuracy.order, limit, _LOG, int(law.is_cubic)], int)
-    now = numbers([state.displacement, state.relative_speed, 0.0, 0.0])
-    where = numbers([0, int(phase), piece, 0, 0, 0, 0, 0], int)
-    out, phases = numbers(np.zeros((4, at.size))), numbers(np.zeros(at.size), np.int8)
-    log, kinds = numbers(np.zeros(_LOG)), numbers(np.zeros(_LOG), np.int8)
-    columns = max(accuracy.order, kernel.STICK_DEGREE) + 2
-    work = numbers(np.zeros((kernel.WORK, columns)))
-    # So short functions cost a third of the time in calls: they are copied into one another.
-    march: Callable[..., int] = kernel.march
-    if use:
-        march = jit.compiled('march', polynomial, kernel)
-    arguments = (*map(numbers, inputs), options, now, where, numbers(at), out, phases)
+    lines = march.Lines(*columns(float, drive.time, *drive.speed.T, *drive.load.T))
+    out = columns(float, at, *np.zeros((4, at.size)))
+    samples = march.MotionSamples(*out, *columns(int, np.zeros(at.size)))
+    log = march.TransitionLog(*columns(float, np.zeros(_LOG)), *columns(int, np.zeros(_LOG)))
+    x, z = float(state.displacement), float(state.relative_speed)
+    begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
+    now = march.Now(march.EVENTS_FULL, *begun)
+    loop = _loop(law) if use else march.march
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
-    status = kernel.EVENTS_FULL
-    while status == kernel.EVENTS_FULL:
-        status = march(*arguments, log, kinds, work)
-        count = int(where[kernel.EVENTS])
-        instants.append(np.array(log[:count], dtype=float))
-        afters.append(np.array(kinds[:count], dtype=np.int8))
-        where[kernel.EVENTS] = 0
-    count, after = int(where[kernel.CURSOR]), np.concatenate(afters)
-    sampled = np.array(out, dtype=float).reshape(4, -1)[:, :count]
-    within = float(now[kernel.TIME]) + float(now[kernel.TIME_REST])
-    last = Phase(int(where[kernel.PHASE]))
+    while now.status == march.EVENTS_FULL:
+        now = loop(own, body, lines, now, samples, log)
+        instants.append(np.array(log.time[: now.events], dtype=float))
+        afters.append(np.array(log.phase[: now.events], dtype=np.int8))
+        now = now._replace(events=0)
+    after, count = np.concatenate(afters), now.cursor
+    sampled = [np.array(column[:count], dtype=float) for column in samples[1:5]]
     return Motion(
         time=at[:count],
         displacement=sampled[0],
         velocity=sampled[1],
         acceleration=sampled[2],
         relative_speed=sampled[3],
-        phase=np.array(phases[:count], dtype=np.int8),
+        phase=np.array(samples.phase[:count], dtype=np.int8),
         transitions=Transitions(np.concatenate(instants), after[:-1], after[1:]),
         start=start,
-        final=MotionState(float(now[kernel.X]), float(now[kernel.V]), last),
-        outcome=_OUTCOMES[status],
-        steps=int(where[kernel.STEPS]),
-        expansions=int(where[kernel.EXPANSIONS]),
-        span=(drive.start, float(drive.time[int(where[kernel.PIECE])]) + within),
+        final=MotionState(now.x, now.z, Phase(now.phase), now.trial),
+        outcome=_OUTCOMES[now.status],
+        steps=now.steps,
+        slip_steps=now.slips,
+        span=(drive.start, float(drive.time[now.piece]) + (now.time + now.rest)),
     )
+
+
+def _loop(law: ScalarLaw) -> Callable[..., march.Now]:
+    return jit.compiled('march', scalars, slip_step, march, law=law.module, inline=False)
 
 
 def is_compiled(compiled: bool | None) -> bool:
@@ -376,23 +367,30 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _step_limit(bearing: Bearing, drive: Drive, law: SeriesLaw, accuracy: Accuracy) -> int:
-    """Several times the steps that the fastest time scale of the motion can need."""
+def _body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: Accuracy) -> march.Body:
+    """The oscillator, with several times the steps that its fastest time scale can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
     fastest += drive.largest_load * law.steepest / bearing.mass
-    shortest = min(accuracy.tolerance ** (1.0 / accuracy.order), accuracy.longest, 1.0)
+    shortest = min(accuracy.tolerance**0.125, accuracy.longest, 1.0)
     steps = (drive.end - drive.start) * fastest / shortest
-    limit = (1000.0 + 4.0 * (drive.time.size + steps)) * law.edges.size
-    return int(min(limit, 2.0**62))
+    limit = (1000.0 + 4.0 * (drive.time.size + steps)) * (len(law.kinks) + 1)
+    return march.Body(
+        bearing.natural_frequency,
+        2.0 * bearing.damping_ratio,
+        bearing.momentum,
+        accuracy.tolerance,
+        accuracy.longest,
+        int(min(limit, 2.0**62)),
+    )
 
 
-def _starting_phase(body: list[float], drive: Drive, state: MotionState) -> Phase:
+def _starting_phase(law: LawInUse, body: march.Body, drive: Drive, state: MotionState) -> Phase:
     if state.phase is not None:
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    work: kernel.Rows = [[0.0] * 4 for _ in range(kernel.WORK)]
-    work[kernel.XS][0] = state.displacement
-    work[kernel.BELT_SPEED][:] = drive.speed[0].tolist()
-    work[kernel.LOAD][:] = drive.load[0].tolist()
-    return Phase(kernel.phase_at_rest(0, body, work))
+    lines = march.Lines(
+        drive.time[:1].tolist(), *(c[:1].tolist() for c in (*drive.speed.T, *drive.load.T))
+    )
+    e = body.omega * state.displacement
+    return Phase(march.phase_at_rest(law, body, march.course_at(body, lines, 0, 0.0), e, 0))

@@ -20,8 +20,8 @@ from stickslip_monitor import (
 from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.cycle import exact_fold as module
 from stickslip_monitor.physics.cycle import slip
-from stickslip_monitor.physics.cycle.step import slip_step
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
+from stickslip_monitor.physics.motion.slip_step import slip_step
 
 SPEEDS = (0.0, *np.geomspace(0.01, 1.0, 12))
 TABLE = Tabulated(SPEEDS, [0.1 + 0.2 * float(np.exp(-10.0 * v)) for v in SPEEDS])

@@ -78,8 +78,9 @@ def test_hard_cases_end_and_are_finite(name: str) -> None:
     assert motion.outcome is MotionOutcome.COMPLETE
     for column in (motion.displacement, motion.velocity, motion.acceleration):
         assert np.isfinite(column).all()
-    # About 32 periods: a bound that only stiffness (rising law, eta = 1000) may come near.
-    assert motion.steps < (60_000 if 'eta 1e3' in name else 1_000)
+    # About 32 periods of some 50 steps by a method of order 8, and more at the kinks of a table: a
+    # bound that only stiffness (rising law, eta = 1000) may come near.
+    assert motion.steps < (60_000 if 'eta 1e3' in name else 3_000)
     assert np.all(np.diff(motion.transitions.time) >= 0.0)
 
 
@@ -118,12 +119,12 @@ def test_bad_arguments_are_named() -> None:
         integrate(REFERENCE, drive, MotionState(0.0, 0.0), [0.5, 0.2])
     with pytest.raises(PhysicsError, match='must be 0 while the lining sticks'):
         MotionState(0.0, 0.1, Phase.STICK)
-    with pytest.raises(PhysicsError, match='order = 2 must be between 3 and 40'):
-        Accuracy(1e-9, 2)
+    with pytest.raises(PhysicsError, match='tolerance = 0 must be greater than 0'):
+        Accuracy(0.0)
 
 
 def test_overflow_is_an_outcome() -> None:
-    drive, far = Drive.constant(0.1, LOAD, 1.0), MotionState(1e300, 0.1)
+    drive, far = Drive.constant(0.1, LOAD, 1.0), MotionState(1e307, 0.1)
     motion = integrate(REFERENCE, drive, far, [0.0, 1.0], compiled=False)
     assert motion.outcome is MotionOutcome.NOT_FINITE
     assert motion.displacement.size == 0
@@ -183,18 +184,17 @@ def columns(motion: Motion) -> list[np.ndarray]:
     ]
 
 
-@pytest.mark.parametrize(('order', 'longest'), [(4, 0.2), (6, 0.2), (8, 0.7)])
-def test_error_falls_with_the_order_of_the_series(order: int, longest: float) -> None:
+def test_error_falls_with_the_eighth_power_of_the_step() -> None:
     drive, state = Drive.constant(0.6, 1000.0, 0.05), MotionState(2e-4, 0.6)
     exact = integrate(REFERENCE, drive, state, compiled=False).final
-    lengths, errors = longest * np.array([1.0, 0.5, 0.25]), []
+    lengths, errors = np.array([1.25, 0.625, 0.3125]), []  # 8, 16 and 32 steps
     for length in lengths:
-        accuracy = Accuracy(1e9, order, float(length))
+        accuracy = Accuracy(1e9, float(length))
         end = integrate(REFERENCE, drive, state, accuracy=accuracy, compiled=False).final
         velocity = (end.relative_speed - exact.relative_speed) / REFERENCE.natural_frequency
         errors.append(np.hypot(end.displacement - exact.displacement, velocity))
     slopes = np.diff(np.log(errors)) / np.diff(np.log(lengths))
-    assert slopes == pytest.approx(order, abs=0.4)
+    assert slopes == pytest.approx(8, abs=0.4)
 
 
 @pytest.mark.parametrize('law', LAWS)
@@ -208,7 +208,7 @@ def test_numba_and_python_agree(law: Stribeck) -> None:
     compiled, plain = motions
     for a, b in zip(columns(compiled), columns(plain), strict=True):
         assert a == pytest.approx(b, rel=1e-12, abs=1e-12 * np.max(np.abs(b)))
-    assert (compiled.steps, compiled.expansions) == (plain.steps, plain.expansions)
+    assert (compiled.steps, compiled.slip_steps) == (plain.steps, plain.slip_steps)
     assert np.array_equal(compiled.phase, plain.phase)
 
 

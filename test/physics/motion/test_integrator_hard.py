@@ -104,7 +104,7 @@ def test_hard_cycles_are_the_exact_ones(name: str) -> None:
     x, v, a = motion.displacement[ends], motion.velocity[ends], motion.acceleration[ends]
     turns = x - np.divide(0.5 * v**2, a, out=np.zeros(2), where=a != 0.0)
     assert 0.5 * (turns[0] - turns[1]) == pytest.approx(exact.amplitude, rel=1e-8 + grain)
-    assert motion.expansions < 200
+    assert motion.slip_steps < 500
 
 
 def test_weak_friction_overtakes_the_belt_as_the_exact_cycle_does() -> None:
@@ -118,7 +118,7 @@ def test_weak_friction_overtakes_the_belt_as_the_exact_cycle_does() -> None:
     motion = integrate(bearing, drive, start, compiled=False)
     assert motion.transitions.after.tolist() == [Phase.BACKWARD, Phase.FORWARD]
     assert motion.transitions.time[1] == pytest.approx(exact.period, rel=1e-13)
-    assert motion.expansions < 30
+    assert motion.slip_steps < 60
 
 
 @pytest.mark.parametrize('load', [LOAD, 2.5e4])

@@ -49,9 +49,9 @@ from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
 
-# Decimals of margins, of durations [s], as fine as a time stamp, and of amplitudes [m]: beyond
-# them digits may differ between processors, and recordings must not.
-_DIGITS, _INSTANTS, _PLACES = 9, 9, 12
+# Decimals of margins, of instants and durations [s], and of amplitudes [m]: beyond them digits may
+# differ between processors, and recordings must not. Instants do by 1e-13 s, as exp() differs.
+_DIGITS, _INSTANTS, _PLACES = 9, 8, 12
 
 
 @effect('lining', 'bearing', 'parameter', 'points', 'table')
@@ -276,7 +276,9 @@ class FollowedLining:
         for (samples, _), own in zip(self._asked, asked, strict=True):
             samples.add(motion[:, np.searchsorted(times, own)])
         ended, events = self._episodes.see(changes, end)
-        self._sticks += [(time, round(duration, _INSTANTS)) for time, duration in ended]
+        self._sticks += [
+            (round(time, _INSTANTS), round(duration, _INSTANTS)) for time, duration in ended
+        ]
         for event in events:
             more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
             only = more if event.name == 'last_stick' else {}
@@ -288,6 +290,7 @@ class FollowedLining:
         self._event(end, 'end', end)
 
     def _event(self, known: float, name: str, time: float, **more: float) -> None:
+        known, time = round(known, _INSTANTS), round(time, _INSTANTS)
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
         self._events.append((known, text))

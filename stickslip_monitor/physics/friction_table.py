@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measured friction curve as a friction law, with its coefficient and slope number by number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes
+from stickslip_monitor.physics.quantities import require_finite, require_not_negative
+
+
+@dataclass(frozen=True, slots=True)
+class Tabulated:
+    """A measured friction curve, joined by the monotone cubic interpolant of Fritsch and Carlson.
+
+    Below the first and above the last measured speed the coefficient stays at its end value, so
+    nothing is claimed that was not measured.
+
+    Args:
+        speed: At least two relative speeds, >= 0 and strictly rising, shape (n,) [m/s].
+        coefficient: The coefficients measured there, >= 0, shape (n,) [-].
+
+    Attributes:
+        cubics: The cubic of each interval in the distance from its begin, highest power first,
+            shape (4, n - 1).
+
+    Raises:
+        PhysicsError: A table breaks its rule.
+    """
+
+    speed: tuple[float, ...]
+    values: tuple[float, ...]
+    cubics: FloatArray = field(init=False, repr=False, compare=False)
+    _begins: FloatArray = field(init=False, repr=False, compare=False)
+    _rises: FloatArray = field(init=False, repr=False, compare=False)
+
+    def __init__(self, speed: Sequence[float], coefficient: Sequence[float]) -> None:
+        v = _table_column('speed', speed)
+        mu = _table_column('coefficient', coefficient)
+        if len(v) != len(mu):
+            raise PhysicsError(
+                f'friction table has {len(v)} speeds and {len(mu)} coefficients: give one'
+                ' coefficient for each speed'
+            )
+        if len(v) < 2:
+            raise PhysicsError(f'friction table has {len(v)} point: give at least two')
+        falling = np.flatnonzero(np.diff(v) <= 0.0)
+        if falling.size:
+            index = int(falling[0])
+            raise PhysicsError(
+                f'friction table speed[{index + 1}] = {v[index + 1]:g} m/s does not exceed'
+                f' speed[{index}] = {v[index]:g} m/s: speeds must rise strictly'
+            )
+        for name, value in (
+            ('speed', v),
+            ('values', mu),
+            ('cubics', _monotone_cubics(v, mu)),
+            ('_begins', np.array(v[:-1])),
+            ('_rises', np.sign(np.diff(mu))),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def static(self) -> float:
+        """The coefficient at the slowest measured speed [-]."""
+        return self.values[0]
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Where the second derivative of the coefficient jumps: the measured speeds."""
+        return self.breakpoints
+
+    @property
+    def numbers(self) -> Cubics:
+        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`.
+
+        Of a table that begins above zero speed the first cubic is level, and always the last.
+        """
+        begins, flat = np.array(self.speed), np.zeros((4, 1))
+        cubics = np.hstack([self.cubics[::-1], np.vstack([self.values[-1], flat[1:]])])
+        if begins[0] > 0.0:
+            first = np.vstack([self.values[0], flat[1:]])
+            begins, cubics = np.append(0.0, begins), np.hstack([first, cubics])
+        return Cubics(begins, *np.ascontiguousarray(cubics))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The measured speeds, where the interpolant changes from one cubic to the next."""
+        return tuple(v for v in self.speed if v > 0.0)
+
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
+        """See :class:`FrictionLaw`."""
+        v = np.asarray(speed, dtype=float)
+        i, s = self._place(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
+        a, b, c, d = self.cubics[:, i]
+        value: FloatArray = ((a * s + b) * s + c) * s + d
+        # At v = 0 the positive end, whatever the sign of zero.
+        return np.copysign(value, v + 0.0)
+
+    def slope(self, speed: ArrayLike) -> FloatArray:
+        """See :class:`FrictionLaw`."""
+        v = np.abs(np.asarray(speed, dtype=float))
+        inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
+        i, s = self._place(inside)
+        a, b, c, _ = self.cubics[:, i]
+        derivative = (3.0 * a * s + 2.0 * b) * s + c
+        # Where the curve turns level, rounding must not give its slope the wrong sign.
+        falls_or_rises = derivative * self._rises[i] > 0.0
+        return np.where((v == inside) & falls_or_rises, derivative, 0.0)
+
+    def _place(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+        """Interval of each measured speed, and the distance from its begin [m/s]."""
+        i = np.searchsorted(self._begins[1:], inside, side='right')
+        return i, inside - self._begins[i]
+
+
+def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
+    speed, values = np.array(v), np.array(mu)
+    with np.errstate(all='ignore'):
+        cubics = hermite_cubics(speed, values, monotone_slopes(speed, values))
+    if not np.isfinite(cubics).all():
+        raise PhysicsError('friction table is too steep for its slope to be a finite number')
+    return cubics
+
+
+def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
+    column = tuple(float(value) for value in np.atleast_1d(np.asarray(values, dtype=float)))
+    for index, value in enumerate(column):
+        require_finite(f'friction table {name}[{index}]', value)
+        require_not_negative(f'friction table {name}[{index}]', value)
+    return column
+
+
+class Cubics(NamedTuple):
+    """Cubics ``a + s (b + s (c + s d))`` in the distance ``s`` from where each begins, shape (n,).
+
+    Arrays where they are compiled, else lists, which are faster then.
+    """
+
+    begin: Any
+    a: Any
+    b: Any
+    c: Any
+    d: Any
+
+
+def _piece(law: Cubics, speed: float) -> int:
+    """The cubic that holds at a relative speed [m/s]; the first one below it."""
+    low, high = 0, len(law.begin)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if speed >= law.begin[middle]:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _coefficient(law: Cubics, speed: float) -> float:
+    i = _piece(law, speed)
+    s = speed - law.begin[i]
+    return law.a[i] + s * (law.b[i] + s * (law.c[i] + s * law.d[i]))
+
+
+def friction_drop(law: Cubics, origin: float, step: float) -> float:
+    """``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the first cubic goes on.
+
+    Args:
+        law: Its numbers.
+        origin: ``v`` >= 0 [m/s].
+        step: Any change of speed [m/s].
+
+    >>> print(friction_drop(Tabulated([0.0, 1.0], [0.75, 0.25]).numbers, 0.0, 0.5))
+    0.25
+    """
+    top = law.a[0] if origin == 0.0 else _coefficient(law, origin)
+    return top - _coefficient(law, origin + step)
+
+
+def friction_slope(law: Cubics, speed: float) -> float:
+    """``d mu / d|v|`` at a relative speed [s/m]; from the right at ``v`` = 0.
+
+    >>> print(friction_slope(Tabulated([0.0, 1.0], [0.75, 0.25]).numbers, 0.5))
+    -0.5
+    """
+    v = abs(speed)
+    i = _piece(law, v)
+    s = v - law.begin[i]
+    return law.b[i] + s * (2.0 * law.c[i] + s * 3.0 * law.d[i])

@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One step of the lining's slip, for cycles and for the motion under speed and load that vary.
+
+Lengths are in units of ``U/omega`` and times of ``1/omega`` with a speed ``U``; the displacement
+``e`` counts from a reference point and the relative speed ``z`` from a reference speed, so that
+small motions keep their digits. With speed and load linear in the time ``t`` since the step began,
+
+    e' = drift(t) - z    z' = e + offset(t) - 2 zeta z + force(t) (mu(reference) - mu)
+
+where each of ``drift``, ``offset`` and ``force`` is a value and a rate. The method is DOP853
+(:mod:`stickslip_monitor.physics.dop853`). Plain functions of numbers, which run as they stand and
+compiled alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from stickslip_monitor.physics.dop853 import (
+    A1,
+    A2,
+    A3,
+    A4,
+    A5,
+    A6,
+    A7,
+    A8,
+    A9,
+    A10,
+    A11,
+    E3,
+    E5,
+    B,
+    C,
+)
+from stickslip_monitor.physics.scalar_law import friction_drop, friction_slope
+
+
+class Medium(NamedTuple):
+    """What a lining slips in.
+
+    Attributes:
+        speed: The unit ``U`` of speeds [m/s].
+        force: ``N/(m omega U)``.
+        damping: ``2 zeta``.
+        offset: Of the displacement, see above.
+        origin: Reference speed [m/s].
+        drift: Speed of the belt beyond the reference.
+        force_rate: Change of the force in ``1/omega``.
+        offset_rate: Change of the offset.
+        drift_rate: Change of the drift.
+    """
+
+    speed: float
+    force: float
+    damping: float
+    offset: float
+    origin: float
+    drift: float
+    force_rate: float = 0.0
+    offset_rate: float = 0.0
+    drift_rate: float = 0.0
+
+
+class SlipState(NamedTuple):
+    """Displacement ``e``, relative speed ``z``, and its rate."""
+
+    e: float
+    z: float
+    rate: float
+
+
+class SlipStep(NamedTuple):
+    """Where a step ends, and its estimated error in the units of the motion."""
+
+    state: SlipState
+    error: float
+
+
+# What a step may be cut at: a displacement, a relative speed, or a rate of it.
+PLACE, RELATIVE_SPEED, RATE = 0.0, 1.0, 2.0
+_LONGEST = 1.0
+# How far past a kink of a law a step is to end, relative to the unit of speed.
+_AT_KINK = 1e-6
+
+
+def acceleration(own: Any, medium: Medium, e: float, z: float) -> float:
+    """``z'`` at the begin of a step, at a displacement and a relative speed."""
+    drop = friction_drop(own, medium.origin, medium.speed * z)
+    return e + medium.offset - medium.damping * z + medium.force * drop
+
+
+def bend(own: Any, medium: Medium, state: SlipState, t: float = 0.0) -> float:
+    """``z''`` of a state at a time since the step began."""
+    v = medium.origin + medium.speed * state.z
+    friction = (medium.force + medium.force_rate * t) * medium.speed * friction_slope(own, v)
+    value = medium.drift + medium.drift_rate * t - state.z + medium.offset_rate
+    if medium.force_rate != 0.0:
+        value += medium.force_rate * friction_drop(own, medium.origin, medium.speed * state.z)
+    return value - (medium.damping + friction) * state.rate
+
+
+def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipStep:
+    """The state after a step by DOP853, and the step's error.
+
+    The displacement that the belt's own speed makes is exact, the rest by the method's stages.
+
+    Args:
+        own: The law, as :attr:`.LawInUse.own`.
+        medium: What the motion takes place in, as the step begins.
+        begin: The state there.
+        step: Its length, negative to go back in time.
+
+    >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # without friction cos and sin
+    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.own
+    >>> round(slip_step(law, medium, SlipState(1.0, 0.0, 1.0), 0.1).state.e - math.cos(0.1), 12)
+    0.0
+    """
+    speed, force, damping, offset, origin, drift, df, do, dd = medium
+    e0, z0, r0 = begin
+    (a,) = A1
+    t = C[1] * step
+    z1 = z0 + step * a * r0
+    x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0) + offset + do * t
+    r1 = x - damping * z1 + (force + df * t) * friction_drop(own, origin, speed * z1)
+    a, b = A2
+    t = C[2] * step
+    z2 = z0 + step * (a * r0 + b * r1)
+    x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z1) + offset + do * t
+    r2 = x - damping * z2 + (force + df * t) * friction_drop(own, origin, speed * z2)
+    a, b = A3
+    t = C[3] * step
+    z3 = z0 + step * (a * r0 + b * r2)
+    x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z2) + offset + do * t
+    r3 = x - damping * z3 + (force + df * t) * friction_drop(own, origin, speed * z3)
+    a, b, c = A4
+    t = C[4] * step
+    z4 = z0 + step * (a * r0 + b * r2 + c * r3)
+    x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z2 + c * z3) + offset + do * t
+    r4 = x - damping * z4 + (force + df * t) * friction_drop(own, origin, speed * z4)
+    a, b, c = A5
+    t = C[5] * step
+    z5 = z0 + step * (a * r0 + b * r3 + c * r4)
+    x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z3 + c * z4) + offset + do * t
+    r5 = x - damping * z5 + (force + df * t) * friction_drop(own, origin, speed * z5)
+    a, b, c, d = A6
+    t = C[6] * step
+    z6 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5)
+    lag = a * z0 + b * z3 + c * z4 + d * z5
+    x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
+    r6 = x - damping * z6 + (force + df * t) * friction_drop(own, origin, speed * z6)
+    a, b, c, d, e = A7
+    t = C[7] * step
+    z7 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6)
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6
+    x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
+    r7 = x - damping * z7 + (force + df * t) * friction_drop(own, origin, speed * z7)
+    a, b, c, d, e, f = A8
+    t = C[8] * step
+    z8 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7)
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7
+    x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
+    r8 = x - damping * z8 + (force + df * t) * friction_drop(own, origin, speed * z8)
+    a, b, c, d, e, f, g = A9
+    t = C[9] * step
+    z9 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8)
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8
+    x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
+    r9 = x - damping * z9 + (force + df * t) * friction_drop(own, origin, speed * z9)
+    a, b, c, d, e, f, g, h = A10
+    t = C[10] * step
+    z10 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8 + h * r9)
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8 + h * z9
+    x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
+    r10 = x - damping * z10 + (force + df * t) * friction_drop(own, origin, speed * z10)
+    a, b, c, d, e, f, g, h, i = A11
+    rate = a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8 + h * r9 + i * r10
+    lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8 + h * z9 + i * z10
+    z11 = z0 + step * rate
+    moved = e0 + step * (drift + 0.5 * dd * step)
+    held = offset + do * step
+    end = force + df * step
+    r11 = moved - step * lag + held - damping * z11
+    r11 += end * friction_drop(own, origin, speed * z11)
+    a, b, c, d, e, f, g, h = B
+    rate = a * r0 + b * r5 + c * r6 + d * r7 + e * r8 + f * r9 + g * r10 + h * r11
+    lag = a * z0 + b * z5 + c * z6 + d * z7 + e * z8 + f * z9 + g * z10 + h * z11
+    x, z = moved - step * lag, z0 + step * rate
+    a, b, c = E3
+    third = max(abs(rate - (a * r0 + b * r8 + c * r11)), abs(lag - (a * z0 + b * z8 + c * z11)))
+    a, b, c, d, e, f, g, h = E5
+    rate = a * r0 + b * r5 + c * r6 + d * r7 + e * r8 + f * r9 + g * r10 + h * r11
+    lag = a * z0 + b * z5 + c * z6 + d * z7 + e * z8 + f * z9 + g * z10 + h * z11
+    fifth = max(abs(rate), abs(lag))
+    ratio = 0.1 * third / fifth if fifth > 0.0 else 0.0
+    error = abs(step) * fifth / math.sqrt(1.0 + ratio * ratio)
+    r = x + held - damping * z + end * friction_drop(own, origin, speed * z)
+    return SlipStep(SlipState(x, z, r), error)
+
+
+def measured(what: float, state: SlipState) -> float:
+    """The displacement, the relative speed or the rate of a state."""
+    return state.e if what == PLACE else state.z if what == RELATIVE_SPEED else state.rate
+
+
+def cut_step(
+    own: Any, medium: Medium, begin: SlipState, h: float, what: float, level: float
+) -> tuple[float, SlipState]:
+    """The length at which a step passes a level, and the state there.
+
+    Newton's method, kept between a length before the level and one behind.
+
+    Args:
+        own: The law, as :attr:`.LawInUse.own`.
+        medium: What the motion takes place in, as the step begins.
+        begin: The state there.
+        h: Its length, by which the level has been passed.
+        what: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``.
+        level: The level of that.
+
+    >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.own
+    >>> length, _ = cut_step(law, medium, SlipState(1.0, 0.0, 1.0), 1.0, RELATIVE_SPEED, 0.5)
+    >>> round(math.sin(length), 9)
+    0.5
+    """
+    before, behind = 0.0, h
+    first = measured(what, begin) - level
+    rounding = 1e-15 * (abs(first) + abs(level))
+    s, state = h, slip_step(own, medium, begin, h).state
+    upward = measured(what, state) > level
+    if (first > 0.0) == upward and first != 0.0:
+        return s, state
+    for _ in range(60):
+        miss = measured(what, state) - level
+        if (miss > 0.0) == upward:
+            behind = s
+        else:
+            before = s
+        if what == PLACE:
+            rate = medium.drift + medium.drift_rate * s - state.z
+        elif what == RELATIVE_SPEED:
+            rate = state.rate
+        else:
+            rate = bend(own, medium, state, s)
+        after = s - miss / rate if rate != 0.0 else before
+        inside = min(before, behind) < after < max(before, behind)
+        if abs(miss) <= rounding or (inside and abs(after - s) <= 1e-15 * abs(h)):
+            break
+        if not inside:
+            after = 0.5 * (before + behind)
+            if after in (before, behind):
+                break
+        s = after
+        state = slip_step(own, medium, begin, s).state
+    return s, state
+
+
+def until_kink(
+    own: Any, kinks: Sequence[float], medium: Medium, state: SlipState, h: float
+) -> float:
+    """Length of a step, cut where the relative speed comes to a kink of the law.
+
+    A step over one would be refused: the law's second derivative jumps there. The speed is
+    foreseen to second order, and a little beyond the kink does no harm.
+    """
+    count = len(kinks)
+    if count == 0:
+        return h
+    speed = medium.speed
+    v, direction = medium.origin + speed * state.z, 1.0 if h > 0.0 else -1.0
+    turn, heading = bend(own, medium, state), direction * state.rate
+    # What has come so close to a kink is taken to have passed it.
+    beside = v + _AT_KINK * speed if heading > 0.0 else v - _AT_KINK * speed
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        if kinks[middle] <= beside:
+            low = middle + 1
+        else:
+            high = middle
+    length = abs(h)
+    if low < count:
+        length = min(length, time_to_rise(heading, turn, (kinks[low] - v) / speed + _AT_KINK))
+    if low > 0:
+        gap = (v - kinks[low - 1]) / speed + _AT_KINK
+        length = min(length, time_to_rise(-heading, -turn, gap))
+    return direction * length
+
+
+def time_to_rise(rate: float, turn: float, gap: float) -> float:
+    """The time after which ``rate t + turn t^2/2`` first reaches a gap > 0; ``inf`` for never.
+
+    >>> time_to_rise(1.0, 2.0, 6.0)
+    2.0
+    """
+    square = rate * rate + 2.0 * turn * gap
+    fastest = rate + math.sqrt(square) if square > 0.0 else 0.0
+    return 2.0 * gap / fastest if fastest > 0.0 else math.inf
+
+
+def next_length(h: float, error: float, allowed: float, longest: float = _LONGEST) -> float:
+    """Length of the step after one of length ``h``, or in its place if that was too long.
+
+    >>> next_length(0.5, 0.0, 1e-9)
+    1.0
+    """
+    share = 5.0
+    if error > 0.0:
+        # The eighth root. A power may differ between processors, and recordings must not.
+        root = math.sqrt(math.sqrt(math.sqrt(allowed / error)))
+        share = min(max(0.9 * root, 0.2), 5.0)
+    elif error != error:
+        share = 0.2
+    if not error <= allowed:
+        share = min(share, 0.5) if share >= 0.2 else 0.2
+    length = min(abs(h) * share, longest)
+    return length if h > 0.0 else -length

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any friction law as plain functions of one speed, for what is followed point by point.
+
+The functions here call a law that runs as it stands. Compiled, they are replaced by those of the
+same name in the law's own module (:func:`stickslip_monitor.jit.compiled`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from importlib import import_module
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stickslip_monitor.physics.friction import FrictionLaw, computes_as
+
+# The smallest speed that is not rest [m/s].
+ALMOST_REST = 1e-300
+# Of a panel between breakpoints: places in it, and searches, each about the best place and a 32nd
+# as wide as the one before. The fall is level there: three find it to 1e-10 of its change.
+_PLACES, _SEARCHES = 65, 3
+# Of the steepest fall, which rounding must not make too small for a cycle to be possible.
+_ROUNDING = 1e-12
+
+
+def friction_drop(law: Any, origin: float, step: float) -> float:
+    """``mu(v) - mu(v + step)`` of sliding ahead [-] of the law of :attr:`LawInUse.own`.
+
+    >>> friction_drop(scalar_law(Tabulated([0.0, 1.0], [0.75, 0.25])).plain.own, 0.0, 1.0)
+    0.5
+    """
+    return law.drop(origin, step)
+
+
+def friction_slope(law: Any, speed: float) -> float:
+    """``d mu / d|v|`` at a relative speed [s/m] of the law of :attr:`LawInUse.own`.
+
+    >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain.own, 0.0)
+    -2.5
+    """
+    return law.slope(speed)
+
+
+class LawInUse(NamedTuple):
+    """What the loops take of a law.
+
+    Attributes:
+        own: What :func:`friction_drop` and :func:`friction_slope` take.
+        kinks: Ascending speeds at which the second derivative of ``mu`` jumps [m/s].
+        hold: Largest coefficient that sticking can carry [-]: by Filippov's convex hull never less
+            than that of slow sliding.
+        top: ``mu`` of slow sliding [-].
+        fall: Upper bound of ``-d mu / d|v|`` [s/m]; ``inf`` for a law that falls at once.
+        steepest: Upper bound of ``|d mu / d|v||`` while it slides [s/m].
+    """
+
+    own: Any
+    kinks: Any
+    hold: float
+    top: float
+    fall: float
+    steepest: float
+
+
+class _Plain:
+    """A law whose two functions are called as they stand."""
+
+    __slots__ = ('drop', 'slope')
+
+    def __init__(self, law: FrictionLaw, module: ModuleType | None) -> None:
+        if module is None:
+            self.drop: Any = partial(_drop_of, law, float(law.slope(0.0)))
+            self.slope: Any = partial(_slope_of, law)
+        else:
+            numbers = law.numbers  # type: ignore[attr-defined]
+            columns = (x.tolist() if isinstance(x, np.ndarray) else x for x in numbers)
+            own = type(numbers)(*columns)
+            self.drop = partial(module.friction_drop, own)
+            self.slope = partial(module.friction_slope, own)
+
+
+def _drop_of(law: FrictionLaw, rise: float, origin: float, step: float) -> float:
+    v = origin + step
+    top, now = law.coefficient(np.array([max(origin, ALMOST_REST), max(v, ALMOST_REST)])).tolist()
+    return top - now - (rise * v if v < 0.0 and math.isfinite(rise) else 0.0)
+
+
+def _slope_of(law: FrictionLaw, speed: float) -> float:
+    return float(law.slope(speed))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScalarLaw:
+    """A friction law for plain and for compiled loops.
+
+    Attributes:
+        plain: For loops that run as they stand.
+        compiled: For compiled loops; ``None`` for a law without functions of its own.
+        module: The module of these.
+    """
+
+    plain: LawInUse
+    compiled: LawInUse | None
+    module: ModuleType | None
+
+
+@lru_cache(maxsize=64)
+def scalar_law(law: FrictionLaw) -> ScalarLaw:
+    """A friction law as plain functions of one speed.
+
+    >>> scalar_law(Stribeck(0.3, 0.1, 10.0)).plain.hold
+    0.3
+    """
+    module = own_module(law)
+    kinks = tuple(getattr(law, 'kinks', ())) if module else ()
+    top, steepest = float(law.coefficient(ALMOST_REST)), max(_largest(law, -1.0), _largest(law))
+    bounds = highest_static(law), top, steepest_fall(law), steepest
+    plain = LawInUse(_Plain(law, module), kinks, *bounds)
+    if module is None:
+        return ScalarLaw(plain, None, None)
+    numbers = law.numbers  # type: ignore[attr-defined]
+    return ScalarLaw(plain, LawInUse(numbers, np.array(kinks), *bounds), module)
+
+
+def own_module(law: FrictionLaw) -> ModuleType | None:
+    """The module with the two functions of a law; ``None`` for one that computes otherwise.
+
+    >>> own_module(Stribeck(0.3, 0.1, 10.0)).__name__
+    'stickslip_monitor.physics.friction'
+    """
+    kind = next((each for each in type(law).__mro__ if 'numbers' in vars(each)), None)
+    if kind is None or not computes_as(law, kind):
+        return None
+    module = import_module(kind.__module__)
+    is_file = getattr(module, '__file__', None) is not None
+    return module if is_file and hasattr(module, 'friction_drop') else None
+
+
+def highest_static(law: FrictionLaw) -> float:
+    """Largest coefficient that sticking can carry [-], by Filippov's convex hull.
+
+    >>> highest_static(Coulomb(0.1, 0.3))
+    0.3
+    """
+    return max(law.static, float(law.coefficient(ALMOST_REST)))
+
+
+def steepest_fall(law: FrictionLaw) -> float:
+    """Upper bound of ``-d mu / d|v|`` [s/m]; ``inf`` for a law that falls at once.
+
+    >>> round(steepest_fall(Stribeck(0.3, 0.1, 10.0)), 9)
+    2.0
+    """
+    falls_at_once = law.static > float(law.coefficient(ALMOST_REST)) * (1.0 + 1e-15)
+    return math.inf if falls_at_once else _largest(law, -1.0)
+
+
+def _largest(law: FrictionLaw, sign: float = 1.0) -> float:
+    """The largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
+    breaks = [v for v in law.breakpoints if v > 0.0]
+    if not breaks:
+        return 0.0
+    edges = np.array([ALMOST_REST, *breaks, 4.0 * breaks[-1]])
+    low, width, most = edges[:-1], np.diff(edges), 0.0
+    share = np.linspace(0.0, 1.0, _PLACES)
+    for _ in range(_SEARCHES):
+        places = np.clip(low[:, None] + width[:, None] * share, edges[:-1, None], edges[1:, None])
+        slope = sign * np.asarray(law.slope(places))
+        most = max(most, float(np.max(slope)))
+        low = low + width * np.clip(share[np.argmax(slope, axis=1)] - share[1], 0.0, 1.0)
+        width = 2.0 * width * share[1]
+    return most * (1.0 + _ROUNDING)
