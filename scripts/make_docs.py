@@ -110,7 +110,8 @@ file: `config:=`), every command with `--config`.
 
 - An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz (revolutions
   a second) becomes surface speed by `journal_diameter`; m/s is the surface speed. Speeds astern
-  are negative; a load of zero or below means no contact.
+  are negative; a load of zero means no contact, and so does one below it where `load.minimum`
+  allows that.
 
 ## Rules that span parameters
 
@@ -122,8 +123,6 @@ file: `config:=`), every command with `--config`.
 - `alarm.minimum_speed` is below `speed.maximum`.
 - A level is measured where `level.topic` is given. Its `threshold` is above 0, unless its unit is
   dB, and not above its `maximum`.
-- Sensors whose clocks differ need a `timeout` above that difference plus the time between
-  messages.
 
 ## Live and read-only
 
@@ -146,7 +145,8 @@ def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.optional:
-        return '*learned*' if row.name == 'level.threshold' else '*by law*'
+        left_out = {'level.threshold': '*its rise*', 'speed.maximum': '*3000 rpm*'}
+        return left_out.get(row.name, '*by law*')
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
     if row.default == '':
@@ -210,8 +210,9 @@ def render() -> str:
         parts.append(f'\n### {title}\n')
         if text:
             parts.append(f'{text}\n')
-        rows = [row for row in BEARING_PARAMETERS if _group(row) == group and row not in shared]
-        parts.append(_table(_inputs() if group == INPUT else rows))
+        own = 'load' if group == INPUT else group
+        rows = [row for row in BEARING_PARAMETERS if _group(row) == own and row not in shared]
+        parts.append(_table([*_inputs(), *rows] if group == INPUT else rows))
     return '\n'.join(parts) + '\n'
 
 

@@ -30,6 +30,7 @@ from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
 
 from stickslip_monitor import Monitor  # noqa: E402
 from stickslip_monitor.lab.scenes.scene import load_scene  # noqa: E402
+from stickslip_monitor.monitor.signals import Status  # noqa: E402
 from stickslip_monitor.offline.check import check_recording  # noqa: E402
 
 GOLDEN = ROOT / 'test' / 'data' / 'golden.json.gz'
@@ -37,7 +38,7 @@ MOVED_NS = 10**9
 """A change this much earlier or later is listed as moved [ns]."""
 SAME_NS = 30 * 10**9
 """Changes of one kind further apart than this are two [ns]."""
-_STATUSES = 7
+_STATUSES = len(Status)
 
 Change = tuple[int, str, str, bool]
 Case = dict[str, Any]
@@ -106,7 +107,7 @@ def of_sequence(number: int) -> Case:
         for k, quantity in enumerate(QUANTITIES)
     }
     changes = [_change(event) for event in events]
-    return _case(changes, counts, int(own.messages.time_ns.max()), statuses.tobytes())
+    return _case(changes, counts, int(own.messages.arrival_ns.max()), statuses.tobytes())
 
 
 def _change(event: Any) -> Change:

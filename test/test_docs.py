@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.config import (
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.signals import STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.signals import STATUS_SENTENCES
 from stickslip_monitor.monitor.source_faults import SourceFaultKind
 
 DOCS = ROOT / 'docs'
@@ -200,7 +200,7 @@ def inputs_sentences() -> list[str]:
         replace(facts, publishers=(Publisher('/a', 'U'),)),
         replace(facts, publishers=(Publisher('/a', 'T', 'DEADLINE'),)),
         facts,
-        *(replace(facts, refused=s) for s in STATUS_SENTENCES if s is not Status.CLOCK_JUMP),
+        *(replace(facts, refused=s) for s in STATUS_SENTENCES),
         replace(facts, lost=False, receiving=True, behind=10.0),
         replace(facts, lost=False, publishers=(one, two)),
         *(replace(facts, lost=False, source=kind.sentence) for kind in SourceFaultKind),

@@ -270,7 +270,7 @@ def _drawn(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
     from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
 
     ((voyage, case),) = judged
-    scan, truth = case.recorded(), case.truth
+    scan, truth = case.sent.scan, case.truth
     spells = condition_intervals(scan.events, truth.start_ns, truth.end_ns)
     title = f'{Path(voyage.scene).name}: {voyage.bearing}'
     return draw_timeline(Timeline(case.sent.config, scan, spells, truth, title))

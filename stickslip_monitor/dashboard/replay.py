@@ -74,10 +74,6 @@ class Replay:
         self._shown.act = self._session.act
         self._next = 0
         self._log_ns = self._start_ns
-        # How far the clock of the samples is from the recorder's, bearing by bearing [ns].
-        first = self._samples[0]
-        bearings = self._session.monitor.bearings
-        self._ahead_ns = dict.fromkeys(bearings, first.stamp_ns - first.log_ns)
         self._go_from(self._start_ns)
         self._session.begin()
 
@@ -154,8 +150,8 @@ class Replay:
         """Let the recorder's time pass without a sample."""
         self._log_ns = max(self._log_ns, log_ns)
         now = self._now()
-        for name, ahead_ns in self._ahead_ns.items():
-            self._session.pass_time(name, self._log_ns + ahead_ns, now)
+        for name in self._session.monitor.bearings:
+            self._session.pass_time(name, self._log_ns, now)
         self._session.tick(now, self._log_ns - self._start_ns)
 
     def _now(self) -> Moment:
@@ -163,10 +159,9 @@ class Replay:
         return Moment(self._log_ns, self._log_ns)
 
     def _take(self, sample: _Sample) -> None:
-        _, log_ns, time_ns, name, place, value = sample
-        update = self._session.take(name, place, time_ns, value, self._now())
-        if update.status.valid and place != Input.LEVEL:
-            self._ahead_ns[name] = time_ns - log_ns
+        self._session.take(
+            sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now()
+        )
 
     def _show(self) -> None:
         self._session.show(self._now())

@@ -87,7 +87,10 @@ NUMBERS = ('rpm', *POINT_NUMBERS)
 """The numbers of a record."""
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
-_COUNTS = {status.name.lower(): _may(int, 0) for status in Status}
+# The last two are those of monitors of the last version.
+_COUNTS = {status.name.lower(): _may(int, 0) for status in Status} | {
+    name: _may(int, 0) for name in ('clock_jump', 'odd_stamp')
+}
 _INPUT: dict[str, Reader] = {
     'lost': _may(bool, False),
     'age': _finite,

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The truth of a scene: what no sensor of a ship measures, on topics that no monitor reads.
 
-Its clock is the recorder's. The monitor's is that of the samples, and a sensor's may be wrong or
-jump. For a lead it counts when a warning could be noticed: a change at a sample came when the
-recorder got that sample; one that fell due between two samples came as long before the second as
-the samples' clock says, and not before the first.
+Its clock is the recorder's, as is the monitor's.
 """
 
 from __future__ import annotations
@@ -12,7 +9,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,8 +18,6 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import Request, Series
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.signals import Status, Stream
 
 EVENT_SCHEMA = 'stickslip_monitor/truth/1'
 ROOT = '/truth'
@@ -161,34 +156,3 @@ def event_text(bearing: str, event: str, time_ns: int, **more: float) -> str:
     """An event of the lining as JSON; docs/interfaces.md has the schema."""
     record = {'schema': EVENT_SCHEMA, 'bearing': bearing, 'event': event, 'time': time_ns}
     return json.dumps(record | more)
-
-
-def on_recorder_clock(stream: Stream, log_time_ns: IntArray, scan: Scan) -> Scan:
-    """The verdicts of a scan of a whole recording, with times of the recorder.
-
-    The recorder got sample k of the stream at ``log_time_ns[k]``, which does not fall. Where the
-    samples bear its time already, the scan itself is returned.
-    """
-    if np.array_equal(stream.time_ns, log_time_ns):
-        return scan
-    time = log_time_ns[scan.sample]
-    until = time + (scan.until_ns - scan.time_ns)
-    # A point that held until the next one still does.
-    joined = scan.until_ns[:-1] == scan.time_ns[1:]
-    until[:-1] = np.where(joined, time[1:], np.minimum(until[:-1], time[1:]))
-    valid = np.array([status.valid for status in Status])[scan.status]
-    # Until a sample is valid, the monitor's time is that of the start, by the recorder.
-    first = int(np.argmax(valid)) if valid.any() else valid.size
-    events = [
-        event
-        if k < first
-        else replace(event, time_ns=_log_time(event.time_ns, k, log_time_ns, scan))
-        for event, k in zip(scan.events, scan.at, strict=True)
-    ]
-    return replace(scan, time_ns=time, until_ns=until, events=events)
-
-
-def _log_time(time_ns: int, k: int, log_time_ns: IntArray, scan: Scan) -> int:
-    """When the recorder's clock showed what the monitor's time was, about sample ``k`` [ns]."""
-    there = int(log_time_ns[k]) + time_ns - int(scan.now_ns[k])
-    return max(there, int(log_time_ns[k - 1])) if k else there

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor import rule
+from stickslip_monitor.monitor import rule, rule_level
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Unknown
@@ -145,6 +145,7 @@ class BearingScan:
         self._long = long
         self._compiled = False
         self._taken = self._jumps = self._sized = 0
+        self._now = NEVER
         self._held: dict[str, NDArray[Any]] = {}
         self._last: FloatArray | None = None
         if start_ns is not None:
@@ -181,13 +182,15 @@ class BearingScan:
             self._last = points[made[-1]].copy()
         if final and end_ns is not None and self.state.now != NEVER:
             end = self._standing(self.state, self._last)
-            events += end.advance(max(end_ns, self.state.now))
+            events += end.advance(max(end_ns, self.state.now - self.state.shift))
             at += [self._taken + size - 1] * (len(events) - len(at))
         status = notes[:, rule.STATUS].astype(np.int8)
-        jumps = self._jumps + np.cumsum(status == Status.CLOCK_JUMP)
-        self._jumps = int(jumps[-1]) if size else self._jumps
+        now = notes[:, rule.NOW]
+        jumps = self._jumps + np.cumsum(np.diff(now, prepend=self._now) < 0)
+        if size:
+            self._jumps, self._now = int(jumps[-1]), int(now[-1])
         columns: dict[str, Any] = {
-            'time_ns': notes[made, rule.NOW],
+            'time_ns': now[made],
             'until_ns': notes[made, rule.UNTIL],
             'speed': points[made, 0],
             'load': points[made, 1],
@@ -218,7 +221,7 @@ class BearingScan:
             **(columns if has_level else columns | {'measured': None}),
             events=events,
             at=at,
-            now_ns=notes[:, rule.NOW],
+            now_ns=now,
             status=status,
             counts=counts.reshape(len(Input), len(Status)),
             unknown=self._standing(self.state, None).unknown,
@@ -270,17 +273,16 @@ class BearingScan:
         if long is None:
             # What has once run compiled goes on so, however short its last block.
             long = self._compiled = self._compiled or (size >= LONG and jit.has_compiler())
-        columns: Any = (stream.inputs, stream.time_ns, stream.value)
+        columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
         given: tuple[Any, ...]
         if long:
-            loop: Any = jit.compiled(
-                'run', rule, boundary_table, chances, law_numbers, inline=False
-            )
+            modules = (rule, rule_level, boundary_table, chances, law_numbers)
+            loop: Any = jit.compiled('run', *modules, inline=False)
             states, law = self.state.row(), np.array(settings.law)
-            given = settings.row, law, settings.boundaries.pieces, settings.chances
+            given = settings.row, (law, settings.boundaries.pieces, settings.chances)
         else:
             loop, states = rule.run, [self.state]
-            given = [settings.live], settings.law, settings.table, settings.belief
+            given = [settings.live], settings.model
             columns = tuple(column.tolist() for column in columns)
         changes, begin, count = list[tuple[IntArray, State]](), 0, 1
         for end in (*ends, size):

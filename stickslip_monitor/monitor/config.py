@@ -15,6 +15,8 @@ from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, Bearing
 
 LOAD_UNITS = ('N', 'kN')
+FASTEST_RPM, FASTEST = 3000.0, 60.0
+"""No ship's shaft turns faster [rpm], and no journal's surface moves faster [m/s]."""
 LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
 
 
@@ -56,13 +58,27 @@ class InputConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadConfig(InputConfig):
+    """Where the load comes from; values below ``minimum`` [N] are invalid."""
+
+    minimum: float = parameter(
+        0.0,
+        'Smallest load that is valid; a smaller one is counted as below_minimum and not used. For'
+        ' a sensor that may show less than nothing, give what it may show.',
+        'N',
+        maximum=0.0,
+        live=True,
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class LevelConfig(InputConfig):
     """Where the measured vibration comes from, and the threshold that separates it from quiet."""
 
     threshold: float = parameter(
         math.nan,
-        'Level from which on it is vibration, in the unit; without it the monitor learns one from'
-        ' the level where no stick-slip can exist.',
+        'Level from which on it is vibration, in the unit, if it is 10 dB above its background;'
+        ' without it that rise alone decides.',
         live=True,
     )
     hysteresis: float = parameter(
@@ -174,7 +190,7 @@ class BearingConfig:
     name: str
     bearing: Bearing
     speed: InputConfig
-    load: InputConfig
+    load: LoadConfig
     alarm: AlarmConfig
     tolerance: Tolerance = EXACT
     belief: Belief | None = field(default=None, compare=False)
@@ -192,9 +208,7 @@ class ClipConfig:
     """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
 
     directory: str = parameter(
-        '',
-        'Folder for event clips, a short recording around each alarm; empty for none.',
-        fixed=True,
+        '', 'Folder for event clips, a short recording around each alarm; empty for none.'
     )
     around_ns: int = duration(
         60.0,
@@ -337,10 +351,15 @@ INPUT_PARAMETERS = {
         InputConfig,
         'speed.',
         unit={'choices': SPEED_UNITS},
-        maximum={'default': 100.0, 'unit': 'm/s'},
+        maximum={
+            'default': math.nan,
+            'unit': 'm/s',
+            'text': 'Largest magnitude that is valid; a larger value is counted as implausible and'
+            f' not used. Left out: {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
+        },
     ),
     'load': rows(
-        InputConfig, 'load.', unit={'choices': LOAD_UNITS}, maximum={'default': 1e8, 'unit': 'N'}
+        LoadConfig, 'load.', unit={'choices': LOAD_UNITS}, maximum={'default': 1e8, 'unit': 'N'}
     ),
     'level': rows(
         LevelConfig,

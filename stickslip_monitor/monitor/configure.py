@@ -22,6 +22,8 @@ from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor.config import (
     BEARING_PARAMETERS,
     BEARINGS,
+    FASTEST,
+    FASTEST_RPM,
     FRICTION_PARAMETERS,
     INPUT_PARAMETERS,
     LINING_PARAMETERS,
@@ -33,6 +35,7 @@ from stickslip_monitor.monitor.config import (
     ClipConfig,
     InputConfig,
     LevelConfig,
+    LoadConfig,
     MonitorConfig,
     parameters_of,
 )
@@ -234,6 +237,9 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
     )
     bearing, belief = _believed(name, bearing, own, tolerance)
     alarm = filled(AlarmConfig, 'alarm.', own)
+    if math.isnan(own['speed.maximum']):
+        fastest = FASTEST_RPM * float(bearing.speed.factor('rpm'))
+        own['speed.maximum'] = min(FASTEST, fastest)
     if alarm.minimum_speed >= own['speed.maximum']:
         raise ConfigurationError(
             f'{name}.alarm.minimum_speed = {alarm.minimum_speed:g} m/s must be below'
@@ -241,7 +247,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     factor = bearing.speed.factor(own['speed.unit'])
     speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
-    load = _input(InputConfig, name, 'load', own, _NEWTONS[own['load.unit']])
+    load = _input(LoadConfig, name, 'load', own, _NEWTONS[own['load.unit']])
     level = _level(name, own, speed, load)
     return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 

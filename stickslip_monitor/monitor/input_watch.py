@@ -45,7 +45,6 @@ class Publisher:
     node: str  # full name
     type: str
     qos_fault: str = ''  # why its quality of service does not match
-    latched: bool = False  # it keeps its last value for those who come later, as we do not ask
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +125,6 @@ class Graph:
         """Who publishes on a topic of that full name; ``None`` where nobody can know."""
         del topic
         return None
-
-    def is_undecodable(self, topic: str) -> bool:
-        """Whether the latest message on a topic of that full name could not be decoded."""
-        del topic
-        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,7 +292,7 @@ def _age(track: _Track, now_ns: int) -> float:
 
 
 def _valid(counts: Counts) -> int:
-    return sum(counts[: Status.CLOCK_JUMP + 1])
+    return counts[Status.ACCEPTED] if counts else 0
 
 
 def _grown(counts: Counts, before: Counts) -> Counts:

@@ -44,7 +44,8 @@ class Condition(SentenceEnum):
     VIBRATION = (
         'vibration',
         Level.WARN,
-        'Vibration is measured where no stick-slip is possible: the model does not explain it.',
+        'Vibration is measured where none is predicted: the parameters may have changed, it is'
+        ' something else, or the threshold is too low.',
     )
     CAUTION = 'caution', Level.WARN, 'Close to the stick-slip region.'
     BISTABLE = (
@@ -82,5 +83,4 @@ class Unknown(SentenceEnum):
     LOST = 'lost', 'the level is lost'
     STUCK = 'stuck', 'the level never changes: its sensor is stuck'
     LOUD = 'loud', 'the level is high where no stick-slip can exist: it shows something else'
-    ONE_MODE = 'one_mode', 'no threshold is configured, and none has been learned yet'
     SHORT = 'short', 'the level has not been above or below its threshold for long enough'

@@ -20,7 +20,9 @@ from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
-BEARINGS_SCHEMA = 'stickslip_monitor/bearings/1'
+BEARINGS_SCHEMA = 'stickslip_monitor/bearings/2'
+BEARINGS_SCHEMAS = (BEARINGS_SCHEMA, 'stickslip_monitor/bearings/1')
+"""What readers accept: this version's, and that of the last."""
 POINT_NUMBERS = (
     'speed',
     'load',

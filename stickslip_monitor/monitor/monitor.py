@@ -21,6 +21,7 @@ from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.bulk import Scan, scan_bearing
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.rule_level import UNKNOWN
 from stickslip_monitor.monitor.rule_state import NEVER, State, settings_of
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import (
@@ -58,7 +59,7 @@ class BearingMonitor(Standing):
     def await_inputs(self) -> None:
         """Nobody has listened for some time: inputs are waited for as at a first start."""
         self.state.now = self.state.began = NEVER
-        self.state.came = [NEVER, NEVER]
+        self.state.came = [NEVER, NEVER, NEVER]
 
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.
@@ -77,7 +78,7 @@ class BearingMonitor(Standing):
         state, new = self.state, self.settings.live
         if place == Input.LEVEL:
             # Decibels of a number that has an offset cannot be converted: learn them anew.
-            state.loudest, state.watched, state.vibrating = math.nan, 0, rule.UNKNOWN
+            state.background, state.vibrating = math.nan, UNKNOWN
             return
 
         def converted(si: float) -> float:
@@ -94,7 +95,7 @@ class BearingMonitor(Standing):
     @property
     def now_ns(self) -> int | None:
         """The latest time, on the clock of the samples [ns]; ``None`` before the first."""
-        return None if self.state.now == NEVER else self.state.now
+        return None if self.state.now == NEVER else self.state.now - self.state.shift
 
     def is_lost(self, place: int) -> bool:
         """Whether an input does not count at the latest time."""
@@ -102,7 +103,7 @@ class BearingMonitor(Standing):
             return INPUTS[place] in self.lost()
         state = self.state
         limit = rule.age_limit(state, self.settings.live, place)
-        return state.now != NEVER and abs(state.now - state.stamp[place]) > limit
+        return state.now != NEVER and state.now - state.came[place] > limit
 
     def last_ns(self, place: int) -> int | None:
         """Stamp of the last valid sample of an input [ns]."""
@@ -127,7 +128,6 @@ class BearingMonitor(Standing):
         self, place: int, time_ns: int, number: float, arrival_ns: int | None = None
     ) -> Update:
         """Take one sample of an :class:`Input`; see :class:`Sample`."""
-        del arrival_ns
         if place == Input.LEVEL and self.config.level is None:
             raise ConfigurationError(
                 f"parameter '{self.config.name}.level.topic' is missing: no level is configured"
@@ -136,9 +136,10 @@ class BearingMonitor(Standing):
         c = settings.live
         if rule.amplitude_due(state, c):
             size_cycle(self.config, state)
-        si = rule.si_value(c, place, float(number))
-        before, lost = rule.condition(state), state.lost
-        status = _STATUS[rule.arrive(state, c, place, time_ns, si)]
+        before, lost, onsets = rule.condition(state), state.lost, state.onsets
+        arrival = time_ns if arrival_ns is None else arrival_ns
+        code, time, si = rule.arrive(state, c, place, time_ns, arrival, float(number))
+        status = _STATUS[code]
         self.counts[place, status] += 1
         if place == Input.LEVEL or not status.valid:
             return Update(status)
@@ -146,13 +147,11 @@ class BearingMonitor(Standing):
         if state.lost > lost:
             events.append(self.event(before, state.lost_since))
             before = rule.condition(state)
-        sticking = state.sticking
-        given = settings.law, settings.table, settings.belief
-        if not rule.take(state, c, *given, place, time_ns, si):
+        if not rule.take(state, c, settings.model, place, time, si):
             return Update(status, None, events)
         chances = state.can, state.will, state.runs
         verdict = self.judge([*state.value, *chances], self.measured)
-        onset = state.sticking > sticking
+        onset = state.onsets > onsets
         if onset or rule.condition(state) != before:
             events.append(self.event(before, state.now, onset))
         return Update(status, verdict, events)

@@ -1,29 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that the monitor remembers of a bearing, as one flat record, and the settings of its rule.
+"""All that the monitor remembers of a bearing, as one flat record, and the numbers of its rule.
 
-:data:`FIELDS` is the whole memory: name, kind, how many, unit and meaning. Live it is a
-:class:`State` of Python numbers, over a recording one row of :data:`STATE_TYPE`, and kept between
+:class:`State` is the whole memory, each number declared with its unit, range and meaning. Live it
+is an object of Python numbers, over a recording one row of :data:`STATE_TYPE`, and kept between
 runs it is a dictionary; the rule (:mod:`.rule`) reads and writes all of them by the same names.
-:class:`RuleSettings` are what it takes of the configuration, as numbers.
+:class:`RuleNumbers` are what it takes of the configuration.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.boundary_table import (
-    BoundaryTable,
-    known_table,
-)
+from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.law_numbers import law_numbers
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -32,163 +28,185 @@ NEVER = -(2**62)
 # See docs/alarms.md, "Why these numbers".
 DECAY = 4.8
 """How long a cycle outlives the fold [2 m/c]."""
+DOUBT = 600 * 10**9
+"""For so long after a short vibration, half as long after a start, no short one is used; a level
+that has not moved for so long is stuck [ns]."""
+_LARGEST = 1e15
 
 
-class StateField(NamedTuple):
-    """One part of the memory: ``size`` numbers of a kind (``i8`` or ``f8``); 0 is a plain one."""
-
-    name: str
-    kind: str
-    size: int
-    unit: str
-    start: float
-    meaning: str
-
-
-FIELDS = (
-    # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
-    StateField('stamp', 'i8', 3, 'ns', NEVER, 'latest valid time stamp of each input'),
-    StateField(
-        'odd', 'i8', 3, 'ns', NEVER, 'stamp that waits for the next two samples to agree with it'
-    ),
-    StateField('agreed', 'i8', 3, '', 0, '1 once a sample has agreed with it'),
-    StateField('came', 'i8', 2, 'ns', NEVER, 'from when the age of speed and load is counted'),
-    StateField('gap', 'i8', 3, 'ns', 0, 'time between two stamps of each input; long ones fade'),
-    StateField('pace', 'i8', 3, 'ns', 0, 'usual time between two: the shorter of the last'),
-    StateField('value', 'f8', 2, 'SI', math.nan, 'latest speed [m/s] and load [N]'),
-    StateField('before', 'f8', 2, 'SI', math.nan, 'the values before these'),
-    StateField('earlier', 'f8', 2, 'SI', math.nan, 'the values before those'),
-    # Time.
-    StateField('now', 'i8', 0, 'ns', NEVER, 'latest time, on the clock of the samples'),
-    StateField('began', 'i8', 0, 'ns', NEVER, 'from when inputs are waited for'),
-    StateField('point', 'i8', 0, 'ns', NEVER, 'time of the latest operating point'),
-    StateField('lost', 'i8', 0, '', 0, '1 while an input is lost'),
-    StateField('lost_since', 'i8', 0, 'ns', NEVER, 'since when one is, or last was'),
-    # The trend of the speed.
-    StateField('fast', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 1 s'),
-    StateField('slow', 'f8', 0, 'm/s', math.nan, 'speed behind a lag of 4 s'),
-    StateField('load_mean', 'f8', 0, 'N', math.nan, 'load behind a lag of 4 s'),
-    # Whether stick-slip runs.
-    StateField('sticking', 'i8', 0, '', 0, '1 while stick-slip is predicted to run'),
-    StateField('known', 'i8', 0, '', 0, '1 once it is known which state a bistable bearing is in'),
-    StateField('growth', 'f8', 0, 'e-folds', 0, 'how far a disturbance has grown'),
-    StateField('unsure', 'f8', 0, 'e-folds', 0, 'how much of that no median bears out'),
-    StateField('dying', 'i8', 0, 'ns', 0, 'net time where no cycle exists while one is predicted'),
-    StateField('idle', 'i8', 0, 'ns', 0, 'net time at rest, unloaded or measured quiet meanwhile'),
-    StateField('can', 'f8', 0, '', 0, 'probability that a cycle exists, where there is a belief'),
-    StateField('will', 'f8', 0, '', 0, 'that stick-slip starts by itself'),
-    StateField('runs', 'f8', 0, '', 0, 'that it runs'),
-    StateField('amplitude', 'f8', 0, 'm', 0, 'of the exact cycle, where a limit asks for it'),
-    StateField('sized', 'i8', 0, 'ns', NEVER, 'when that was worked out'),
-    # What the latest point says.
-    StateField('course', 'i8', 0, '', 0, 'a cycle exists, none exists, or nothing slides'),
-    StateField('rate', 'f8', 0, '1/s', 0, 'growth rate of a disturbance by the latest values'),
-    StateField(
-        'median_rate', 'f8', 0, '1/s', 0, 'the same by the medians of the last three values'
-    ),
-    # The rungs of the alarm, in the order of the ladder without normal.
-    StateField('raised', 'i8', 0, 'bits', 0, 'the rungs that are raised'),
-    StateField('asks', 'i8', 0, 'bits', 0, 'the rungs that the latest point asks to change'),
-    StateField('count', 'i8', 5, 'ns', 0, 'net time for which each has been asked to change'),
-    StateField(
-        'cleared', 'i8', 5, 'ns', NEVER, 'when each was last cleared; of a raised one: held'
-    ),
-    # The measured level.
-    StateField('vibrating', 'i8', 0, '', 0, 'unknown, quiet or vibrating'),
-    StateField('level', 'f8', 0, 'unit', math.nan, 'latest level'),
-    StateField('moved', 'i8', 0, 'ns', NEVER, 'stamp at which the level last changed'),
-    StateField('level_count', 'i8', 0, 'ns', 0, 'net time above the threshold; negative: below'),
-    StateField('level_mean', 'f8', 0, 'dB', math.nan, 'the level behind a lag of half a second'),
-    StateField('level_peak', 'f8', 0, 'dB', math.nan, 'the highest of these since the level rose'),
-    StateField('responds', 'i8', 0, '', 0, '1 once the level has risen where a cycle exists'),
-    StateField('loud', 'f8', 0, '', 0, 'share of the time outside in which the level is high'),
-    StateField('outside', 'i8', 0, 'ns', NEVER, 'when the level last showed something else'),
-    StateField(
-        'spell', 'i8', 0, 'ns', NEVER, 'since when the level has been high, with short rests'
-    ),
-    StateField('high', 'i8', 0, 'ns', NEVER, 'when it was last not low'),
-    StateField('loudest', 'f8', 0, 'dB', math.nan, 'the highest of these means outside'),
-    StateField('watched', 'i8', 0, 'ns', 0, 'for how long the level was watched outside'),
-    StateField(
-        'unseen', 'i8', 0, 'ns', NEVER, 'since when stick-slip is predicted and not measured'
-    ),
-)
-
-STATE_TYPE = np.dtype(
-    [(f.name, f.kind, (f.size,)) if f.size else (f.name, f.kind) for f in FIELDS]
-)
+def _part(
+    start: float, meaning: str, unit: str, size: int, least: float, most: float, new: bool
+) -> Any:
+    """One part of the memory: ``size`` numbers, or a plain one for 0; ``new`` since 0.2.0."""
+    facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (least, most), 'new': new}
+    if size:
+        return field(default_factory=lambda: [start] * size, metadata=facts)
+    return field(default=start, metadata=facts)
 
 
+def _time(meaning: str, size: int = 0) -> Any:
+    return _part(NEVER, meaning, 'ns', size, NEVER, -NEVER, False)
+
+
+def _span(meaning: str, size: int = 0, start: int = 0, least: int = 0, new: bool = False) -> Any:
+    return _part(start, meaning, 'ns', size, least, -NEVER, new)
+
+
+def _whole(most: int, meaning: str, new: bool = False) -> Any:
+    return _part(0, meaning, '', 0, 0, most, new)
+
+
+def _real(
+    meaning: str,
+    unit: str = '',
+    size: int = 0,
+    start: float = math.nan,
+    least: float = -_LARGEST,
+    most: float = _LARGEST,
+    new: bool = False,
+) -> Any:
+    return _part(start, meaning, unit, size, least, most, new)
+
+
+def _chance(meaning: str) -> Any:
+    return _real(meaning, start=0.0, least=0.0, most=1.0)
+
+
+@dataclass(slots=True)
 class State:
     """The memory of a bearing as Python numbers, and lists where there are several."""
 
-    __slots__ = tuple(f.name for f in FIELDS)
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
-
-        def __setattr__(self, name: str, value: Any) -> None: ...
-
-    def __init__(self) -> None:
-        for f in FIELDS:
-            start = int(f.start) if f.kind == 'i8' else float(f.start)
-            setattr(self, f.name, [start] * f.size if f.size else start)
+    # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
+    stamp: list[int] = _time('newest time stamp of each input', 3)
+    came: list[int] = _time('from when the age of each is counted', 3)
+    gap: list[int] = _span('time between two values of each input; long ones fade', 3)
+    pace: list[int] = _span('usual time between two: the shorter of the last', 3)
+    value: list[float] = _real('latest speed [m/s] and load [N]', 'SI', 2)
+    before: list[float] = _real('the values before these', 'SI', 2)
+    earlier: list[float] = _real('the values before those', 'SI', 2)
+    # Time.
+    now: int = _time('latest time, on a clock that never goes back')
+    shift: int = _span('how far that is ahead of the arrivals', least=NEVER, new=True)
+    began: int = _time('from when inputs are waited for')
+    point: int = _time('time of the latest operating point')
+    lost: int = _whole(1, '1 while an input is lost')
+    lost_since: int = _time('since when one is, or last was')
+    # The trend of the speed.
+    fast: float = _real('speed behind a lag of 1 s', 'm/s')
+    slow: float = _real('speed behind a lag of 4 s', 'm/s')
+    load_mean: float = _real('load behind a lag of 4 s', 'N')
+    # Whether stick-slip runs.
+    sticking: int = _whole(1, '1 while stick-slip is predicted to run')
+    known: int = _whole(1, '1 once it is known which state a bistable bearing is in')
+    onsets: int = _whole(-NEVER, 'how often it has begun after it was clear', True)
+    growth: float = _real('how far a disturbance has grown', 'e-folds', start=0.0, least=0.0)
+    borne: float = _real('the same by medians', 'e-folds', start=0.0, least=0.0, new=True)
+    dying: int = _span('net time where no cycle exists while one is predicted')
+    idle: int = _span('net time at rest, unloaded or measured quiet meanwhile')
+    can: float = _chance('probability that a cycle exists, where there is a belief')
+    will: float = _chance('that stick-slip starts by itself')
+    runs: float = _chance('that it runs')
+    amplitude: float = _real('of the exact cycle, where a limit needs it', 'm', start=0.0)
+    sized: int = _time('when that was worked out')
+    # What the latest point says.
+    course: int = _whole(2, 'a cycle exists, none exists, or nothing slides')
+    rate: float = _real('growth rate of a disturbance there', '1/s', start=0.0)
+    median_rate: float = _real('the same by medians', '1/s', start=0.0)
+    # The rungs of the alarm, in the order of the ladder without normal.
+    raised: int = _whole(31, 'the rungs that are raised, as bits')
+    asks: int = _whole(31, 'the rungs that the latest point asks to change, as bits')
+    count: list[int] = _span('net time for which each has been asked to change', 5)
+    cleared: list[int] = _time('when each was last cleared; of a raised one: held', 5)
+    # The measured level.
+    level: float = _real('latest level', 'its own')
+    vibrating: int = _whole(2, 'unknown, quiet or vibrating')
+    level_count: int = _span('net time above the threshold; negative: below', least=NEVER)
+    still: int = _span('for how long the level has not moved', new=True)
+    background: float = _real('mean where no stick-slip is predicted', 'dB', new=True)
+    high_for: int = _span('how long it has been high', new=True)
+    doubt: int = _span('for how long yet what is short is not used', start=DOUBT // 2, new=True)
+    heard: int = _whole(1, '1 once the level has vibrated in this episode', True)
+    unseen: int = _time('since when stick-slip is predicted and not measured')
 
     def copy(self) -> State:
         """The same memory once more."""
         other = State.__new__(State)
-        for name in self.__slots__:
-            value = getattr(self, name)
-            setattr(other, name, list(value) if isinstance(value, list) else value)
+        for name in _NAMES:
+            part = getattr(self, name)
+            setattr(other, name, list(part) if isinstance(part, list) else part)
         return other
 
     def record(self) -> dict[str, Any]:
         """The memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""
-        return {name: _plain(getattr(self, name)) for name in self.__slots__}
+        return {name: _plain(getattr(self, name)) for name in _NAMES}
 
     def row(self) -> Any:
         """The memory as an array of one row, of :data:`STATE_TYPE`."""
-        row = np.zeros(1, STATE_TYPE)
-        for name in self.__slots__:
-            row[name] = getattr(self, name)
-        return row
+        return _row(self, STATE_TYPE)
 
     @classmethod
     def of_row(cls, row: Any) -> State:
         """The memory that a row of :data:`STATE_TYPE` holds."""
-        state = cls()
-        for name in cls.__slots__:
-            setattr(state, name, row[name].tolist())
-        return state
+        return cls(*(row[name].tolist() for name in _NAMES))
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> State:
-        """The memory from what :meth:`record` gave.
+        """The memory from what :meth:`record` gave, or what that of 0.2.0 did.
 
         Raises:
-            ValueError: A field is missing, or is not of its kind and number.
+            ValueError: A field is missing, or is not of its kind, number and range.
         """
+        old = 'odd' in record
         state = cls()
-        for f in FIELDS:
-            found = record.get(f.name)
-            parts = found if isinstance(found, list) else [found]
-            if f.name in ('gap', 'pace') and len(parts) == 2:  # before, the level had none
-                parts = [*parts, 0]
-            if len(parts) != max(f.size, 1) or isinstance(found, list) != bool(f.size):
-                raise ValueError(f'{f.name} = {found!r} must be {f.size or "a"} {f.kind}')
-            numbers = [_number(f, part) for part in parts]
-            setattr(state, f.name, numbers if f.size else numbers[0])
+        for each in fields(cls):
+            if old and (each.metadata['new'] or each.name in _OTHERWISE):
+                continue
+            setattr(state, each.name, _checked(each, record.get(each.name)))
+        if old:
+            state.borne = state.growth
         return state
 
 
-def _number(field: StateField, value: Any) -> float:
-    if field.kind == 'f8' and value is None:
-        return math.nan
-    kinds = (int,) if field.kind == 'i8' else (int, float)
-    if isinstance(value, bool) or not isinstance(value, kinds) or not abs(value) < 2**63:
-        raise ValueError(f'{field.name} = {value!r} must be a number')
-    return value if field.kind == 'i8' else float(value)
+_NAMES = tuple(each.name for each in fields(State))
+_OTHERWISE = ('stamp', 'came', 'now', 'began', 'vibrating', 'level_count')
+"""Parts that begin afresh after 0.2.0: at a restart, or because they meant something else."""
+
+
+def _type_of(owner: type) -> np.dtype[Any]:
+    """The numbers of a class as a record."""
+    parts = []
+    for each in fields(owner):
+        size = each.metadata.get('size', 3 if 'list' in str(each.type) else 0)
+        kind = 'f8' if 'float' in str(each.type) else 'i8'
+        parts.append((each.name, kind, (size,)) if size else (each.name, kind))
+    return np.dtype(parts)
+
+
+def _row(owner: Any, kind: np.dtype[Any]) -> Any:
+    row = np.zeros(1, kind)
+    for name in kind.names or ():
+        row[name] = getattr(owner, name)
+    return row
+
+
+STATE_TYPE = _type_of(State)
+
+
+def _checked(part: Any, found: Any) -> Any:
+    """What was kept of a part of the memory."""
+    size, kept = part.metadata['size'], found if isinstance(found, list) else [found]
+    if len(kept) != max(size, 1) or isinstance(found, list) != bool(size):
+        raise ValueError(f'{part.name} = {found!r} must be {size or "a"} number{"s"[:size]}')
+    whole, (least, most) = 'int' in part.type, part.metadata['range']
+    numbers = []
+    for value in kept:
+        number = math.nan if value is None and not whole else value
+        if type(number) not in ((int,) if whole else (int, float)) or (
+            not least <= number <= most and value is not None
+        ):
+            raise ValueError(f'{part.name} = {value!r} must be from {least:g} to {most:g}')
+        numbers.append(number if whole else float(number))
+    return numbers if size else numbers[0]
 
 
 def _plain(value: Any) -> Any:
@@ -197,25 +215,42 @@ def _plain(value: Any) -> Any:
     return None if value != value else value
 
 
-_ENDLESS = 2**62
-_NAMED = np.dtype(
-    [
-        ('scale', 'f8', (3,)),
-        ('offset', 'f8', (3,)),
-        ('factor', 'f8', (3,)),
-        ('deadband', 'f8', (3,)),
-        ('minimum', 'f8', (3,)),
-        ('maximum', 'f8', (3,)),
-        ('timeout', 'i8', (3,)),
-        *((name, 'i8') for name in ('on_delay', 'off_delay', 'decay')),
-        *((name, 'i8') for name in ('has_belief', 'has_level', 'in_db', 'tells_other')),
-        *((name, 'f8') for name in ('mass', 'damping', 'stiffness', 'per_mass', 'lean')),
-        *((name, 'f8') for name in ('onset_growth', 'look_ahead', 'caution_on', 'caution_off')),
-        *((name, 'f8') for name in ('caution_chance', 'can_chance', 'runs_chance')),
-        *((name, 'f8') for name in ('amplitude_limit', 'amplitude_off')),
-        *((name, 'f8') for name in ('threshold', 'hysteresis', 'table_first', 'table_step')),
-    ]
-)
+@dataclass(frozen=True, slots=True)
+class RuleNumbers:
+    """What the rule takes of the configuration: numbers, and lists of one for each input."""
+
+    scale: list[float]
+    offset: list[float]
+    factor: list[float]
+    deadband: list[float]
+    minimum: list[float]
+    maximum: list[float]
+    timeout: list[int]
+    on_delay: int
+    off_delay: int
+    decay: int
+    has_belief: int
+    has_level: int
+    in_db: int
+    damping: float
+    per_mass: float
+    lean: float
+    onset_growth: float
+    look_ahead: float
+    caution_on: float
+    caution_off: float
+    caution_chance: float
+    can_chance: float
+    runs_chance: float
+    amplitude_limit: float
+    amplitude_off: float
+    threshold: float
+    hysteresis: float
+    table_first: float
+    table_step: float
+
+
+_NUMBERS_TYPE = _type_of(RuleNumbers)
 
 
 @dataclass(frozen=True)
@@ -223,35 +258,27 @@ class RuleSettings:
     """What the rule takes beside the memory, for live samples and for recordings.
 
     Attributes:
-        live: The numbers by name, and lists where there are several.
+        live: The numbers of the configuration.
         law: The friction law's numbers.
         boundaries: The boundaries over the load.
         chances: The table of a belief; of no matter without one.
     """
 
-    live: SimpleNamespace
+    live: RuleNumbers
     law: tuple[float, ...]
     boundaries: BoundaryTable
     chances: FloatArray
 
     @cached_property
-    def table(self) -> list[list[tuple[float, ...]]]:
-        """The boundaries' polynomials as lists, which are fast one by one."""
-        return [[tuple(row) for row in part] for part in self.boundaries.pieces.tolist()]
-
-    @cached_property
-    def belief(self) -> list[float]:
-        """The table of a belief as a list."""
-        found: list[float] = self.chances.tolist()
-        return found
+    def model(self) -> tuple[Sequence[float], list[list[tuple[float, ...]]], list[float]]:
+        """The law, the boundaries' polynomials and the belief as lists, fast one by one."""
+        table = [[tuple(row) for row in part] for part in self.boundaries.pieces.tolist()]
+        return self.law, table, self.chances.tolist()
 
     @cached_property
     def row(self) -> Any:
-        """The numbers as an array of one row, for compiled loops."""
-        row = np.zeros(1, _NAMED)
-        for name in _NAMED.names or ():
-            row[name] = getattr(self.live, name)
-        return row
+        """The numbers of the configuration as an array of one row, for compiled loops."""
+        return _row(self.live, _NUMBERS_TYPE)
 
 
 def settings_of(config: BearingConfig) -> RuleSettings:
@@ -261,12 +288,12 @@ def settings_of(config: BearingConfig) -> RuleSettings:
     inputs = [config.speed, config.load, config.speed if level is None else level]
     in_db = level is not None and level.unit == 'dB'
     margin = 1.0 + alarm.caution_margin
-    live = SimpleNamespace(
+    live = RuleNumbers(
         **{
             name: [getattr(each, name) for each in inputs]
             for name in ('scale', 'offset', 'factor', 'deadband', 'maximum')
         },
-        minimum=[-math.inf, -math.inf, -math.inf if in_db else 0.0],
+        minimum=[-math.inf, config.load.minimum, -math.inf if in_db else 0.0],
         timeout=[each.timeout_ns for each in inputs],
         on_delay=alarm.on_delay_ns,
         off_delay=alarm.off_delay_ns,
@@ -274,10 +301,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         has_belief=int(belief is not None),
         has_level=int(level is not None),
         in_db=int(in_db),
-        tells_other=int(level is not None and not level.learns),
-        mass=bearing.mass,
         damping=bearing.damping,
-        stiffness=bearing.stiffness,
         per_mass=0.5 / bearing.mass,
         lean=1.0 if belief is None else belief.lean(alarm.runs_probability),
         onset_growth=alarm.onset_growth,
@@ -301,7 +325,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
     """How long a cycle outlives the fold; nothing where no memory is asked for [ns]."""
     if bearing.damping <= 0.0:
-        return _ENDLESS
+        return -NEVER
     return int(min(DECAY, onset_growth * DECAY) * 2e9 * bearing.mass / bearing.damping)
 
 

@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.ladder import Condition, Level
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.rule_state import State
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.signals import VALUE_FAULTS
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 LOOK_NS = 10**9
@@ -38,7 +38,6 @@ HEARTBEAT_NS = 60 * 10**9
 """The list of alarms is published at least this often, as IEC 62923 asks of any source of them."""
 NOTES_KEPT = 50
 """The latest of more notes than this are published with the next list."""
-_FAULTS = (Status.NOT_FINITE, Status.IMPLAUSIBLE)
 
 
 class Log(Protocol):
@@ -253,7 +252,7 @@ class Session:
             self._say(name, bool(update.events), now)
         self._announce(update.events)
         changes = []
-        if update.status in _FAULTS:
+        if update.status in VALUE_FAULTS:
             changes += self.annunciator.take_fault(name, place, update.status, time_ns)
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)

@@ -116,27 +116,57 @@ class Status(IntEnum):
     """What became of a sample."""
 
     ACCEPTED = 0
-    CLOCK_JUMP = 1
-    NOT_FINITE = 2
+    NOT_FINITE = 1
+    NO_VALUE = 2
     IMPLAUSIBLE = 3
-    REPEATED = 4
-    OUT_OF_ORDER = 5
-    ODD_STAMP = 6
+    BELOW_MINIMUM = 4
+    REPEATED = 5
+    OUT_OF_ORDER = 6
 
     @property
     def valid(self) -> bool:
         """Whether the sample is used."""
-        return self <= Status.CLOCK_JUMP
+        return self is Status.ACCEPTED
 
 
 STATUS_SENTENCES = {
-    Status.CLOCK_JUMP: 'the clock jumped back',
     Status.NOT_FINITE: 'not a finite number',
+    Status.NO_VALUE: 'a number that means "no value"',
     Status.IMPLAUSIBLE: 'beyond the largest plausible magnitude',
-    Status.REPEATED: 'same time stamp as the one before',
+    Status.BELOW_MINIMUM: 'below the smallest plausible value (is the sign of its scale right?)',
+    Status.REPEATED: 'same time stamp and value as the one before',
     Status.OUT_OF_ORDER: 'older than the one before',
-    Status.ODD_STAMP: 'time stamp far from those before, and not followed by the next',
 }
+VALUE_FAULTS = (
+    Status.NOT_FINITE,
+    Status.NO_VALUE,
+    Status.IMPLAUSIBLE,
+    Status.BELOW_MINIMUM,
+)
+"""What is wrong with a number, whenever it comes."""
+NO_VALUES = (
+    1e20,  # and any of greater magnitude: fill values of netCDF and others
+    -999.25,  # LAS
+    -9999.25,
+    -999.0,
+    -9999.0,
+    -99999.0,
+    32767.0,  # 16 bits with a sign, whole or in tenths; 3276.7 in single precision, too
+    -32767.0,
+    -32768.0,
+    3276.7,
+    -3276.7,
+    -3276.8,
+    3276.699951171875,
+    -3276.699951171875,
+    -3276.800048828125,
+    65535.0,  # 16 bits without one, whole, in tenths or in quarters, and the error of NMEA 2000
+    65534.0,
+    6553.5,
+    16383.75,
+    16383.5,
+)
+"""Numbers by which senders say that there is no value, as they stand in messages."""
 
 
 def to_si(config: InputConfig, value: Any) -> Any:

@@ -25,13 +25,14 @@ from stickslip_monitor.monitor.ladder import (
     Measured,
     Unknown,
 )
-from stickslip_monitor.monitor.rule_state import NEVER, RuleSettings
+from stickslip_monitor.monitor.rule_level import RISE, UNKNOWN, decibels, is_over
+from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, State
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.boundary_table import BoundaryTable
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude
 
-DOUBT = 60.0
+UNSEEN = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
 
 
@@ -48,7 +49,7 @@ def assessed(
     return point
 
 
-def size_cycle(config: BearingConfig, s: Any, many: bool = False) -> None:
+def size_cycle(config: BearingConfig, s: State, many: bool = False) -> None:
     """Work out the amplitude of the exact cycle, into the memory ``s``; compiled if many are."""
     speed, load = rule.median_point(s)
     amplitude = exact_amplitude(config.bearing, float(speed), float(load), many)
@@ -114,7 +115,7 @@ class Standing:
         self,
         config: BearingConfig,
         settings: RuleSettings,
-        state: Any,
+        state: State,
         verdict: Verdict | None = None,
     ) -> None:
         self.config, self.settings, self.state, self.verdict = config, settings, state, verdict
@@ -180,30 +181,26 @@ class Standing:
 
     @property
     def is_loud(self) -> bool:
-        """Whether the level is high where no stick-slip can exist."""
-        s = self.state
-        high = s.vibrating == rule.VIBRATING and s.loud > rule.LOUD
-        return bool(self.settings.live.has_level and high)
+        """Whether the level is above its threshold and no higher than usual."""
+        s, c = self.state, self.settings.live
+        high = rule.hears(s, c) and is_over(s, c, False) and not s.sticking
+        return high and decibels(c, s.level) < s.background + RISE
 
     @property
     def unknown(self) -> Unknown | None:
         """Why the measured vibration says nothing; ``None`` where it does."""
         s, c = self.state, self.settings.live
-        stamp = s.stamp[rule.LEVEL]
         if not c.has_level:
             return None
-        if stamp == NEVER:
+        if s.came[rule.LEVEL] == NEVER:
             return Unknown.NOTHING
-        if abs(s.now - stamp) > rule.age_limit(s, c, rule.LEVEL):
+        if not rule.hears(s, c):
             return Unknown.LOST
-        if stamp - s.moved > rule.STUCK:
+        if s.still > DOUBT:
             return Unknown.STUCK
-        if s.loud > rule.LOUD:
+        if self.is_loud:
             return Unknown.LOUD
-        if rule.measured_now(s, c) != rule.UNKNOWN:
-            return None
-        learning = c.threshold != c.threshold and s.watched < rule.LEARNED
-        return Unknown.ONE_MODE if learning else Unknown.SHORT
+        return Unknown.SHORT if rule.measured_now(s, c) == UNKNOWN else None
 
     def lost(self, now: int | None = None) -> dict[str, float]:
         """The inputs that are lost at a time [ns], the latest as a rule, with their ages [s]."""
@@ -231,13 +228,14 @@ class Standing:
         """
         speed, load, *chances = point
         judge = partial(assessed, self.config, self.settings.boundaries, speed, load, chances)
-        own = self.config.name, self.state.now
+        own = self.config.name, self.state.now - self.state.shift
         self.verdict = Verdict(*own, judge, speed, load, chances, measured)
         return self.verdict
 
     def advance(self, time_ns: int) -> list[Event]:
         """Let time pass without a sample; a time before the latest one changes nothing."""
         state = self.state
+        time_ns += state.shift
         if state.now != NEVER and time_ns < state.now:
             return []
         before, lost = rule.condition(state), state.lost
@@ -249,14 +247,14 @@ class Standing:
 
         Args:
             before: The condition before it, as the rule numbers them.
-            time_ns: When it fell due.
+            time_ns: When it fell due, on the clock of the memory [ns].
             onset: Whether stick-slip has begun.
         """
         lost = self.lost(time_ns) if self.state.lost else {}
         was = CONDITIONS[before]
         return Event(
             bearing=self.config.name,
-            time_ns=time_ns,
+            time_ns=time_ns - self.state.shift,
             before=was,
             after=self.condition,
             assessment=self.assessment,
@@ -291,6 +289,8 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     if b.sticking and math.isfinite(point.amplitude_exact):
         text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
     text += f', fold margin {point.stability_margin:+.0%}.'
+    if b.state.raised & (1 << rule.VIBRATION) and condition is not Condition.VIBRATION:
+        text += f' {Condition.VIBRATION.sentence}'
     return text + _belief_text(b, point) + _doubt_text(b)
 
 
@@ -329,7 +329,7 @@ def _caution_margin(config: BearingConfig) -> float:
 
 def _state_text(b: Standing) -> str:
     """Whether a bistable bearing is quiet: measured, remembered, or not known."""
-    if b.measured is Measured.QUIET and b.state.responds:
+    if b.measured is Measured.QUIET and b.state.heard:
         return Measured.QUIET.sentence
     return 'Quiet by its history.' if b.state.known else 'Vibration state unknown.'
 
@@ -350,11 +350,11 @@ def _doubt_text(b: Standing) -> str:
     if b.is_loud:
         return f' {Unknown.LOUD.sentence[0].upper()}{Unknown.LOUD.sentence[1:]}.'
     quiet = b.measured is Measured.QUIET
-    if not (b.sticking and quiet) or b.unseen < DOUBT:
+    if not (b.sticking and quiet) or b.unseen < UNSEEN:
         return ''
     asks = (
         ': are the parameters and the threshold of the level right?'
-        if b.state.responds
+        if b.state.heard
         else '; the level has never risen in stick-slip: does its sensor reach the bearing?'
     )
     return f' No vibration has been measured for {about(b.unseen)}{asks}'

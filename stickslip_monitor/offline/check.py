@@ -37,8 +37,6 @@ from stickslip_monitor.offline.input_check import (
 )
 from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
 
-_AHEAD_NS = 10**9
-"""A stamp may be so much later than the recorder's time, by the errors of both clocks [ns]."""
 _NONE = np.empty(0, np.int64)
 _NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())
 _EARLIEST = -(1 << 63)
@@ -313,32 +311,22 @@ def _rows(stream: Stream, rows: slice) -> Stream:
 
 
 class SampleSpan:
-    """Start and end of a recording on the clock of the samples.
-
-    Stamps in headers may be from another clock than the recorder's: then the samples' own span
-    counts. Which it is shows with the first message.
+    """Start and end of a recording.
 
     Attributes:
-        start_ns: The start [ns], known with the first message.
+        start_ns: The start [ns].
         end_ns: The end as far as it was read [ns].
     """
 
     def __init__(self, bag: Recording) -> None:
         self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
-        self._begun = False
 
     def extend(self, series: Iterable[Series]) -> None:
         """Take the messages of a stretch."""
         known = [each for each in series if each.sequence.size]
         if self.start_ns is None or self.end_ns is None or not known:
             return
-        if not self._begun:
-            self._begun = True
-            first = min(known, key=lambda each: int(each.sequence[0]))
-            stamp, log_time = int(first.stamp_ns[0]), int(first.log_time_ns[0])
-            if not self.start_ns <= stamp <= log_time + _AHEAD_NS:
-                self.start_ns = self.end_ns = stamp
-        self.end_ns = max(self.end_ns, *(int(each.stamp_ns.max()) for each in known))
+        self.end_ns = max(self.end_ns, *(int(each.log_time_ns.max()) for each in known))
 
     @property
     def length_ns(self) -> int:

@@ -132,7 +132,7 @@ class InputCheck:
         si = np.full(series.value.size, np.nan) if is_level else to_si(self._source, series.value)
         self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
         self._counts += scan.counts[self._place]
-        refused, value = scan.status > Status.CLOCK_JUMP, series.value
+        refused, value = scan.status != Status.ACCEPTED, series.value
         if refused.any():
             value = stream.value[(stream.inputs == self._place) & ~refused]
         low, high = self._span
@@ -145,7 +145,7 @@ class InputCheck:
         facts = _facts(self._source)
         if not self._messages:
             return input_fault(facts)
-        if not self._counts[: Status.CLOCK_JUMP + 1].any():
+        if not self._counts[Status.ACCEPTED]:
             worst = max(Status, key=lambda status: int(self._counts[status]))
             sender = (Publisher('', self._source.type),)
             return input_fault(replace(facts, publishers=sender, refused=worst))
@@ -160,7 +160,7 @@ class InputCheck:
         self, faults: tuple[Fault, ...], asked: tuple[str, ...], other: InputCheck
     ) -> InputReport:
         """What came of the input, by its messages' faults, and questions."""
-        used = int(self._counts[: Status.CLOCK_JUMP + 1].sum())
+        used = int(self._counts[Status.ACCEPTED])
         first, last = self._span if used else (math.nan, math.nan)
         # Below the deadband a negative number is -0.0.
         low, high = sorted(float(to_si(self._source, end)) + 0.0 for end in (first, last))

@@ -313,7 +313,8 @@ class _Follower:
         state = self._scan.state
         if heard.stream.time_ns.size or state.now == NEVER or state.lost:
             return []
-        return [max(rule.standing_until(state, self._scan.settings.live), state.now)]
+        until = max(rule.standing_until(state, self._scan.settings.live), state.now)
+        return [until - state.shift]
 
     def states(
         self, heard: Heard, ticks: Sequence[int], seen: Sequence[int]
@@ -354,7 +355,7 @@ class _Follower:
         bearing = copy.copy(self._bearing)
         bearing.state, bearing.counts = state, counts
         if point is not None:
-            bearing.verdict = Verdict(self._config.name, state.now, lambda: point)
+            bearing.verdict = Verdict(self._config.name, state.now - state.shift, lambda: point)
         bearing.advance(time_ns)
         record = diagnostic_record(NODE, BearingState(bearing))
         return StatusFields(

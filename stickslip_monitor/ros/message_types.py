@@ -114,15 +114,16 @@ def _follow(what: str, current: str, step: str | int) -> str:
     return fields[step]
 
 
-def stamp_reader(type_name: str) -> Callable[[Any], int]:
-    """A function that reads ``header.stamp`` [ns]; 0 where there is none, or one before 1970."""
-    stamped = next(iter(_fields(type_name).items()), None) == ('header', 'std_msgs/Header')
+def stamp_reader(type_name: str) -> Callable[[Any], int] | None:
+    """A function that reads ``header.stamp`` [ns], or ``None`` where the type has no header."""
+    if next(iter(_fields(type_name).items()), None) != ('header', 'std_msgs/Header'):
+        return None
 
     def read(message: Any) -> int:
         stamp = message.header.stamp
-        return max(0, int(stamp.sec) * 10**9 + int(stamp.nanosec))
+        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
-    return read if stamped else lambda _: 0
+    return read
 
 
 def number_reader(path: FieldPath) -> Callable[[Any], float]:

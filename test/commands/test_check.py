@@ -61,8 +61,8 @@ def test_a_level_tells_of_the_blow_that_speed_and_load_do_not_show(
     assert 'measured' not in {*blind, *blind['events'][0]}
     assert 'stick_slip' not in {event['to'] for event in blind['events']}
     (told,) = (event for event in seeing['events'] if event['to'] == 'stick_slip')
-    # Struck at 130 s.
-    assert 133.0 < (told['time'] - 1_778_054_400 * 10**9) * 1e-9 < 134.0
+    # Struck at 130 s; in the first five minutes what goes on for 15 s is used.
+    assert 145.0 < (told['time'] - 1_778_054_400 * 10**9) * 1e-9 < 146.0
     assert told['measured'] == 'vibrating'
     assert sum(seeing['measured'].values()) == pytest.approx(240.0, abs=0.5)
     assert main(['check', str(bag), *own, '--mcap', str(tmp_path / 'out.mcap')]) == 1
@@ -266,7 +266,7 @@ def test_of_many_bearings_the_worst_are_drawn_and_the_others_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('jinja2')
-    monkeypatch.setattr(report_page, 'MOST_DRAWN', 1)
+    monkeypatch.setattr(report_page, '_MOST_DRAWN', 1)
     node = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
     own = node.pop('aft_stern') | {'stiffness': 2.0e6}
     # Friction that does not fall: no cycle at any speed.
@@ -288,5 +288,6 @@ def test_the_report_says_for_how_long_vibration_was_measured(tmp_path: Path) -> 
     page = tmp_path / 'out.html'
     assert main([*arguments, '--report', str(page)]) == 1
     said = re.search(r'vibration measured ([\d.]+) s', text_of(page))
-    # By the truth of the recording it sticks from 130.1 s to 179.6 s; it rings on a little.
-    assert float(said[1]) == pytest.approx(179.6 - 130.1, abs=5.0)
+    # By the truth of the recording it sticks from 130.1 s to 179.6 s; it rings on a little. In
+    # the first five minutes what goes on for 15 s is used.
+    assert float(said[1]) == pytest.approx(179.6 - 145.1, abs=6.0)

@@ -144,9 +144,10 @@ class Sequence:
 
     def samples(self) -> Iterator[Sample]:
         """Yield the samples in order of arrival."""
-        columns = (self.messages.quantity, self.messages.time_ns, self.messages.value)
-        for quantity, time_ns, value in zip(*(c.tolist() for c in columns), strict=True):
-            yield Sample(NAME, QUANTITIES[quantity], time_ns, value)
+        own = self.messages
+        columns = (own.quantity, own.time_ns, own.value, own.arrival_ns)
+        for quantity, *sample in zip(*(c.tolist() for c in columns), strict=True):
+            yield Sample(NAME, QUANTITIES[quantity], *sample)
 
 
 def sequence(number: int) -> Sequence:
@@ -168,7 +169,7 @@ def sequence(number: int) -> Sequence:
     messages = _together(parts)
     if 'clock_jump' in kinds:
         messages = _jumped(bits, messages)
-    last = int(messages.time_ns[-1])
+    last = int(messages.arrival_ns[-1])
     return Sequence(
         number,
         bearing,

@@ -71,7 +71,9 @@ class Heard:
     def take(self, messages: Iterable[Message]) -> None:
         """Take more messages, in the order of their arrival."""
         for arrival, quantity, stamp, number in sorted(messages, key=lambda m: m[0]):
-            update = self.monitor.update(Sample(NAME, quantity, round(stamp * SECOND), number))
+            came = round(arrival * SECOND)
+            sample = Sample(NAME, quantity, round(stamp * SECOND), number, came)
+            update = self.monitor.update(sample)
             self.events += update.events
             self.statuses.append(update.status.name)
             self._conditions.append((arrival, str(self.monitor.condition(NAME))))
@@ -187,16 +189,18 @@ def test_odd_stamps_hide_no_stick_slip(off: float, every: int) -> None:
 @pytest.mark.parametrize('off', [-3600.0, -8.0, 8.0, 3600.0])
 @pytest.mark.parametrize('several', [1, 2])
 @pytest.mark.parametrize('timeout', [2.0, 15.0])
-def test_one_or_two_odd_stamps_are_refused_and_counted(
+def test_one_or_two_odd_stamps_lose_two_values_at_most(
     off: float, several: int, timeout: float
 ) -> None:
+    """Older ones are refused; after newer ones those that follow are, until a second is over."""
     speed = _speed('steep', 0.5, 120.0, 2.0)
     for row in range(100, 100 + several):
         at, quantity, stamp, number = speed[row]
         speed[row] = (at, quantity, stamp + off, number)
     heard = Heard(_config('steep', speed__timeout=timeout), speed + _loaded('steep', 120.0, 0.5))
     found = [s for s in heard.statuses if s != 'ACCEPTED']
-    assert found in (['ODD_STAMP'] * several, ['OUT_OF_ORDER'] * several)
+    assert set(found) <= {'OUT_OF_ORDER'}
+    assert len(found) <= 2
     assert heard.events == []
 
 
@@ -241,34 +245,42 @@ def test_without_a_memory_nobody_knows_whether_a_bistable_bearing_vibrates() -> 
 
 @pytest.mark.parametrize('dither', [0.0, 0.04])
 def test_a_limit_cycle_is_constant_and_no_stuck_level(dither: float) -> None:
-    """A knock in the bistable range at 200 s, in decibels."""
+    """A knock in the bistable range at 400 s, in decibels."""
 
     def level(t: float) -> float:
-        if t < 200.0:
+        if t < 400.0:
             return 21.0 + 0.7 * math.sin(3.0 * t)
         return 44.0 + dither * math.copysign(1.0, math.sin(5.0 * t))
 
-    heard = _hear('viscous', 400.0, 0.9, level, **DECIBELS)
-    assert 200.0 < heard.first(STICKING) < 206.0
+    heard = _hear('viscous', 600.0, 0.9, level, **DECIBELS)
+    assert 400.0 < heard.first(STICKING) < 406.0
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
 
 @pytest.mark.parametrize('lasting', [2.0, 3.5, 8.0])
-@pytest.mark.parametrize(('bearing', 'share'), [('viscous', 0.9), ('ship', 1.1)])
-def test_bursts_of_vibration_hide_no_episode_and_make_few(
-    bearing: str, share: float, lasting: float
-) -> None:
+def test_bursts_of_vibration_hide_no_episode_and_make_few(lasting: float) -> None:
     """Something else is loud for seconds each minute; at 1000 s stick-slip begins and goes on."""
 
     def level(t: float) -> float:
         loud = t % 60.0 < lasting or t > 1000.0
         return (60.0 if loud else 3.0) * (1.0 + 0.02 * math.sin(9.0 * t))
 
-    heard = _hear(bearing, 1100.0, share, level, level__threshold=20.0, **MILLIMETRES)
+    heard = _hear('viscous', 1100.0, 0.9, level, level__threshold=20.0, **MILLIMETRES)
     # The first of them cannot be told from a blow, and ends after the off-delay.
     assert sum(onset < 1000.0 for onset in heard.onsets) <= 1
     assert next(o for o in heard.onsets if o > 1000.0) < 1020.0
     assert heard.monitor.condition(NAME) == 'stick_slip'
+
+
+def test_vibration_outside_the_fold_is_told_and_is_no_stick_slip() -> None:
+    """A worn bearing sticks at 1.1 times the fold of its parameters, which say caution there."""
+    heard = _hear(
+        'ship', 600.0, 1.1, lambda t: (60.0 if t > 400.0 else 3.0) + 0.1 * math.sin(t),
+        level__threshold=20.0, **MILLIMETRES,
+    )  # fmt: skip
+    assert heard.onsets == []
+    assert heard.monitor.condition(NAME) == 'caution'
+    assert 'Vibration is measured where none is predicted' in heard.monitor.bearings[NAME].text()
 
 
 BISTABLE_AGAIN = _ramps([0, 300, 320, 900, 930], [1.6, 1.6, 0.4, 0.4, 0.9])
@@ -294,7 +306,7 @@ def test_an_engine_order_that_is_loud_from_the_start_is_no_stick_slip(begin: flo
     assert heard.seconds(STICKING) == 0.0
 
 
-@pytest.mark.parametrize(('beat', 'low'), [(6.0, 29.0), (8.0, 33.0), (12.0, 29.0)])
+@pytest.mark.parametrize(('beat', 'low'), [(6.0, 29.0), (8.0, 33.0), (12.0, 32.0)])
 def test_a_knock_that_beats_is_found_after_one_loud_sample_elsewhere(
     beat: float, low: float
 ) -> None:
@@ -346,17 +358,17 @@ def test_bursts_are_remembered_over_an_episode_and_prove_no_hearing(
 @pytest.mark.parametrize('period', [3.0, 10.0])
 def test_a_level_that_is_slower_than_its_time_out_is_heard(period: float) -> None:
     """As a speed or a load is: a value stands for 2.5 of its gaps."""
-    level = _every('level', period, 400.0, lambda t: (44.0 if t > 200.0 else 22.0) + math.sin(t))
-    own = _speed('viscous', 0.5, 400.0, 0.9) + _loaded('viscous', 400.0) + level
+    level = _every('level', period, 600.0, lambda t: (44.0 if t > 400.0 else 22.0) + math.sin(t))
+    own = _speed('viscous', 0.5, 600.0, 0.9) + _loaded('viscous', 600.0) + level
     heard = Heard(_config('viscous', level__timeout=2.0, **DECIBELS), own)
-    assert 200.0 < heard.first(STICKING) <= 201.0 + 3.0 * period
+    assert 400.0 < heard.first(STICKING) <= 401.0 + 3.0 * period
     assert heard.monitor.condition(NAME) == 'stick_slip'
     assert heard.monitor.bearings[NAME].unknown is None
     assert not heard.monitor.bearings[NAME].is_lost(Input.LEVEL)
 
 
-def test_the_blow_after_one_that_rang_down_is_believed_at_once() -> None:
-    """Two blows in the bistable range: the level tells of the second, which goes on."""
+def test_the_blow_after_one_that_rang_down_is_found_as_it_goes_on() -> None:
+    """Two blows in the bistable range: after the first, what is short is not used."""
 
     def level(t: float) -> float:
         ringing = 20.0 * math.exp(-(t - 200.0) / 5.0) if 200.0 <= t < 260.0 else 0.0
@@ -364,7 +376,7 @@ def test_the_blow_after_one_that_rang_down_is_believed_at_once() -> None:
 
     heard = _hear('viscous', 300.0, 0.9, level, **DECIBELS)
     assert [onset for onset in heard.onsets if onset < 260.0] == []
-    assert 260.0 < heard.first(STICKING) <= 264.0
+    assert 260.0 < heard.first(STICKING) <= 276.0
 
 
 def test_a_dead_level_ends_no_running_alarm() -> None:
@@ -467,7 +479,8 @@ def test_copies_change_nothing(times: int) -> None:
     share = _ramps([0, 60, 90, 150], [1.6, 0.5, 0.5, 1.6])
     messages = _speed('table', 0.25, 180.0, share) + _loaded('table', 180.0)
     once = Heard(_config('table'), messages)
-    often = Heard(_config('table'), [m for m in messages for _ in range(times)])
+    copied = [(t + 0.001 * k, *rest) for t, *rest in messages for k in range(times)]
+    often = Heard(_config('table'), copied)
     assert len(once.onsets) == 1
     told = [[replace(e, assessment=None) for e in heard.events] for heard in (once, often)]
     assert told[0] == told[1]
@@ -558,13 +571,13 @@ def test_a_burst_before_the_clocks_are_set_back_is_not_forgotten() -> None:
     speed = _speed('viscous', 0.5, 300.0, _ramps([150.0, 180.0], [1.6, 0.9]))
     own = speed + _every('level', 0.5, 300.0, level)
     heard = Heard(_config('viscous', **DECIBELS), _set_back(own + _loaded('viscous', 300.0)))
-    assert 'CLOCK_JUMP' in heard.statuses
+    assert 'OUT_OF_ORDER' in heard.statuses
     assert heard.onsets == []
 
 
 def test_a_level_that_is_stuck_when_the_clocks_are_set_back_is_stuck_afterwards() -> None:
-    level = _every('level', 0.5, 480.0, lambda t: 3.0 + 0.1 * math.sin(t) * (t <= 150.0))
-    own = _speed('ship', 0.5, 480.0, 1.6) + level + _loaded('ship', 480.0)
+    level = _every('level', 0.5, 780.0, lambda t: 3.0 + 0.1 * math.sin(t) * (t <= 150.0))
+    own = _speed('ship', 0.5, 780.0, 1.6) + level + _loaded('ship', 780.0)
     heard = Heard(_config('ship', level__threshold=40.0, **MILLIMETRES), _set_back(own))
     assert heard.monitor.bearings[NAME].unknown is Unknown.STUCK
 
@@ -686,14 +699,12 @@ def test_values_slower_than_the_time_out_are_taken_without_a_clock(period: float
     assert heard.monitor.condition(NAME) == 'stick_slip'
 
 
-def test_a_level_without_a_threshold_is_not_quiet() -> None:
-    """The monitor starts in an episode: there has been nothing to learn a threshold from."""
-    heard = _hear('ship', 120.0, 0.4, lambda t: 90.0 + math.sin(t), **MILLIMETRES)
+def test_a_level_without_a_threshold_ends_no_episode_that_it_began_in() -> None:
+    """Its background is that of the episode: it is quiet, and has never risen."""
+    heard = _hear('ship', 200.0, 0.4, lambda t: 90.0 + math.sin(t), **MILLIMETRES)
     bearing = heard.monitor.bearings[NAME]
     assert heard.monitor.condition(NAME) == 'stick_slip'
-    assert str(bearing.measured) == 'unknown'
-    assert bearing.unknown is Unknown.ONE_MODE
-    assert 'No vibration' not in bearing.text()
+    assert 'does its sensor reach the bearing?' in bearing.text()
 
 
 def test_a_level_that_is_always_loud_is_named_where_all_seems_well() -> None:
@@ -738,8 +749,16 @@ def test_a_hold_up_before_the_first_message_is_no_time() -> None:
     assert monitor.advance(10**18) == []
 
 
-@pytest.mark.parametrize('before', [1.8, 40.0])
-@pytest.mark.parametrize(('back', 'expected'), [(1.75, 'normal'), (0.9, 'bistable')])
+@pytest.mark.parametrize(
+    ('before', 'back', 'expected'),
+    [
+        (1.2, 1.75, 'normal'),
+        (1.2, 0.9, 'bistable'),
+        (40.0, 1.75, 'normal'),
+        # What ran goes on in the bistable range until the fold has been passed.
+        (40.0, 0.9, 'stick_slip'),
+    ],
+)
 def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
     before: float, back: float, expected: str
 ) -> None:

@@ -30,7 +30,8 @@ COLUMNS = (
 
 
 def _stream(messages: Messages) -> Stream:
-    return Stream(messages.time_ns, messages.quantity, messages.value)
+    own = messages
+    return Stream(own.time_ns, own.quantity, own.value, arrival_ns=own.arrival_ns)
 
 
 def _told(events: list[Any]) -> list[Any]:

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from shared import DEADLINE, REFERENCE, Program
 
-T0 = 1_700_000_000 * 10**9
+T0 = time.time_ns() // 10**9 * 10**9
 SECOND = 10**9
 JOINT = 'sensor_msgs/msg/JointState'
 PARAMETERS = REFERENCE | {
@@ -254,14 +254,13 @@ class Telemetry:
     def __init__(self, monitor: Named, bearing: str = 'aft') -> None:
         from sensor_msgs.msg import JointState
 
-        self.peer, self.now = monitor.peer, 0.0
+        self.peer, self.now = monitor.peer, self._clock()
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
         kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
         self.heard = {
             name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()
         }
-        self._begun = time.monotonic()
         while not all(self.heard.values()):
             self.send(60.0, 1000.0)
             self.peer.spin(0.1)
@@ -300,19 +299,16 @@ class Telemetry:
         return {name: heard[-1].data for name, heard in self.heard.items()}
 
     def hold(self, rpm: float, load: float, seconds: float) -> dict[str, Any]:
-        """An operating point for so long; the last answer.
+        """An operating point for so long, ten times a second; the last answer."""
+        self.now = max(self.now, self._clock())
+        for _ in range(round(seconds * 10)):
+            self.peer.spin(max(0.0, self.now + 0.1 - self._clock()))
+            answer = self.step(rpm, load)
+        return answer
 
-        Stamps may run ahead of the clock, but do not stay behind it: the watchdog goes by it.
-        """
-        clock = round(time.monotonic() - self._begun, 1)
-        if clock > self.now + 0.8:
-            # A stamp more than a second after the one before would wait until two more follow it.
-            while clock > self.now + 0.8:
-                self.now = round(self.now + 0.4, 9)
-                self.send(rpm, load)
-            self.peer.spin(0.2)
-        self.now = max(self.now, clock)
-        return [self.step(rpm, load) for _ in range(round(seconds * 10))][-1]
+    def _clock(self) -> float:
+        """The time of arrival, by which stamps that run ahead of it do not count [s]."""
+        return round((time.time_ns() - T0) / SECOND, 1)
 
 
 def stamped(message: Any, seconds: float) -> Any:

@@ -110,7 +110,7 @@ def test_the_bearings_keep_their_schema(monitor: Monitor) -> None:
     inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=2.0)}
     for _ in range(2):
         document = json.loads(bearings_json([BearingState(bearing, inputs)], 5))
-        assert complaints('bearings-1', document) == []
+        assert complaints('bearings-2', document) == []
         monitor.update(Sample('aft', 'load', 2, 1000.0))
 
 
@@ -134,7 +134,7 @@ def fields(title: str) -> list[str]:
 
 def test_the_services() -> None:
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-    from stickslip_monitor.ros.running import SWITCHES, TRIGGERS
+    from stickslip_monitor.ros.active import SWITCHES, TRIGGERS
 
     assert fields('Services') == [*TRIGGERS, *SWITCHES]
 

@@ -64,7 +64,7 @@ class Sensors:
 @pytest.mark.parametrize('pause', [4, 100])
 def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> None:
     """The node's watch over time, by a session that remembers a bearing from some time ago."""
-    from stickslip_monitor.ros.running import Watchdog
+    from stickslip_monitor.ros.active import Watchdog
 
     ship = Ship(load_config(CONFIG))
     (name,) = (bearing.name for bearing in ship.config.bearings)
@@ -104,7 +104,8 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
-    begun = telemetry.now
+    # Stamps within a second of their arrival are the time of a sample.
+    begun = telemetry.now = (time.time_ns() - kit.T0) / kit.SECOND
     # Stamps 0.1 s apart, delivered 0.15 s apart: the watchdog looks in between.
     for _ in range(8):
         telemetry.step(20.0, 1000.0)
@@ -140,12 +141,12 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
     event = kit.events(warnings)[-1]
     assert 1002.0 <= event['time'] * 1e-9 <= now
 
-    # Backward: the alarm stays, and clears after its off-delay of 2 s at the earliest.
+    # Backward: the alarm stays, its delays go on. Thirty values of 0.2 s clear it.
     warnings.clear()
     now = run(100.0, 60.0, heard('normal'), 'the clearing')
     event = kit.events(warnings)[-1]
     assert event['from'] == 'stick_slip'
-    assert 102.0 <= event['time'] * 1e-9 <= now <= 115.0
+    assert 106.0 <= event['time'] * 1e-9 <= now <= 115.0
 
     # No samples while the clock runs on, some twenty times faster than real time.
     warnings.clear()
@@ -158,7 +159,7 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
     peer.until(heard('input_stale'), 'the loss')
 
 
-ROS, TICK = 10**18, 6 * 10**8
+ROS = 10**18
 
 
 @pytest.mark.parametrize(
@@ -169,29 +170,16 @@ ROS, TICK = 10**18, 6 * 10**8
         (True, ROS, [(30, ROS + 600, 600), (40, ROS + 650, 650)]),
         # A step back counts as no time.
         (True, ROS, [(10, ROS + 500, 500), (20, ROS - 10**9, 500), (30, ROS - 10**9 + 7, 507)]),
-        # While the simulated clock is unknown the steady clock counts.
+        # While the simulated clock is unknown, or stands still, the steady clock counts.
         (True, 0, [(10, 0, 10), (20, ROS, 20), (30, ROS + 3, 23)]),
-        # A slow one ticks each second at 0.6 of real time: between the ticks nothing counts.
-        (True, ROS, [(k * SECOND // 2, ROS + k // 2 * TICK, k // 2 * TICK) for k in range(1, 9)]),
-        # One that stands for more than a second does not count: the steady clock does, once.
-        (
-            True,
-            ROS,
-            [
-                (SECOND, ROS, 0),
-                (3 * SECOND, ROS, 3 * SECOND),
-                (4 * SECOND, ROS, 4 * SECOND),
-                (5 * SECOND, ROS + 5 * SECOND, 5 * SECOND),
-                (6 * SECOND, ROS + 6 * SECOND, 6 * SECOND),
-            ],
-        ),
+        (True, ROS, [(10, ROS, 10), (20, ROS + 5, 15)]),
     ],
 )
 def test_time_without_samples(
     simulated: bool, begun: int, ticks: list[tuple[int, int, int]]
 ) -> None:
     from stickslip_monitor.monitor.session import Moment
-    from stickslip_monitor.ros.running import PassingTime
+    from stickslip_monitor.ros.active import PassingTime
 
     clock, elapsed = PassingTime(simulated, Moment(0, begun)), 0
     for steady_ns, time_ns, expected in ticks:

@@ -34,10 +34,10 @@ from stickslip_monitor.lab.calibration.evidence import (
     cut_dips,
 )
 from stickslip_monitor.lab.calibration.posterior import Prior, Progress, prior_of
-from stickslip_monitor.lab.truth import has_truth, on_recorder_clock, read_truth
+from stickslip_monitor.lab.truth import has_truth, read_truth
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.rule import UNKNOWN, VIBRATING
+from stickslip_monitor.monitor.rule_level import UNKNOWN, VIBRATING
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.belief import QUANTILES
@@ -154,8 +154,7 @@ def _true_evidence(kept: Kept, config: BearingConfig) -> Evidence:
             ' give --reports, or configure its level'
         )
     truth = read_truth(bag, config.name)
-    stream = kept.stream(config.name)
-    scan = on_recorder_clock(stream, stream.arrival_ns, kept.scan(config.name))
+    scan = kept.scan(config.name)
     name, span = bag.path.name, (truth.start_ns, truth.end_ns)
     source = f'truth of {name}'
     reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)

@@ -25,10 +25,9 @@ from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, request_record
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import NODE_STATUS
-from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, hardware_id
+from stickslip_monitor.monitor.messages import BEARINGS_SCHEMAS, hardware_id
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.start import without_log_files
 
 
 class Listener(Protocol):
@@ -114,7 +113,7 @@ class Watcher:
 
     def _on_bearings(self, listener: Listener, message: String) -> None:
         document = self._document(message)
-        if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
+        if isinstance(document, dict) and document.get('schema') in BEARINGS_SCHEMAS:
             for record in document['bearings']:
                 self._hand_over(listener.take_record, record)
 
@@ -218,7 +217,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 @contextmanager
 def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
     """A node, and what has a thread of its own spin it. Signals are left to the program."""
-    rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         node, executor = Node(_NAME), SingleThreadedExecutor()
         executor.add_node(node)

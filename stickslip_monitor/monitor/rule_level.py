@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a measured level says: is the lining quiet or vibrating, and is the level to be used?
+
+A level vibrates where it is above its threshold and has risen above its own background, so a
+wrong gain, or an engine that is heard all the time, is no vibration. It is used at once where it
+has been quiet for long enough; after a start, and after a vibration that was short, only one that
+goes on is. All that is remembered are levels and net times: no clock is read.
+"""
+
+from __future__ import annotations
+
+import math
+
+from stickslip_monitor.monitor.rule_state import DOUBT, RuleNumbers, State
+
+UNKNOWN, QUIET, VIBRATING = 0, 1, 2
+# Each with the measurement that chose it: docs/alarms.md, "Why these numbers".
+DUE = 3 * 10**9
+"""Net time of a level above its threshold, or below the deadband, that decides its state [ns]."""
+RISE, BACKGROUND = 10.0, 60.0
+"""A vibration is so far above its background [dB], a mean behind such a lag [s]."""
+SHORT = 15 * 10**9
+"""A vibration that ends sooner than this was something else [ns]."""
+
+
+def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
+    """Take a valid level.
+
+    Args:
+        s: The memory.
+        c: The numbers of the configuration.
+        si: The level, in its unit.
+        gap: Time since the one before; negative where that is too old, or there is none [ns].
+    """
+    level = decibels(c, si)
+    s.still = s.still + max(gap, 0) if si == s.level else 0
+    s.level = si
+    if s.background != s.background:
+        s.background = level
+    if gap < 0:
+        s.vibrating, s.level_count, s.high_for = UNKNOWN, 0, 0
+        return
+    if not s.sticking:
+        s.background = lagged(s.background, level, gap * 1e-9, BACKGROUND)
+    if s.vibrating == QUIET:
+        s.doubt = max(0, s.doubt - gap)
+    threshold = s.background + RISE
+    if c.threshold > threshold:
+        threshold = c.threshold
+    high, low = level >= threshold, level < threshold - c.hysteresis
+    if high or s.high_for > 0:
+        s.high_for += gap
+    count_level(s, high, low, min(gap, DUE // 2))
+
+
+def count_level(s: State, high: bool, low: bool, step: int) -> None:
+    """Count the net time of a level on either side of its threshold; decide what it is."""
+    s.level_count += step if high else -step if low else 0
+    if s.vibrating == VIBRATING:
+        s.level_count = min(s.level_count, 0)
+    elif s.vibrating == QUIET:
+        s.level_count = max(s.level_count, 0)
+    if s.level_count >= DUE:
+        s.vibrating, s.level_count = VIBRATING, 0
+    elif s.level_count <= (0 if s.vibrating == QUIET else -DUE):
+        # The end of a vibration is known with a delay.
+        if 0 < s.high_for < SHORT + (DUE if s.vibrating == VIBRATING else 0):
+            s.doubt = DOUBT
+        s.vibrating, s.level_count, s.high_for = QUIET, 0, 0
+
+
+def measured(s: State) -> int:
+    """What a level that is not lost says at the latest point; unknown where it is doubted."""
+    if s.still > DOUBT or (s.vibrating == VIBRATING and s.doubt > 0 and s.high_for < SHORT):
+        return UNKNOWN
+    return int(s.vibrating)
+
+
+def is_over(s: State, c: RuleNumbers, raised: bool) -> bool:
+    """Whether the latest level is above a configured threshold, whatever its background is."""
+    least = c.threshold - c.hysteresis if raised else c.threshold
+    return bool(s.still <= DOUBT and decibels(c, s.level) >= least)
+
+
+def decibels(c: RuleNumbers, si: float) -> float:
+    """A level in decibels."""
+    return si if c.in_db else 20.0 * math.log10(max(si, 1e-20))
+
+
+def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
+    """A mean that follows a value by a first-order lag [s]."""
+    return mean + (value - mean) * (1.0 - math.exp(-seconds / lag))
