@@ -71,7 +71,7 @@ _OF_WARNING = ('alarm.caution_margin', 'alarm.look_ahead')
 _SHOWN = (
     'hours', 'episodes', 'warned', 'newly_given', 'lead_median', 'missed', 'detected', 'told',
     'detected_plain', 'false_per_100h', 'wrong_hours', 'unfounded_hours', 'far_warned',
-    'changes_per_hour', 'largest_burst', 'largest_given',
+    'changes_per_hour', 'largest_burst', 'sounds', 'loudest',
 )  # fmt: skip
 # Of voyages with spoilt sensors.
 _OF_SPOILT = (

@@ -59,8 +59,10 @@ def open_file(path: str | Path) -> IO[bytes]:
 
 
 def near_name(path: str | Path) -> str:
-    """The end of a sentence on a path that is not there: what its folder has of a like name."""
+    """The end of a sentence on a path that is not there: where a link leads, or a like name."""
     path = Path(path)
+    if path.is_symlink():
+        return f": it is a link that leads nowhere, to '{path.readlink()}'"
     try:
         names = [entry.name for entry in path.parent.iterdir()]
     except OSError:

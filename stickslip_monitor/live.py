@@ -10,9 +10,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from stickslip_monitor.errors import no_ros
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
-from stickslip_monitor.ros import run
 
 
 def clip_store(config: ClipConfig) -> ClipStore:
@@ -29,6 +29,11 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is to stop; see :func:`stickslip_monitor.ros.run.main`."""
+    try:
+        from stickslip_monitor.ros import run
+    except ImportError as error:
+        print(f'ERROR: {no_ros(error)}', file=sys.stderr)  # noqa: T201
+        return 2
     return run.main(args, clip_store)
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.dashboard.replay import Replay
     from stickslip_monitor.dashboard.state import DashboardState, EventLog
     from stickslip_monitor.dashboard.watched import BearingView, WatchedMonitor
-    from stickslip_monitor.ros.watcher import Listener, Watcher
+    from stickslip_monitor.ros.other_nodes import Listener, Watcher
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
@@ -235,7 +235,7 @@ def listen_to_nodes(listeners: Mapping[str, Listener], diagnostics: str) -> Iter
         RosError: ROS 2 is not there.
     """
     try:
-        from stickslip_monitor.ros.watcher import open_watcher
+        from stickslip_monitor.ros.other_nodes import open_watcher
     except ImportError as error:
         raise no_ros(error) from error
     hand_over = asyncio.get_running_loop().call_soon_threadsafe

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     try:
-        from stickslip_monitor.ros.watcher import receive_health
+        from stickslip_monitor.ros.other_nodes import receive_health
     except ImportError as error:
         raise no_ros(error) from error
     node = None if args.node is None else f'/{args.node.strip("/")}'

@@ -254,7 +254,7 @@ def _monitor(
     """What takes samples, and what has to run for it."""
     if args.node is not None:
         with dashboard.listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
-            from stickslip_monitor.ros.watcher import Bridge
+            from stickslip_monitor.ros.other_nodes import Bridge
 
             feed.act = partial(watcher.act, args.node)
             bridge = Bridge(watcher.node, args.node, config, links.labels)

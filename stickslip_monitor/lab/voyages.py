@@ -8,10 +8,10 @@ so that the calls can be made in processes. A scene is judged by its recording, 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -35,15 +35,19 @@ from stickslip_monitor.lab.warning_quality import (
     merged,
     quality_of,
 )
+from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.bulk import BearingScan, Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Stream, to_si
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
+from stickslip_monitor.monitor.verdict import Verdict
 from stickslip_monitor.offline.archive import run_in_processes
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.offline.outline import condition_intervals
 
+MINUTE_NS = 60 * 10**9
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'
 
 
@@ -184,7 +188,9 @@ class Sailed:
 
     def output(self) -> RuleOutput:
         """What the verdicts come to."""
-        return output_of(self.sent.scan, self.truth)
+        scan, truth = self.sent.scan, self.truth
+        sounds, unheard = sounds_of(scan, truth.start_ns, truth.end_ns)
+        return replace(output_of(scan, truth), sounds=sounds, unheard=unheard)
 
     def rules(self) -> dict[str, Quality]:
         """The judgement of the monitor and of the bare rules."""
@@ -259,6 +265,35 @@ def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
     return RuleOutput(merged(warned), merged(alarmed), raised, len(scan.events))
 
 
+def sounds_of(scan: Scan, start_ns: int, end_ns: int) -> tuple[list[int], int]:
+    """When alarms sound, by somebody who acknowledges once a minute, and how many onsets do not.
+
+    Begins and ends of rest, which suppresses alarms, are taken from the points.
+    """
+    name, alarms = scan.config.name, Annunciator(MonitorConfig(bearings=(scan.config,)))
+    rests = np.diff(scan.speed == 0.0, prepend=False).nonzero()[0]
+    minutes = range(start_ns + MINUTE_NS, end_ns, MINUTE_NS)
+    calls: list[tuple[int, Callable[[], list[AlarmChange]]]] = [
+        *((e.time_ns, partial(alarms.take_event, e)) for e in scan.events),
+        *((int(scan.time_ns[k]), partial(_take_point, alarms, scan, int(k))) for k in rests),
+        *((t, partial(alarms.act, Action.ACKNOWLEDGE, t, name)) for t in minutes),
+    ]
+    onsets = {event.time_ns for event in scan.events if event.onset}
+    found, unheard = [], 0
+    for time_ns, call in sorted(calls, key=lambda each: each[0]):
+        changes = [*alarms.advance(time_ns - start_ns, time_ns), *call()]
+        found += [time_ns] * sum(change.aloud for change in changes)
+        unheard += time_ns in onsets and not alarms.sounding
+    return found, unheard
+
+
+def _take_point(alarms: Annunciator, scan: Scan, row: int) -> list[AlarmChange]:
+    speed, load = float(scan.speed[row]), float(scan.load[row])
+    judge = partial(assess, scan.config.bearing, speed, load)
+    verdict = Verdict(scan.config.name, int(scan.time_ns[row]), judge, speed, load)
+    return alarms.take_verdict(verdict)
+
+
 def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
     """The rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
     margins = {BELOW_FOLD: scan.assessment.fold_margin, BELOW_HOPF: scan.assessment.hopf_margin}
@@ -267,8 +302,9 @@ def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
         below = np.asarray(margin) < 0.0
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
         stretches = merged(pairs)
-        raised = [(start, 0) for start, _ in stretches]
-        found[name] = RuleOutput(stretches, stretches, raised, 2 * len(stretches))
+        begins = [start for start, _ in stretches]
+        raised = [(begin, 0) for begin in begins]
+        found[name] = RuleOutput(stretches, stretches, raised, 2 * len(stretches), begins)
     return found
 
 

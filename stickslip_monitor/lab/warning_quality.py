@@ -14,8 +14,8 @@ The three figures of alarm systems are the rates of false and of missed alarms a
   time under a warning there.
 - *newly given*: a warning is raised 10 s or more before an episode and after the one before;
   episodes within 60 s of one another are one bout. A warning that is only held adds nothing.
-- *burst*: the most raised conditions in ten minutes; *given*: the same of alarms that are given to
-  people, a condition that comes back within 60 s of being given being the same alarm.
+- *burst*: the most raised conditions in ten minutes; *sounds*: how often alarms begin to sound, or
+  sound anew, if somebody acknowledges them once a minute; *unheard*: onsets that do not sound.
 """
 
 from __future__ import annotations
@@ -94,6 +94,8 @@ class RuleOutput:
     # When a condition got worse, or stick-slip began anew, rising [ns], and to which rung.
     raised: Sequence[tuple[int, int]]
     changes: int  # changes of condition
+    sounds: Sequence[int] = ()  # when an alarm sounds, rising [ns]
+    unheard: int = 0  # onsets of stick-slip that do not
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +157,9 @@ class Quality:
     far_warned: float = 0.0  # time under a warning in it [s]
     changes: int = 0  # changes of condition
     bursts: tuple[int, ...] = ()  # of each voyage the most raised conditions in ten minutes
-    given: tuple[int, ...] = ()  # of each voyage the most alarms given to people in ten minutes
+    sounds: tuple[float, ...] = ()  # of each voyage, an hour
+    loudest: tuple[int, ...] = ()  # of each voyage the most sounds in ten minutes
+    unheard: int = 0  # onsets of stick-slip without a sound
     wrong_source: int = 0  # voyages on which the source of an input was reported as wrong
 
     def __add__(self, other: Quality) -> Quality:
@@ -247,9 +251,9 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     'bursts': (
         'voyages with more than 10 in 10 min', 'd', lambda q: sum(b > MANY for b in q.bursts)
     ),
-    'largest_given': (
-        'most alarms given to people in 10 min', 'd', lambda q: max(q.given, default=None)
-    ),
+    'sounds': ('sounds an hour, median voyage', '.1f', lambda q: _quantile(q.sounds, 0.5)),
+    'loudest': ('most sounds in 10 min', 'd', lambda q: max(q.loudest, default=None)),
+    'unheard': ('onsets of stick-slip without a sound', 'd', lambda q: q.unheard),
     'wrong_source': ('voyages with a wrong source reported', 'd', lambda q: q.wrong_source),
 }  # fmt: skip
 """Each figure with what it is called, how it is written, and how it is made."""
@@ -288,7 +292,9 @@ def quality_of(output: RuleOutput, truth: TruthRecord, plain: bool) -> Quality:
         far_warned=seconds(intersection(warned, far)),
         changes=output.changes,
         bursts=(largest_burst(raised),),
-        given=(largest_burst(given_of(output.raised)),),
+        sounds=(len(output.sounds) * 3.6e12 / (truth.end_ns - truth.start_ns),),
+        loudest=(largest_burst(output.sounds),),
+        unheard=output.unheard,
     )
 
 
@@ -306,17 +312,6 @@ def _newly_given(bouts: Intervals, raised: Sequence[int]) -> int:
         any((end is None or end < time) and time <= first - latest_ns for time in raised)
         for (first, _), end in zip(bouts, ends, strict=False)
     )
-
-
-def given_of(raised: Iterable[tuple[int, int]]) -> list[int]:
-    """When alarms are given to people, of conditions raised with their rungs, rising [ns]."""
-    last: dict[int, int] = {}
-    found = []
-    for time_ns, rung in raised:
-        if rung not in last or time_ns - last[rung] > NEAR_NS:
-            found.append(time_ns)
-        last[rung] = time_ns
-    return found
 
 
 def largest_burst(times_ns: Sequence[int]) -> int:

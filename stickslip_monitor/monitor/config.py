@@ -208,7 +208,9 @@ class ClipConfig:
     """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
 
     directory: str = parameter(
-        '', 'Folder for event clips, a short recording around each alarm; empty for none.'
+        '',
+        'Folder for event clips, a short recording around each alarm; empty for none.',
+        fixed=True,
     )
     around_ns: int = duration(
         60.0,

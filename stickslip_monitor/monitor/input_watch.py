@@ -45,6 +45,7 @@ class Publisher:
     node: str  # full name
     type: str
     qos_fault: str = ''  # why its quality of service does not match
+    latched: bool = False  # it keeps its last value for those who come later, as we do not ask
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +126,11 @@ class Graph:
         """Who publishes on a topic of that full name; ``None`` where nobody can know."""
         del topic
         return None
+
+    def is_undecodable(self, topic: str) -> bool:
+        """Whether the latest message on a topic of that full name could not be decoded."""
+        del topic
+        return False
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,8 +52,6 @@ _MOST = 2 * ENOUGH
 _NEAR = 8
 _BURST, _BURST_NEAR = 20, 32
 _LEAST_RPM = 3.0
-STEADY = 8
-"""Intervals within 20 % of one another from which a sender's period is known."""
 
 
 class SourceFaultKind(SentenceEnum):
@@ -249,55 +247,3 @@ class SourceWatch:
             self._levels.against(_PENALTY)
             return []
         return self._levels.add(arrival_ns, (min(before, after), max(before, after)))
-
-
-@dataclass(slots=True)
-class StampGaps:
-    """Counts the messages missing from a sender that stamps them at a steady period.
-
-    The period is known once eight intervals lie within 20 % of one another. A gap counts when the
-    old period is seen again after it: a sender that has changed its rate has lost nothing.
-
-    Attributes:
-        longest_ns: Longer gaps are an outage, not missing messages [ns].
-        missing: Messages missing so far.
-    """
-
-    longest_ns: int
-    missing: int = 0
-    _last_ns: int = 0
-    _period_ns: int = 0
-    _least_ns: int = 0
-    _most_ns: int = 0
-    _steady: int = 0
-    _suspected: int = 0
-
-    def add(self, time_ns: int) -> None:
-        """Take the stamp of the next message."""
-        step, self._last_ns = time_ns - self._last_ns, time_ns
-        if 0 < step <= self.longest_ns:
-            self._learn(step)
-        else:
-            self._steady = self._suspected = 0
-        if not self._period_ns:
-            return
-        if 2 * step > 3 * self._period_ns:
-            if step <= self.longest_ns:
-                self._suspected += round(step / self._period_ns) - 1
-        elif 2 * step > self._period_ns:
-            self.missing += self._suspected
-            self._suspected = 0
-
-    def _learn(self, step: int) -> None:
-        least, most = min(self._least_ns, step), max(self._most_ns, step)
-        if self._steady and 5 * most <= 6 * least:
-            self._least_ns, self._most_ns = least, most
-            self._steady += 1
-        else:
-            self._least_ns = self._most_ns = step
-            self._steady = 1
-        if self._steady >= STEADY:
-            period = (self._least_ns + self._most_ns) // 2
-            if 5 * abs(period - self._period_ns) > self._period_ns:
-                self._suspected = 0
-            self._period_ns, self._steady = period, 0

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Regime, assess, at_indices
+from stickslip_monitor.monitor.assessment import (
+    AT_REST,
+    REGIMES,
+    Assessment,
+    Regime,
+    assess,
+    at_indices,
+)
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition
@@ -254,9 +261,10 @@ class Worst:
     def take(self, scan: Scan) -> None:
         """Take the next part of the verdicts on one bearing."""
         points = scan.assessment
-        every = np.arange(scan.time_ns.size)
-        self._take('hopf_margin', scan, every, points.hopf_margin)
-        self._take('fold_margin', scan, every, points.fold_margin)
+        # At rest nothing slides: its margin of -1 would be the worst of every voyage.
+        moving = np.flatnonzero(points.outcome_code != AT_REST)
+        self._take('hopf_margin', scan, moving, points.hopf_margin[moving])
+        self._take('fold_margin', scan, moving, points.fold_margin[moving])
         # One that dies out beyond the fold has no amplitude any more.
         exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
         rows = np.flatnonzero(scan.sticking & exists)

@@ -65,9 +65,9 @@ _WIDE, _NARROW = 9.0, 3.6
 _MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
 _MARKS = 60
 # A page with more bearings takes minutes to make and nobody looks at them all.
-_MOST_DRAWN = 12
+MOST_DRAWN = 12
 _NOT_DRAWN = (
-    f'Not drawn: pictures are of the {_MOST_DRAWN} bearings that need a look most.'
+    f'Not drawn: pictures are of the {MOST_DRAWN} bearings that need a look most.'
     ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
 )
 _MAP_CAPTION = (
@@ -161,9 +161,9 @@ class Archive:
             (-GRADES.index(finding.grade), number, k) for k, finding in enumerate(part.findings)
         ]
         ranked = sorted([*self._urgent, *own[: len(part.courses)]])
-        self._urgent = ranked[:_MOST_DRAWN]
+        self._urgent = ranked[:MOST_DRAWN]
         kept = {n for _, n, _ in self._urgent}
-        for n in {n for _, n, _ in ranked[_MOST_DRAWN:]} - kept:
+        for n in {n for _, n, _ in ranked[MOST_DRAWN:]} - kept:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
@@ -300,7 +300,7 @@ def html_page(
     Raises:
         ReportError: Jinja2 is not installed.
     """
-    few = len(parts) <= _MOST_DRAWN
+    few = len(parts) <= MOST_DRAWN
     whole = [part for part in parts if few or part.bearings]
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -348,9 +348,9 @@ def png_sheet(archive: Archive, path: str) -> bytes:
         ReportError: They are more than fit on one picture.
     """
     parts = archive.parts
-    if sum(len(part.findings) for part in parts) > _MOST_DRAWN:
+    if sum(len(part.findings) for part in parts) > MOST_DRAWN:
         raise ReportError(
-            f"report '{path}': a picture holds {_MOST_DRAWN} bearings at most; write a .html"
+            f"report '{path}': a picture holds {MOST_DRAWN} bearings at most; write a .html"
             ' instead, or fewer recordings'
         )
     figures = list(archive.figures())

@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import heapq
-import operator
-import sys
-from collections.abc import Callable, Container, Iterator, Sequence
-from functools import partial
+import time
+from collections import deque
+from collections.abc import Callable, Container, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from rclpy.lifecycle import LifecycleNode
@@ -16,18 +15,20 @@ from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
     QoSCompatibility,
+    QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
     qos_check_compatible,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.input_watch import Graph, Publisher
-from stickslip_monitor.monitor.source_faults import StampGaps
+from stickslip_monitor.monitor.session import Moment
 from stickslip_monitor.ros.message_types import (
+    ROS_FAULTS,
     check_field,
     message_type,
     number_reader,
@@ -36,17 +37,24 @@ from stickslip_monitor.ros.message_types import (
 
 # Two seconds at 1 kHz while the machine is busy.
 _DEPTH = 2000
-MOST_AT_ONCE = 200
-"""Of more messages of a topic that wait than these, the others are left out and counted."""
-MOST_TOGETHER = 2000
-"""The most messages of all topics that a late node takes before it looks at the time."""
+TURN_NS = 50_000_000
+"""So long [ns] messages are worked off before services, parameters and alarms have their turn."""
+MOST_WAITING = 1000
+"""Of more messages than these that wait on all topics, some are left out: 0.1 s on a fast core."""
+MOST_ANSWERED = 20
+"""Of more messages of a topic in a turn than these (400 Hz) the last is answered."""
+OVERRIDES = (
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.DURABILITY,
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.RELIABILITY,
+)
+"""What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
+_PUBLISHERS_KNOWN = 100
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
-Arrival = tuple[int, 'Lane', Any]
-"""Time [ns], topic and message."""
-Tap = Callable[[str, Any, int | None], None]
-"""Takes topic, message and its time [ns]."""
-Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
-"""Makes a callback whose exceptions are logged and survived."""
+Tap = Callable[[str, str, bytes, int], None]
+"""Takes topic, type, encoded message and its time [ns]."""
 
 
 def telemetry() -> QoSProfile:
@@ -65,8 +73,16 @@ class Number(NamedTuple):
     bearing: str  # its bearing
     place: int  # the input, a place in :data:`.signals.INPUTS`
     time_ns: int  # when it was measured, or came [ns]
+    arrival_ns: int  # when it came [ns]
     value: float  # the number, in the input's own scale
-    latest: bool  # whether no later number of its bearing has come already
+
+
+class Waiting(NamedTuple):
+    """A message that has come and is not worked off."""
+
+    came_ns: int  # on the middleware's clock [ns]
+    arrival_ns: int  # in ROS time [ns]; 0 where that is unknown
+    data: bytes  # still encoded
 
 
 class InputReader(NamedTuple):
@@ -103,35 +119,39 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
 
 
 class Inputs:
-    """The subscriptions of an active node.
+    """The subscriptions of an active node, and what waits on them.
+
+    No executor takes these messages (:attr:`.MonitorNode.subscriptions`): the one that wakes for
+    work only gives no message its number (its call with two arguments fails in ROS 2 Kilted), so
+    that best-effort losses would be silent, and a turn of an executor for each message costs more
+    than all that is done with it.
 
     Args:
         config: The configuration as given: names of topics are resolved once.
-        deliver: Called with the numbers of the messages that waited, in order of time.
-        now_ns: ROS time [ns]; 0 where it is unknown.
-        tap: Called with each message before the numbers of it, if given.
+        clock: Now.
+        simulated: Whether a message came when ROS time says so, not the middleware.
+        graph: Is given the topics whose messages cannot be decoded.
+        tap: Called with topic, type, encoded message and time before the numbers of it, if given.
     """
 
     def __init__(
         self,
         node: LifecycleNode,
         config: MonitorConfig,
-        deliver: Callable[[Iterator[Number]], None],
-        now_ns: Callable[[], int],
-        survived: Guard,
-        health: NodeHealth,
+        clock: Callable[[], Moment],
+        simulated: bool,
+        graph: RosGraph,
         tap: Tap | None = None,
     ) -> None:
-        self._health, self._deliver, self._tap = health, deliver, tap
-        self._survived = survived
+        self._clock, self._simulated, self._tap = clock, simulated, tap
         lanes: dict[tuple[str, str], Lane] = {}
         for bearing in config.bearings:
             for place, source in enumerate(bearing.inputs.values()):
                 key = source.topic, source.type
-                lane = lanes[key] = lanes.get(key) or Lane(node, now_ns, *key)
+                lane = lanes[key] = lanes.get(key) or Lane(node, *key, graph.undecodable)
                 lane.readings.append(InputReader(bearing.name, place, number_reader(source.field)))
-                lane.gaps.longest_ns = min(lane.gaps.longest_ns, source.timeout_ns)
-        self._lanes = list(lanes.values())
+        self.lanes = list(lanes.values())
+        self._turned = 0, 0  # of the middleware, and ROS time
 
     def subscribe(self) -> None:
         """Listen from now on.
@@ -139,187 +159,222 @@ class Inputs:
         Raises:
             Exception: One of :data:`.message_types.ROS_FAULTS`: a subscription cannot be made.
         """
-        for lane in self._lanes:
-            bearings = {reading.bearing for reading in lane.readings}
-            lane.beside = [
-                other
-                for other in self._lanes
-                if other is not lane and any(r.bearing in bearings for r in other.readings)
-            ]
-            lane.subscribe(self._survived(partial(self._on_message, lane)))
+        for lane in self.lanes:
+            lane.subscribe()
 
     def destroy(self) -> None:
         """Take the subscriptions down."""
-        for lane in self._lanes:
+        for lane in self.lanes:
             lane.destroy()
 
-    def waiting(self) -> Iterator[Number]:
-        """What waits on every topic, for a node that was held up."""
-        most = min(MOST_AT_ONCE, MOST_TOGETHER // len(self._lanes) + 1)
-        return self._numbers([lane.waiting(most=most) for lane in self._lanes], held_up=True)
+    def fetch(self, late: bool) -> None:
+        """Take what has come on all topics; of too much every so many.
 
-    def _on_message(self, lane: Lane, message: Any) -> None:
-        """Take a message and those that wait with it: a turn of the executor is dear."""
-        found = {lane: lane.waiting(message)}
-        lanes = [lane]
-        for one in lanes:
-            if found[one]:
-                new = [other for other in one.beside if other not in found]
-                found |= {other: other.waiting() for other in new}
-                lanes += new
-        self._deliver(self._numbers([found[one] for one in self._lanes if one in found]))
+        Args:
+            late: Whether the node was held up, so that what is missing is for that reason.
+        """
+        now = self._clock()
+        arrival = self._arrival(now.time_ns) if self._simulated else None
+        for lane in self.lanes:
+            lane.fetch(arrival, late)
+        if sum(len(lane.waiting) for lane in self.lanes) > MOST_WAITING:
+            for lane in self.lanes:
+                lane.thin(MOST_WAITING // len(self.lanes) + 1)
 
-    def _numbers(self, topics: Sequence[list[Arrival]], held_up: bool = False) -> Iterator[Number]:
-        """The numbers of what came on some topics in order of time, each topic's in its own."""
-        some = [arrivals for arrivals in topics if arrivals]
-        by_time = operator.itemgetter(0)
-        arrivals = some[0] if len(some) == 1 else list(heapq.merge(*some, key=by_time))
-        last = {
-            reading.bearing: number
-            for number, (_, lane, _) in enumerate(arrivals)
-            for reading in lane.readings
-        }
-        for number, (time_ns, lane, message) in enumerate(arrivals):
-            if self._tap is not None:
-                self._tap(lane.name, message, time_ns)
-            for bearing, place, read in lane.readings:
-                latest = last[bearing] == number and not held_up
-                yield Number(bearing, place, time_ns, read(message), latest)
+    def numbers(self) -> Iterator[Number]:
+        """The numbers of what has come, in the order in which it came.
 
-    def count_missing(self) -> None:
-        """Bring the node's counts of messages that are lost or left out up to date."""
-        self._health.lost = sum(lane.lost for lane in self._lanes)
-        self._health.missing = sum(lane.gaps.missing for lane in self._lanes)
-        self._health.thinned = sum(lane.thinned for lane in self._lanes)
+        For :data:`TURN_NS` at most: what waits then waits for the next turn.
+        """
+        begun = self._clock().steady_ns
+        # Across topics the middleware's clock says what was first.
+        order = [(one.waiting[0].came_ns, k) for k, one in enumerate(self.lanes) if one.waiting]
+        heapq.heapify(order)
+        while order and self._clock().steady_ns - begun < TURN_NS:
+            lane = self.lanes[order[0][1]]
+            yield from self._numbers(lane, lane.waiting.popleft())
+            if lane.waiting:
+                heapq.heapreplace(order, (lane.waiting[0].came_ns, order[0][1]))
+            else:
+                heapq.heappop(order)
+
+    @property
+    def piled(self) -> bool:
+        """Whether more waits than is answered message by message."""
+        return any(len(lane.waiting) > MOST_ANSWERED for lane in self.lanes)
+
+    def _arrival(self, ros_ns: int) -> Callable[[int], int]:
+        """Simulated time by that of the middleware, between the last turn and this one [ns].
+
+        It moves in ticks, and a fast replay by seconds in a turn.
+        """
+        (begin, before), end = self._turned, time.time_ns()
+        self._turned = end, ros_ns
+        if not before or ros_ns < before or end <= begin:
+            return lambda _: ros_ns
+        pace = (ros_ns - before) / (end - begin)
+        return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
+
+    def _numbers(self, lane: Lane, waiting: Waiting) -> Iterator[Number]:
+        arrival_ns = waiting.arrival_ns
+        # What comes before the first /clock has no time and is not used.
+        message = lane.decoded(waiting.data) if arrival_ns else None
+        if message is None:
+            return
+        time_ns = lane.stamp(message) or arrival_ns
+        if self._tap is not None:
+            self._tap(lane.name, lane.type, waiting.data, time_ns)
+        for bearing, place, read in lane.readings:
+            yield Number(bearing, place, time_ns, arrival_ns, read(message))
 
 
 class Lane:
     """One topic: its subscription, and the numbers that its messages bring.
 
     Args:
-        now_ns: ROS time [ns]; 0 where it is unknown.
+        undecodable: Holds the topic's name while its messages cannot be decoded.
 
     Attributes:
-        readings: What is read from a message.
         name: The full name of the topic.
-        beside: The topics that bring other numbers of its bearings.
-        gaps: Counts what is missing by the stamps of the sender.
-        thinned: Messages that were left out because too many waited.
+        type: The message type.
+        readings: What is read from a message.
+        waiting: What has come and is not worked off, oldest first.
+        stamp: Reads the time of measurement from a message [ns]; 0 for none.
         lost: Messages that never came, by the numbers of their publishers.
+        left_out: Messages that were left out because too many waited, or the node was held up.
+        subscription: The subscription; ``None`` while there is none.
     """
 
-    def __init__(
-        self, node: LifecycleNode, now_ns: Callable[[], int], topic: str, kind: str
-    ) -> None:
-        self._node, self._now_ns, self._topic, self._kind = node, now_ns, topic, kind
+    def __init__(self, node: LifecycleNode, topic: str, kind: str, undecodable: set[str]) -> None:
+        self._node, self._topic, self.type, self._undecodable = node, topic, kind, undecodable
         self.name = node.resolve_topic_name(topic)
         self.readings: list[InputReader] = []
-        self.beside: list[Lane] = []
-        self.thinned = self.lost = 0
-        self.gaps = StampGaps(longest_ns=sys.maxsize)
-        self._stamp = stamp_reader(kind)
+        self.waiting: deque[Waiting] = deque()
+        self.stamp = stamp_reader(kind)
+        self.lost = self.left_out = 0
+        self.subscription: Any = None
+        self._class = message_type(kind)
         self._numbers: dict[bytes, int] = {}
-        self._subscription: Any = None
-        self._tick_ns = self._shared = self._unnumbered = 0
 
-    def subscribe(self, take: Callable[..., Any]) -> None:
+    def subscribe(self) -> None:
         """Listen from now on."""
-        self._subscription = self._node.create_subscription(
-            message_type(self._kind),
+        self.subscription = self._node.create_subscription(
+            self._class,
             self._topic,
-            take,
+            lambda _: None,
             telemetry(),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions(policy_kinds=OVERRIDES),
         )
 
     def destroy(self) -> None:
         """Take the subscription down."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
+        if self.subscription is not None:
+            self._node.destroy_subscription(self.subscription)
 
-    def waiting(self, message: Any = None, most: int = MOST_AT_ONCE) -> list[Arrival]:
-        """What waits, a message that was taken already first; of a flood every so many.
+    def fetch(self, arrival: Callable[[int], int] | None, late: bool) -> None:
+        """Take what waits in the middleware, still encoded, as rclpy's executors do.
 
-        What comes before the first ``/clock`` has no time and is not used.
+        Args:
+            arrival: Makes ROS time of the middleware's; ``None`` where both are one.
+            late: Whether the node was held up.
         """
-        found: list[Arrival] = []
-        self._unnumbered += message is not None
-        message = self._next() if message is None else message
-        while message is not None:
-            if time_ns := self._time(message):
-                found.append((time_ns, self, message))
-            message = self._next() if len(found) < _DEPTH else None
-        if len(found) <= most:
-            return found
-        # Nobody must wait until all are worked off; the last is the one that counts.
-        step = -(-len(found) // most)
-        kept = found[::-step][::-1]
-        self.thinned += len(found) - len(kept)
-        return kept
+        handle = self.subscription.handle
+        with handle:
+            for _ in range(_DEPTH):
+                taken = handle.take_message(self._class, True)
+                if taken is None:
+                    return
+                self._count_missing(taken[1], late)
+                came_ns = taken[1].get('received_timestamp') or time.time_ns()
+                arrival_ns = came_ns if arrival is None else arrival(came_ns)
+                self.waiting.append(Waiting(came_ns, arrival_ns, taken[0]))
 
-    def _next(self) -> Any:
-        """The next message, taken as rclpy's executors do; ``None`` for none.
+    def thin(self, most: int) -> None:
+        """Leave out all but every so many of what waits; the last is the one that counts."""
+        step = -(-len(self.waiting) // most)
+        if step > 1:
+            kept = list(self.waiting)[::-step][::-1]
+            self.left_out += len(self.waiting) - len(kept)
+            self.waiting = deque(kept)
 
-        No public way takes what waits; a turn of the executor for each message costs more than
-        all that is done with it (benchmarks/live.py).
-        """
-        subscription = self._subscription
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-        if taken is None:
+    def decoded(self, data: bytes) -> Any:
+        """The message; ``None`` where it cannot be decoded."""
+        try:
+            message = deserialize_message(data, self._class)
+        except ROS_FAULTS:
+            self._undecodable.add(self.name)
             return None
-        self._count_lost(taken[1])
-        return taken[0]
+        self._undecodable.discard(self.name)
+        return message
 
-    def _count_lost(self, info: Any) -> None:
+    def _count_missing(self, info: Any, late: bool) -> None:
         """Count what lies between a message and the one before of its publisher.
 
-        An executor does not hand on the numbers of those it takes, and some ROS 2 have none. (The
-        event of a lost message does not count those for which the queue had no room.)
+        Some ROS 2 have no numbers. (The event of a lost message does not count those for which
+        the queue had no room.)
         """
         publisher, number = info.get('publisher_gid'), info.get('publication_sequence_number')
         if publisher is None or number is None:
             return
-        before = self._numbers.get(publisher['data'])
-        self._numbers[publisher['data']] = number
-        if before is None:
-            self._unnumbered = 0
-            return
-        missing = max(0, number - before - 1)
-        known = min(missing, self._unnumbered)
-        self._unnumbered -= known
-        self.lost += missing - known
-
-    def _time(self, message: Any) -> int:
-        """The time of measurement where the message carries it, else that of its arrival [ns]."""
-        if self._stamp is not None and (stamp_ns := self._stamp(message)):
-            self.gaps.add(stamp_ns)
-            return stamp_ns
-        now_ns = self._now_ns()
-        # Simulated time moves in ticks: messages that share one keep their order.
-        self._shared = self._shared + 1 if now_ns == self._tick_ns and now_ns else 0
-        self._tick_ns = now_ns
-        return now_ns + self._shared
+        name = publisher['data']
+        missing = max(0, number - self._numbers.get(name, number) - 1)
+        self._numbers[name] = number
+        if len(self._numbers) > _PUBLISHERS_KNOWN:
+            del self._numbers[next(iter(self._numbers))]
+        if late:
+            self.left_out += missing
+        else:
+            self.lost += missing
 
 
 class RosGraph(Graph):
-    """The graph as a node sees it."""
+    """The graph as a node sees it.
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    Args:
+        names: Topics as they are given, by their full names: what is resolved twice is remapped
+            twice.
+
+    Attributes:
+        undecodable: Topics whose latest message could not be decoded.
+    """
+
+    def __init__(self, node: Node, names: Mapping[str, str]) -> None:
+        self._node, self._names = node, names
+        self.undecodable: set[str] = set()
 
     def publishers(self, topic: str) -> tuple[Publisher, ...]:
         """Who publishes on a topic, with what speaks against its quality of service."""
-        infos = self._node.get_publishers_info_by_topic(topic)
-        return tuple(_publisher(info) for info in infos)
+        name = self._names.get(topic, topic)
+        asked = self._quality(name)
+        infos = self._node.get_publishers_info_by_topic(name)
+        return tuple(_publisher(info, asked) for info in infos)
+
+    def is_undecodable(self, topic: str) -> bool:
+        """Whether the latest message could not be decoded."""
+        return topic in self.undecodable
+
+    def _quality(self, name: str) -> QoSProfile:
+        """What the subscription asks for, after overrides."""
+        own = self._node.get_name(), self._node.get_namespace()
+        for info in self._node.get_subscriptions_info_by_topic(name):
+            if (info.node_name, info.node_namespace) == own:
+                return info.qos_profile
+        return telemetry()
 
 
 def node_name(info: Any) -> str:
     """The full name of the node of an end of a topic."""
+    if info.node_name == _UNKNOWN_NODE:
+        return 'a program that names no node'
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
-def _publisher(info: Any) -> Publisher:
-    match, reason = qos_check_compatible(info.qos_profile, telemetry())
-    fits = match is not QoSCompatibility.ERROR
-    return Publisher(node_name(info), info.topic_type, '' if fits else str(reason).strip(' ;.'))
+def _publisher(info: Any, asked: QoSProfile) -> Publisher:
+    match, reason = qos_check_compatible(info.qos_profile, asked)
+    fault = ''
+    if match is QoSCompatibility.ERROR:
+        fault = str(reason).strip(' ;.') or 'no reason is given'
+    latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return Publisher(node_name(info), info.topic_type, fault, latched and not heard)

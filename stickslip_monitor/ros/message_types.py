@@ -114,16 +114,15 @@ def _follow(what: str, current: str, step: str | int) -> str:
     return fields[step]
 
 
-def stamp_reader(type_name: str) -> Callable[[Any], int] | None:
-    """A function that reads ``header.stamp`` [ns], or ``None`` where the type has no header."""
-    if next(iter(_fields(type_name).items()), None) != ('header', 'std_msgs/Header'):
-        return None
+def stamp_reader(type_name: str) -> Callable[[Any], int]:
+    """A function that reads ``header.stamp`` [ns]; 0 where there is none, or one before 1970."""
+    stamped = next(iter(_fields(type_name).items()), None) == ('header', 'std_msgs/Header')
 
     def read(message: Any) -> int:
         stamp = message.header.stamp
-        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+        return max(0, int(stamp.sec) * 10**9 + int(stamp.nanosec))
 
-    return read
+    return read if stamped else lambda _: 0
 
 
 def number_reader(path: FieldPath) -> Callable[[Any], float]:

@@ -11,14 +11,17 @@ import math
 import os
 import re
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.subscription import Subscription
 
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
@@ -27,10 +30,10 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
-from stickslip_monitor.ros.active import Active
 from stickslip_monitor.ros.inputs import check_inputs
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Configured, output_names, resolved
+from stickslip_monitor.ros.running import Running, node_clock
 from stickslip_monitor.state_file import StateFile
 
 USE_SIM_TIME = 'use_sim_time'
@@ -121,14 +124,12 @@ def changed_config(
     rebuilt = False
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
+        if value is None and node.get_parameter(name).value is not None:
+            raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
         if name == USE_SIM_TIME and active and value != node.get_parameter(name).value:
             raise _read_only(name, value)
-        if is_ros_parameter(name):
+        if is_ros_parameter(name) or value is None:
             continue
-        if value is None:
-            if proposed.get(name) is None:
-                continue
-            raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
         row = rows.get(name)
         if row is not None and not row.live and value != proposed.get(name):
             if row.fixed:
@@ -143,15 +144,15 @@ def changed_config(
     return build_config(proposed), rebuilt
 
 
-def changed_values(node: Node, changes: Iterable[RosParameter[Any]]) -> list[str]:
-    """A line for each parameter that a set of changes gives another value."""
-    lines = []
+def changed_values(node: Node, changes: Iterable[RosParameter[Any]]) -> dict[str, tuple[Any, Any]]:
+    """Value before and after, of each parameter that a set of changes gives another value."""
+    found = {}
     for change in changes:
         before = _as_written(change.name, node.get_parameter(change.name).value)
         after = _as_written(change.name, change.value)
         if before != after:
-            lines.append(f'parameter {change.name}: {before!r} -> {after!r}')
-    return lines
+            found[change.name] = before, after
+    return found
 
 
 def _read_only(name: str, value: Any) -> ConfigurationError:
@@ -182,7 +183,7 @@ class MonitorNode(LifecycleNode):
 
     # A node that could not be made is destroyed all the same.
     _configured: Configured | None = None
-    _active: Active | None = None
+    _running: Running | None = None
 
     def __init__(
         self, store: Callable[[ClipConfig], ClipStore] | None = None, **options: Any
@@ -200,6 +201,14 @@ class MonitorNode(LifecycleNode):
         self.make_store(self.config.clips)
         declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
+        self._refuse_unknown_types()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription[Any]]:
+        """What executors take messages from: all but the inputs, see :class:`.Inputs`."""
+        lanes = () if self._running is None else self._running.inputs.lanes
+        own = {id(lane.subscription) for lane in lanes}
+        return (one for one in super().subscriptions if id(one) not in own)
 
     def start(self) -> None:
         """Configure and activate the node.
@@ -230,7 +239,8 @@ class MonitorNode(LifecycleNode):
         place = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
         text = f'{type(error).__name__}: {sentence(error)}{place}'
         self.health.failures += 1
-        self.health.last_failure = text
+        at = datetime.now(timezone.utc)
+        self.health.last_failure, self.health.failing = f'at {at:%H:%M:%S} UTC: {text}', True
         self.get_logger().error(
             f'a callback failed and is survived: {text}', throttle_duration_sec=FAILURE_PERIOD
         )
@@ -239,8 +249,7 @@ class MonitorNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
-        self.health = NodeHealth()
-        # That takes a second for each.
+        self.health = NodeHealth(changed=self.health.changed)
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
         try:
@@ -255,14 +264,15 @@ class MonitorNode(LifecycleNode):
         assert self._configured is not None
         simulated = self.get_parameter(USE_SIM_TIME).value is True
         try:
-            active = Active(self, self._configured, self.survived, simulated)
+            clock = node_clock(self, simulated)
+            running = Running(self, self._configured, self.survived, clock, simulated)
         except ROS_FAULTS as error:
             return self._failed(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
         self._transition('active')
         self._tell_inputs(self._configured.session.config)
-        self._active = active
-        active.begin()
+        self._running = running
+        running.begin()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -285,7 +295,7 @@ class MonitorNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Say the last word, write what is left of clips and alarms, and go."""
-        was_active = self._active is not None
+        was_active = self._running is not None
         self._stop_listening()
         if self._configured is not None:
             if was_active:
@@ -336,11 +346,11 @@ class MonitorNode(LifecycleNode):
             log(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:
-        active, self._active = self._active, None
-        if active is not None:
-            active.destroy()
+        running, self._running = self._running, None
+        if running is not None:
+            running.destroy()
             self._transition('inactive: the bearings are not monitored')
-            active.end()
+            running.end()
 
     def _take_down(self) -> None:
         if self._configured is not None:
@@ -357,12 +367,12 @@ class MonitorNode(LifecycleNode):
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
         try:
-            active, configured = self._active is not None, self._configured
+            active, configured = self._running is not None, self._configured
             config, rebuilt = changed_config(self, changes, active)
             self._check(config)
-            lines = changed_values(self, changes)
+            changed = changed_values(self, changes)
             if configured is None:
-                self.make_store(config.clips)
+                pass
             elif rebuilt:
                 configured.rebuild(config)
             else:
@@ -373,10 +383,35 @@ class MonitorNode(LifecycleNode):
         except Exception as error:
             self.survive(error)
             return SetParametersResult(successful=False, reason=f'it failed: {error}')
-        for text in lines:
+        for name, (before, after) in changed.items():
+            text = f'parameter {name}: {before!r} -> {after!r}'
             self.get_logger().info(text)
             self._note('parameter', text)
+            if name.partition('.')[0] in bearing_names(values(self)):
+                self.health.change(name, before, after)
         return SetParametersResult(successful=True)
+
+    def _refuse_unknown_types(self) -> None:
+        """Answer requests with types that there are not: rclpy raises, and leaves them waiting."""
+        known = {kind.value for kind in RosParameter.Type}
+
+        def refusing(serve: Callable[..., Any], request: Any, response: Any) -> Any:
+            unknown = [one for one in request.parameters if one.value.type not in known]
+            if not unknown:
+                return serve(request, response)
+            kind = unknown[0].value.type
+            reason = f'{unknown[0].name}: there is no type of parameter {kind}; nothing is set'
+            self.get_logger().warning(reason, throttle_duration_sec=FAILURE_PERIOD)
+            refusal = SetParametersResult(successful=False, reason=reason)
+            if isinstance(response, SetParametersAtomically.Response):
+                response.result = refusal
+            else:
+                response.results = [refusal] * len(request.parameters)
+            return response
+
+        for service in self.services:
+            if service.srv_type in (SetParameters, SetParametersAtomically):
+                service.callback = functools.partial(refusing, service.callback)
 
 
 def sentence(error: Exception) -> str:

@@ -66,6 +66,15 @@ def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
     return replace(config, bearings=tuple(map(named, config.bearings)))
 
 
+def _given_names(config: MonitorConfig, full: MonitorConfig) -> dict[str, str]:
+    """Topics as they are given, by their full names."""
+    return {
+        named.topic: given.topic
+        for one, other in zip(config.bearings, full.bearings, strict=True)
+        for given, named in zip(one.inputs.values(), other.inputs.values(), strict=True)
+    }
+
+
 class Configured:
     """What a configured node has, and keeps while it is not active.
 
@@ -77,6 +86,7 @@ class Configured:
 
     Attributes:
         config: The configuration, names of topics as given.
+        graph: Who publishes the inputs.
         clips: Takes what the node receives and publishes, where clips are wanted.
     """
 
@@ -105,14 +115,15 @@ class Configured:
         self.outputs = Outputs(self._node, config, self.health, self.clips)
 
     def _session(self) -> Session:
-        node = self._node
+        node, config = self._node, resolved(self._node, self.config)
+        self.graph = RosGraph(node, _given_names(self.config, config))
         return Session(
-            resolved(node, self.config),
+            config,
             self.outputs,
             node.get_logger(),
             lambda: node.get_clock().now().nanoseconds,
             self._kept,
-            RosGraph(node),
+            self.graph,
         )
 
     def retune(self, config: MonitorConfig) -> None:
@@ -280,19 +291,17 @@ class Clips:
         return self._writer.fault and f'an event clip is lost: {self._writer.fault}'
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
-        """Take a message that was received or published.
-
-        Args:
-            topic: Its topic.
-            message: The message.
-            time_ns: Its time on the clock of the samples; the latest one if ``None`` [ns].
-        """
+        """Take a message that is published; without a time [ns] it is that of the samples."""
         own = type(message)
         kind = f'{own.__module__.partition(".")[0]}/msg/{own.__name__}'
+        at_ns = self._recorder.now_ns if time_ns is None else time_ns
+        self.add(topic, kind, serialize_message(message), at_ns)
+
+    def add(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
+        """Take an encoded message of that type, with its time on the clock of the samples [ns]."""
         if kind not in self._definitions:
             self._definitions[kind] = definition(kind)
-        at_ns = self._recorder.now_ns if time_ns is None else time_ns
-        self._recorder.add(ClipMessage(at_ns, topic, kind, serialize_message(message)))
+        self._recorder.add(ClipMessage(time_ns, topic, kind, data))
 
     def note(self, event: Event) -> None:
         """Take notice of a change of an alarm."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from rosgraph_msgs.msg import Clock
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.ros.message_types import ROS_FAULTS, message_type
+from stickslip_monitor.ros.start import without_log_files
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5
@@ -130,7 +132,7 @@ class Player:
 @contextmanager
 def open_player(types: dict[str, str]) -> Iterator[Player]:
     """A player of topics of these message types, with ROS running for as long."""
-    rclpy.init()
+    rclpy.init(args=without_log_files(sys.argv))
     try:
         player = Player(types)
         try:

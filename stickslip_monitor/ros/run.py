@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import math
 import os
 import re
@@ -28,10 +29,14 @@ from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, sentence
+from stickslip_monitor.ros.start import without_log_files
+from stickslip_monitor.standard_error import unblocked
 
 LONGEST_WAIT = 0.2
 # Of UDP ports, of which DDS takes 250 for each domain.
 HIGHEST_DOMAIN = 232
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end the node."""
 KEYSTORE = 'ROS_SECURITY_KEYSTORE'
 EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
 """The environment variable that chooses the executor: ``events`` or ``single``."""
@@ -80,9 +85,16 @@ class ServiceManager:
             self.notify('WATCHDOG=1')
 
 
-def _spin(node: MonitorNode, signals: Sequence[int]) -> None:
-    """Spin until a signal has been noted, or somebody shuts ROS down."""
+def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
+    """Spin until a signal has been noted, or somebody shuts ROS down.
+
+    Args:
+        node: The node.
+        signals: Those noted.
+        errors: Where Python writes the frames of a crash.
+    """
     executor, manager = make_executor(), ServiceManager()
+    faulthandler.enable(errors)  # the executor has it write where nobody hands on what is left
     executor.add_node(node)
     manager.notify('READY=1')
     try:
@@ -133,9 +145,7 @@ def _check_enclave(keystore: str, args: Sequence[str]) -> None:
         )
 
 
-def _start(
-    args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None
-) -> MonitorNode:
+def _start(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
     """Start ROS, and make the node.
 
     Raises:
@@ -144,7 +154,7 @@ def _start(
     what = 'the ROS arguments cannot be used'
     try:
         rclpy.init(
-            args=None if args is None else list(args),
+            args=without_log_files(args),
             signal_handler_options=SignalHandlerOptions.NO,
         )
         what = 'the node cannot be created'
@@ -162,23 +172,26 @@ def _start(
         raise RosError(f'{what}: {sentence(error)}') from error
 
 
-def _run(args: Sequence[str] | None, store: Callable[[ClipConfig], ClipStore] | None) -> None:
+def _run(
+    args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int
+) -> None:
     """Run the node until it is to stop."""
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
     signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    ends = [one for one in ENDS if signal.getsignal(one) is not signal.SIG_IGN]  # nohup
+    for number in ends:
         signal.signal(number, lambda number, _: signals.append(number))
-    _check_environment(sys.argv if args is None else args)
+    _check_environment(args)
     node = None
     try:
         node = _start(args, store)
         if node.config.autostart and not signals:
             node.start()
-        _spin(node, signals)
+        _spin(node, signals, errors)
     finally:
         # A second Ctrl-C (a launch system sends one too) must not break the way out.
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ends:
             signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
@@ -196,20 +209,22 @@ def main(
         store: Makes what takes event clips.
 
     Returns:
-        0 after Ctrl-C or a termination signal, 2 for a bad configuration, 3 after a fault of the
-        program.
+        0 after Ctrl-C, a termination signal or the end of the terminal, 2 for a bad configuration,
+        3 after a fault of the program.
     """
-    try:
-        _run(args, store)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except StickslipError as error:
-        code, text = 2, str(error)
-    except Exception as error:
-        if '--traceback' in (sys.argv if args is None else args):
-            traceback.print_exc()
-        code, text = 3, printable(program_fault(error))
-    else:
-        return 0
-    print(f'ERROR: {text}', file=sys.stderr)  # noqa: T201
+    args = sys.argv if args is None else args
+    with unblocked() as errors:
+        try:
+            _run(args, store, errors)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return 0
+        except StickslipError as error:
+            code, text = 2, str(error)
+        except Exception as error:
+            if '--traceback' in args:
+                traceback.print_exc()
+            code, text = 3, printable(program_fault(error))
+        else:
+            return 0
+        print(f'ERROR: {text}', file=sys.stderr)  # noqa: T201
     return code

@@ -266,7 +266,7 @@ def test_of_many_bearings_the_worst_are_drawn_and_the_others_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('jinja2')
-    monkeypatch.setattr(report_page, '_MOST_DRAWN', 1)
+    monkeypatch.setattr(report_page, 'MOST_DRAWN', 1)
     node = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
     own = node.pop('aft_stern') | {'stiffness': 2.0e6}
     # Friction that does not fall: no cycle at any speed.

@@ -9,16 +9,17 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sending import SECOND, configured, points
 
+from stickslip_monitor import Monitor
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
-from stickslip_monitor.lab.voyages import output_of
+from stickslip_monitor.lab.voyages import output_of, sounds_of
 from stickslip_monitor.lab.warning_quality import (
     Episode,
     Quality,
     RuleOutput,
     announced,
     false_alarms,
-    given_of,
     largest_burst,
     pooled,
     quality_of,
@@ -141,10 +142,20 @@ def test_holding_an_alarm_is_time_without_an_episode_and_time_under_a_warning() 
     assert (quality.far_warned, quality.figures()['far_warned']) == (150.0, 0.15)
 
 
-def test_what_comes_back_within_a_minute_is_the_alarm_that_was_given() -> None:
-    raised = [(0, 2), (30, 2), (91, 2), (92, 4), (300, 2), (361, 2)]
-    found = given_of((time * 10**9, rung) for time, rung in raised)
-    assert [time_ns // 10**9 for time_ns in found] == [0, 91, 92, 300, 361]
+def test_sounds_are_those_of_the_alarms() -> None:
+    """Two crash stops into stick-slip, and one to rest: each onset sounds, and no more."""
+    rpm = np.repeat([60.0, 20.0, 60.0, 20.0, 60.0, 0.0], [30, 60, 120, 60, 120, 60])
+    config = configured(alarm__startup_inhibit=0.0)
+    scan = Monitor(config).scan({'aft': points(rpm, 1000.0)}, 0)['aft']
+    onsets = [event.time_ns for event in scan.events if event.onset]
+    assert [
+        round(onset / SECOND) in range(begin, begin + 8)
+        for onset, begin in zip(onsets, (30, 210), strict=True)
+    ] == [True, True]
+    sounds, unheard = sounds_of(scan, 0, rpm.size * SECOND)
+    assert (sounds, unheard) == (onsets, 0)
+    resting = Monitor(config).scan({'aft': points(np.zeros(60), 1000.0)}, 0)['aft']
+    assert sounds_of(resting, 0, 60 * SECOND) == ([], 0)
 
 
 def test_voyages_add_up() -> None:

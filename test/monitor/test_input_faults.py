@@ -2,14 +2,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
 import pytest
 
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.source_faults import StampGaps
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)
@@ -60,40 +57,3 @@ LOST = replace(FINE, lost=True, receiving=False)
 )
 def test_the_most_fundamental_fault_is_told(facts: InputFacts, sentence: str) -> None:
     assert input_fault(facts) == sentence
-
-
-def stamps(period_ms: int, count: int) -> Any:
-    return (1_700_000_000_000 + period_ms * np.arange(count)) * 1_000_000
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_every_message_missing_from_a_steady_sender_is_counted(seed: int) -> None:
-    """With clock jitter of 5 % of the period, and up to 40 messages missing at random."""
-    rng = np.random.default_rng(seed)
-    sent = stamps(100, 1000) + rng.integers(-5_000_000, 5_000_000, 1000)
-    # The period is known after eight intervals; a gap is sure once the period is seen again.
-    gone = rng.choice(np.arange(20, 990), 40, replace=False)
-    gaps = StampGaps(longest_ns=5 * 10**9)
-    for stamp in np.delete(sent, gone).tolist():
-        gaps.add(stamp)
-    assert gaps.missing == 40
-
-
-@pytest.mark.parametrize(
-    'stream',
-    [
-        # The sender changes its rate.
-        np.concatenate([stamps(100, 50), stamps(100, 50)[-1] + stamps(200, 50) - stamps(200, 1)]),
-        # An outage is not a loss of messages.
-        np.concatenate([stamps(100, 50), stamps(100, 50) + 60 * 10**9]),
-        # No period is known.
-        np.cumsum(np.random.default_rng(1).integers(1, 10**9, 200)) + 10**18,
-        # A replay starts over.
-        np.concatenate([stamps(100, 50), stamps(100, 50)]),
-    ],
-)
-def test_nothing_is_missing(stream: Any) -> None:
-    gaps = StampGaps(longest_ns=5 * 10**9)
-    for stamp in stream.tolist():
-        gaps.add(stamp)
-    assert gaps.missing == 0

@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections import deque
 from contextlib import nullcontext
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import kit
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,54 +20,72 @@ from hypothesis import strategies as st
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.fields import parse_field
-from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.session import Moment
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from geometry_msgs.msg import Vector3Stamped
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, MagneticField
-from std_msgs.msg import Byte, Float64, Header
+from std_msgs.msg import Byte, Float64, Float64MultiArray, Header
 
-from stickslip_monitor.ros.inputs import check_inputs
+from stickslip_monitor.ros.inputs import (
+    MOST_WAITING,
+    TURN_NS,
+    Inputs,
+    Lane,
+    RosGraph,
+    check_inputs,
+)
 from stickslip_monitor.ros.message_types import _type, definition, number_reader
 
-TICK_NS = 250_000_000
+BEGIN = 1_700_000_000 * 10**9
+STAMPED = 'geometry_msgs/msg/Vector3Stamped'
 
 
 class _Node:
-    """Topics without ROS: messages wait until the test wakes their subscription."""
+    """Topics without ROS: messages wait until they are taken.
 
-    def __init__(self, now_ns: int = 0) -> None:
-        self.now = now_ns
+    Attributes:
+        now: ROS time and that of the middleware [ns].
+    """
+
+    def __init__(self) -> None:
+        self.now, self.sent = 0, 0
         self.queues: dict[str, deque[Any]] = {}
-        self._callbacks: dict[str, Any] = {}
 
     def resolve_topic_name(self, topic: str) -> str:
         return topic
 
-    def create_subscription(
-        self, kind: Any, topic: str, callback: Any, *_: Any, **__: Any
-    ) -> SimpleNamespace:
+    def create_subscription(self, kind: Any, topic: str, *_: Any, **__: Any) -> SimpleNamespace:
         waiting = self.queues[topic] = deque[Any]()
-        self._callbacks[topic] = callback
-
-        def take(*_: Any) -> Any:
-            return (waiting.popleft(), {}) if waiting else None
-
         handle = nullcontext()
-        handle.take_message = take  # type: ignore[attr-defined]
-        return SimpleNamespace(handle=handle, msg_type=kind, raw=False)
+        handle.take_message = lambda *_: waiting.popleft() if waiting else None  # type: ignore[attr-defined]
+        return SimpleNamespace(handle=handle)
 
-    def wake(self, topic: str) -> None:
-        """What the executor does with the first message that waits, if one still does."""
-        if self.queues[topic]:
-            self._callbacks[topic](self.queues[topic].popleft())
+    def put(self, topic: str, message: Any, number: int | None = None) -> None:
+        """A message comes; encoded ones as they are."""
+        data = message if isinstance(message, bytes) else serialize_message(message)
+        self.sent += 1
+        info = {'received_timestamp': self.now, 'publisher_gid': {'data': b'sender'}}
+        info['publication_sequence_number'] = self.sent if number is None else number
+        self.queues[topic].append((data, info))
 
 
-def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
+class _Clocks:
+    """ROS time, and a steady clock that goes on by some nanoseconds whenever it is read."""
+
+    def __init__(self, node: _Node, step_ns: int = 0) -> None:
+        self.node, self.step_ns, self.steady_ns = node, step_ns, 0
+
+    def __call__(self) -> Moment:
+        self.steady_ns += self.step_ns
+        return Moment(self.steady_ns, self.node.now)
+
+
+def _inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool = False) -> Any:
     """Two bearings on one shaft, each with a load of its own."""
-    from stickslip_monitor.ros.inputs import Inputs
-
     values: dict[str, Any] = {'bearings': ['fore', 'aft']}
     for name in values['bearings']:
         own = {'alarm.on_delay': 0.5, 'alarm.off_delay': 0.5, 'alarm.amplitude_limit': 0.5e-3}
@@ -75,41 +96,107 @@ def _inputs(node: Any, kind: str, field: str, receive: Any) -> Any:
         del bearing['bearings']
         values |= {key.replace('aft', name, 1): value for key, value in bearing.items()}
     config = build_config(values)
-
-    def deliver(numbers: Any) -> None:
-        for number in numbers:
-            receive(*number)
-
-    inputs = Inputs(node, config, deliver, lambda: node.now, lambda each: each, NodeHealth())
+    inputs = Inputs(node, config, _Clocks(node, step_ns), simulated, RosGraph(node, {}))
     inputs.subscribe()
     return config, inputs
 
 
-def test_messages_that_share_a_tick_of_the_clock_keep_their_order() -> None:
-    """As at ``ros2 bag play --rate 10 --clock 40``: ten messages of 10 Hz to every four ticks."""
-    from std_msgs.msg import Float64
+def _heard(inputs: Any, late: bool = False) -> list[Any]:
+    """What a turn brings for the aft bearing."""
+    inputs.fetch(late)
+    return [number for number in inputs.numbers() if number.bearing == 'aft']
 
-    heard: list[tuple[int, float]] = []
 
-    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
-        if bearing == 'aft':
-            heard.append((time_ns, value))
+def _lane(inputs: Any, topic: str) -> Any:
+    (lane,) = (lane for lane in inputs.lanes if lane.name == topic)
+    return lane
 
+
+def test_simulated_time_of_arrival_is_between_turns() -> None:
+    """At ``ros2 bag play --rate 20`` a turn is a second long."""
     node = _Node()
-    _inputs(node, 'std_msgs/msg/Float64', 'data', receive)
+    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data', simulated=True)
     # Before the first /clock there is no time, and nothing is used.
-    ticks = [0, 10**9, 10**9, 10**9, 10**9 + TICK_NS, 10**9 + TICK_NS, 5 * 10**8]
-    for number, node.now in enumerate(ticks):
-        node.queues['speed'].append(Float64(data=float(number)))
-        node.wake('speed')
-    assert heard == [
-        (10**9, 1.0),
-        (10**9 + 1, 2.0),
-        (10**9 + 2, 3.0),
-        (10**9 + TICK_NS, 4.0),
-        (10**9 + TICK_NS + 1, 5.0),
-        (5 * 10**8, 6.0),
-    ]
+    node.put('speed', Float64(data=1.0))
+    assert _heard(inputs) == []
+    node.now = BEGIN
+    inputs.fetch(False)
+    # The middleware has this machine's clock: after a tenth of a second a second has passed.
+    wall = inputs._turned[0]
+    inputs._turned = wall - 10**8, BEGIN
+    for number in range(10):
+        node.now = wall - 10**8 + 10**7 * number
+        node.put('speed', Float64(data=float(number)))
+    node.now = BEGIN + 10**9
+    times = np.array([number.arrival_ns for number in _heard(inputs)])
+    assert len(times) == 10
+    assert (np.diff(times) > 0).all()
+    assert BEGIN <= times[0] < times[-1] <= BEGIN + 10**9
+
+
+def test_a_stamp_before_1970_is_none() -> None:
+    node = _Node()
+    _, inputs = _inputs(node, STAMPED, 'vector.x')
+    node.now = BEGIN
+    for second in (-5, 0, BEGIN // 10**9 - 1):
+        message = Vector3Stamped()
+        message.header.stamp.sec = second
+        node.put('speed', message)
+    assert [n.time_ns for n in _heard(inputs)] == [BEGIN, BEGIN, BEGIN - 10**9]
+
+
+@pytest.mark.parametrize(('late', 'counts'), [(False, (3, 0)), (True, (0, 3))])
+def test_what_is_missing_between_two_numbers_is_counted(
+    late: bool, counts: tuple[int, int]
+) -> None:
+    """Of what is missing while the node was held up nobody knows that it was lost on the way."""
+    node = _Node()
+    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data')
+    node.now = BEGIN
+    # The first number of a sender says nothing; one that begins anew has lost nothing.
+    for number in (7, 8, 10, 13, 2, 3):
+        node.put('speed', Float64(data=1.0), number)
+    assert len(_heard(inputs, late)) == 6
+    lane = _lane(inputs, 'speed')
+    assert (lane.lost, lane.left_out) == counts
+
+
+def test_of_a_flood_every_so_many_are_left_out_and_the_last_is_not() -> None:
+    node = _Node()
+    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data')
+    for number in range(1500):
+        node.now = BEGIN + number
+        node.put('speed', Float64(data=float(number)))
+    values = [number.value for number in _heard(inputs)]
+    lane = _lane(inputs, 'speed')
+    assert lane.left_out == 1500 - len(values)
+    assert lane.lost == 0
+    assert values[-1] == 1499.0
+    assert len(values) <= MOST_WAITING
+    assert len({b - a for a, b in pairwise(values)}) == 1
+
+
+def test_a_turn_ends_by_time_and_the_next_goes_on() -> None:
+    node = _Node()
+    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data', step_ns=TURN_NS // 10)
+    node.now = BEGIN
+    for number in range(15):
+        node.put('speed', Float64(data=float(number)))
+    turns = [[n.value for n in _heard(inputs)] for _ in range(3)]
+    assert [value for turn in turns for value in turn] == [float(k) for k in range(15)]
+    assert all(0 < len(turn) <= 10 for turn in turns[:2])
+
+
+def test_messages_that_cannot_be_decoded_are_known() -> None:
+    graph = RosGraph(_Node(), {})  # type: ignore[arg-type]
+    node = _Node()
+    lane = Lane(node, 'load', 'std_msgs/msg/Float64MultiArray', graph.undecodable)  # type: ignore[arg-type]
+    # By CDR: an empty layout, an offset of 0, and fifty numbers of which one is there.
+    wrong = b'\0\1\0\0' + struct.pack('<IIId', 0, 0, 50, 1.0)
+    assert lane.decoded(wrong) is None
+    assert graph.is_undecodable('load')
+    assert lane.decoded(serialize_message(Float64MultiArray(data=[2.0]))).data[0] == 2.0
+    assert not graph.is_undecodable('load')
 
 
 TOPICS = ('speed', 'load/fore', 'load/aft')
@@ -124,47 +211,38 @@ ARRIVALS = st.lists(
 )
 
 
-def _events(
-    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
-) -> dict[str, list[Any]]:
-    """What is told of each bearing; messages pile up before all topics are woken in turn.
+def _events(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[str, list[Any]]:
+    """What is told of each bearing; messages pile up before each turn.
 
     Args:
         arrivals: Topic, time since the message before [ms] and speed [rpm] of each message.
-        piles: How many pile up, and which topic is woken first.
+        piles: How many pile up.
     """
-    from geometry_msgs.msg import Vector3Stamped
-
     said: dict[str, list[Any]] = {'fore': [], 'aft': []}
-
-    def receive(bearing: str, place: int, time_ns: int, value: float, latest: bool) -> None:
-        said[bearing].extend(monitor.bearings[bearing].update(place, time_ns, value).events)
-
     node = _Node()
-    config, _ = _inputs(node, 'geometry_msgs/msg/Vector3Stamped', 'vector.x', receive)
+    config, inputs = _inputs(node, STAMPED, 'vector.x')
     monitor = Monitor(config)
-    time_ms, todo = 10_000, deque(arrivals)
-    for size, turn in piles:
+    node.now, todo = BEGIN, deque(arrivals)
+    for size in piles:
         for topic, step, rpm in [todo.popleft() for _ in range(min(size, len(todo)))]:
-            message, time_ms = Vector3Stamped(), time_ms + step
-            message.header.stamp.sec, rest = divmod(time_ms, 1000)
-            message.header.stamp.nanosec = rest * 10**6
+            node.now += step * 10**6
+            message = Vector3Stamped()
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(node.now, 10**9)
             message.vector.x = rpm if topic == 'speed' else 1000.0
-            node.queues[topic].append(message)
-        for k in range(len(TOPICS)):
-            node.wake(TOPICS[(k + turn) % len(TOPICS)])
+            node.put(topic, message)
+        inputs.fetch(False)
+        for name, place, time_ns, arrival_ns, value in inputs.numbers():
+            update = monitor.bearings[name].update(place, time_ns, value, arrival_ns)
+            said[name].extend(update.events)
     return said
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    arrivals=ARRIVALS,
-    piles=st.lists(st.tuples(st.integers(1, 12), st.integers(0, 2)), max_size=30),
-)
+@given(arrivals=ARRIVALS, piles=st.lists(st.integers(1, 12), max_size=30))
 def test_messages_that_wait_tell_what_they_tell_one_by_one(
-    arrivals: list[tuple[str, int, float]], piles: list[tuple[int, int]]
+    arrivals: list[tuple[str, int, float]], piles: list[int]
 ) -> None:
-    rest = [(1, 0)] * len(arrivals)
+    rest = [1] * len(arrivals)
     assert _events(arrivals, [*piles, *rest]) == _events(arrivals, rest)
 
 

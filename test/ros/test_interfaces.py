@@ -134,7 +134,7 @@ def fields(title: str) -> list[str]:
 
 def test_the_services() -> None:
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-    from stickslip_monitor.ros.active import SWITCHES, TRIGGERS
+    from stickslip_monitor.ros.running import SWITCHES, TRIGGERS
 
     assert fields('Services') == [*TRIGGERS, *SWITCHES]
 

@@ -58,10 +58,10 @@ def test_the_services(host: Any) -> None:
     assert panel.lists[-1]['sounding']
     assert panel.ask('silence') == (True, 'silence: aft/stick_slip')
     panel.peer.until(lambda: not panel.lists[-1]['sounding'], 'silence')
-    assert panel.ask('aft/acknowledge') == (True, 'acknowledge: aft/stick_slip')
+    assert panel.ask('acknowledge') == (True, 'acknowledge: aft/stick_slip')
     panel.until(stick_slip='acknowledged', **COVERED)
 
-    assert panel.ask('aft/shelve')[0]
+    assert panel.ask('shelve')[0]
     panel.until(stick_slip='shelved', bistable='shelved', margin_low='shelved')
     panel.until(stick_slip='unacknowledged', **COVERED)  # after a second, by itself
     assert panel.ask('shelve')[0]
@@ -69,7 +69,7 @@ def test_the_services(host: Any) -> None:
         True,
         'unshelve: aft/stick_slip, aft/bistable, aft/margin_low',
     )
-    assert panel.ask('aft/out_of_service', True)[0]
+    assert panel.ask('out_of_service', True)[0]
     panel.peer.until(lambda: set(panel.states().values()) == {'out_of_service'}, 'removal')
     assert panel.ask('out_of_service', True) == (True, 'it is so already')
     assert panel.ask('out_of_service', False)[0]

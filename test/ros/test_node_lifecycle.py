@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import re
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -125,5 +126,5 @@ def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
     health = monitor.node.health
     assert health.level == 2
     text = 'ZeroDivisionError: float division by zero (test_node_lifecycle'
-    assert health.message.startswith(f'1 callback failed, last: {text}')
+    assert re.match(rf'1 callback failed, last at [\d:]+ UTC: {re.escape(text)}', health.message)
     assert f'[error] a callback failed and is survived: {text}' in monitor.output

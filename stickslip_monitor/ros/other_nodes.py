@@ -28,6 +28,7 @@ from stickslip_monitor.monitor.health import NODE_STATUS
 from stickslip_monitor.monitor.messages import BEARINGS_SCHEMAS, hardware_id
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.message_types import ROS_FAULTS
+from stickslip_monitor.ros.start import without_log_files
 
 
 class Listener(Protocol):
@@ -217,7 +218,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 @contextmanager
 def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
     """A node, and what has a thread of its own spin it. Signals are left to the program."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node, executor = Node(_NAME), SingleThreadedExecutor()
         executor.add_node(node)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lives only while the node is active: its ears, its services and its sense of time."""
+"""What runs only while the node is active: its turns, its services and its sense of time."""
 
 from __future__ import annotations
 
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.clock import Clock
@@ -16,30 +16,36 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from stickslip_monitor.errors import ConfigurationError, plural
+from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarms.alarm_records import (
     ROS_SERVICE,
     ActionRequest,
     parse_request,
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
+from stickslip_monitor.monitor.health import CLOCKS
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
-from stickslip_monitor.ros.inputs import Guard, Inputs, Number, node_name
+from stickslip_monitor.ros.inputs import Inputs, Number, node_name
 from stickslip_monitor.ros.message_types import ROS_FAULTS
 from stickslip_monitor.ros.outputs import Configured
 
-WATCHDOG_PERIOD = 0.1
+TURN_PERIOD = 0.05
+"""So often [s] what has come is worked off: half the period of telemetry of 10 Hz."""
+WATCHDOG_NS = 10**8
+"""The passing of time is looked after so often [ns]."""
 LAG_NS = 500_000_000
 """The watchdog stays so far behind that a sample delivered late keeps the time of its stamp."""
 SHOW_NS = 10**9
 """The state of all bearings is published so often [ns]."""
 LOSS_PERIOD = 60.0
+LATE_NS = 2 * 10**8
+"""A turn that comes so late [ns] says that the node was held up, not its inputs."""
 HELD_UP_NS = 10**9
-"""A watchdog that comes so late [ns] says that the node was held up, not its inputs."""
-_OVERDUE_NS = 2 * 10**8
-"""After so long [ns] the watchdog comes before further messages, and takes all that wait."""
+"""A hold-up of this length [ns] is told."""
+STILL_NS = 10**9
+"""A simulated clock that stands for less [ns] may be a slow one."""
 _DOUBLE_LOOKS = 5
 TRIGGERS = (
     Action.ACKNOWLEDGE,
@@ -54,52 +60,68 @@ SWITCHES = {
     'out_of_service': (Action.REMOVE, Action.RESTORE),
 }
 """Services of type std_srvs/SetBool, with what true and false do."""
+Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
+"""Makes a callback whose exceptions are logged and survived."""
+ReadClock = Callable[[], Moment]
 
 
-class Active:
+def node_clock(node: LifecycleNode, simulated: bool) -> ReadClock:
+    """Reads the clocks of a node; ROS time is 0 while it is simulated and /clock is silent."""
+    if simulated:
+        ros = node.get_clock()
+        return lambda: Moment(time.monotonic_ns(), ros.now().nanoseconds)
+    return lambda: Moment(time.monotonic_ns(), time.time_ns())
+
+
+class Running:
     """The ears of a node, and its sense of time.
 
     Args:
         configured: What it has: session, publishers, clips.
+        clock: Now.
+        simulated: Whether ROS time follows /clock.
 
     Raises:
         Exception: One of :data:`.message_types.ROS_FAULTS`: an input or service cannot be made.
     """
 
     def __init__(
-        self, node: LifecycleNode, configured: Configured, survived: Guard, simulated: bool
+        self,
+        node: LifecycleNode,
+        configured: Configured,
+        survived: Guard,
+        clock: ReadClock,
+        simulated: bool,
     ) -> None:
         self._node, self._own, self._simulated = node, configured, simulated
         self._session, self._health = configured.session, configured.health
-        self._log, self._take = node.get_logger(), survived(self._receive)
-        tap = None if configured.clips is None else configured.clips.take
-        self._inputs = Inputs(
-            node, configured.config, self._deliver, self._now_ns, survived, self._health, tap
-        )
-        self._actions = Actions(node, list(self._session.monitor.bearings), self._session.act)
+        self._log, self._take, self._now = node.get_logger(), survived(self._receive), clock
+        tap = None if configured.clips is None else configured.clips.add
+        self.inputs = Inputs(node, configured.config, clock, simulated, configured.graph, tap)
+        self._actions = Actions(node, list(self._session.monitor.bearings), self._act)
         self._ticker: Any = None
         try:
-            self._inputs.subscribe()
+            self.inputs.subscribe()
             self._actions.serve()
         except ROS_FAULTS:
             self.destroy()
             raise
-        now = self._now()
-        self._watchdog, self._clock = Watchdog(self._session), PassingTime(simulated, now)
-        self._running_ns = 0
-        self._ticked_ns, self._shown_ns = now.steady_ns, -SHOW_NS
-        self._looks = self._lost_told = self._lost_seen = 0
+        now = clock()
+        self._watchdog, self._passing = Watchdog(self._session), PassingTime(simulated, now)
+        self._running_ns = self._looks = self._lost_told = self._lost_seen = 0
+        self._turned_ns = self._ticked_ns = now.steady_ns
+        self._shown_ns = -SHOW_NS
         self._lost_told_at = self._lost_at = -math.inf
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
-            WATCHDOG_PERIOD, survived(self.tick), clock=Clock(clock_type=ClockType.STEADY_TIME)
+            TURN_PERIOD, survived(self.turn), clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def begin(self) -> None:
         """Watch from now on."""
         self._health.monitoring = True
         self._session.begin()
-        self.tick()
+        self._tick(self._now())
 
     def end(self) -> None:
         """Nobody watches any more: this is published, and what is left of the clips is written."""
@@ -109,49 +131,46 @@ class Active:
 
     def destroy(self) -> None:
         """Take subscriptions, services and timer down."""
-        self._inputs.destroy()
+        self.inputs.destroy()
         self._actions.destroy()
-        if self._ticker is not None:
-            self._node.destroy_timer(self._ticker)
+        ticker, self._ticker = self._ticker, None
+        if ticker is not None:
+            self._node.destroy_timer(ticker)
 
-    def _now_ns(self) -> int:
-        """ROS time [ns]; 0 while it is simulated and /clock is silent."""
-        return self._node.get_clock().now().nanoseconds if self._simulated else time.time_ns()
-
-    def _now(self) -> Moment:
-        return Moment(time.monotonic_ns(), self._now_ns())
-
-    def _deliver(self, numbers: Iterator[Number]) -> None:
-        """Take what has come; publish what changed, and look at the time."""
-        self._excuse(self._now())
-        for number in numbers:
+    def turn(self) -> None:
+        """Work off what has come; publish what changed, and look at the time."""
+        if self._ticker is None:
+            return  # a call that waited while the node was deactivated
+        now = self._now()
+        held_ns, self._turned_ns = now.steady_ns - self._turned_ns, now.steady_ns
+        late = held_ns > LATE_NS
+        if late:
+            self._excuse(held_ns, now)
+        # What waits comes first: no input is lost whose messages are there.
+        self.inputs.fetch(late)
+        self._latest = not (late or self.inputs.piled)
+        for number in self.inputs.numbers():
             self._take(number)
         now = self._now()
-        if now.steady_ns - self._ticked_ns > _OVERDUE_NS:
-            self.tick()
-        else:
-            self._session.flush(now)
+        if not self._latest:
+            self._session.catch_up(now)
+        if late or now.steady_ns - self._ticked_ns >= WATCHDOG_NS:
+            self._tick(now)
+        self._session.flush(now)
+        # A turn that was long itself is no hold-up.
+        self._turned_ns = now.steady_ns
 
     def _receive(self, number: Number) -> None:
-        name, place, time_ns, value, latest = number
-        update = self._session.take(name, place, time_ns, value, self._now(), latest)
+        name, place, time_ns, arrival_ns, value = number
+        moment = Moment(self._now().steady_ns, arrival_ns)
+        update = self._session.take(name, place, time_ns, value, moment, self._latest)
         if update.status.valid and place != LEVEL:
             self._watchdog.note(name)
 
-    def tick(self) -> None:
+    def _tick(self, now: Moment) -> None:
         """Look after everything that time brings."""
-        now = self._now()
-        late = now.steady_ns - self._ticked_ns > _OVERDUE_NS
-        self._excuse(now)
-        if late:
-            # What waits comes first: no input is lost whose messages are there.
-            # They have the time of now: while they are worked off, we are held up.
-            for number in self._inputs.waiting():
-                self._take(number)
-        self._ticked_ns, now = now.steady_ns, self._now()
-        if late:
-            self._session.catch_up(now)
-        passed_ns = self._clock.passed(now)
+        self._ticked_ns = now.steady_ns
+        passed_ns = self._passing.passed(now)
         self._running_ns += passed_ns
         self._watchdog.tick(now, passed_ns)
         self._session.tick(now, self._running_ns)
@@ -162,51 +181,71 @@ class Active:
             self._session.show(now)
         self._session.flush(now)
 
-    def _excuse(self, now: Moment) -> None:
-        """If we were held up, no input is to blame for that time."""
-        held_ns = now.steady_ns - self._ticked_ns
+    def _excuse(self, held_ns: int, now: Moment) -> None:
+        """We were held up: no input is to blame for that time."""
+        self._session.excuse(held_ns)
+        # The alarms' time has passed, that of the inputs has not.
+        self._running_ns += self._passing.passed(now)
         if held_ns <= HELD_UP_NS:
             return
-        self._ticked_ns, held = now.steady_ns, held_ns * 1e-9
+        held = held_ns * 1e-9
         self._health.delays += 1
         self._health.longest_delay = max(self._health.longest_delay, held)
         text = f'the node was held up for {held:.3g} s: answers were late, inputs are not to blame'
         self._log.warning(text)
         self._session.note('node', text)
-        self._session.excuse(held_ns)
-        # The alarms' time has passed, that of the inputs has not.
-        self._running_ns += self._clock.passed(now)
+
+    def _act(self, request: ActionRequest) -> list[AlarmChange]:
+        """Do what a person asks for; who acknowledges all alarms has seen what was changed."""
+        if request.action is Action.ACKNOWLEDGE and request.bearing is None:
+            self._health.changed.clear()
+        return self._session.act(request)
 
     def _look(self, now: Moment) -> None:
         """Look after the node's own health, once a second."""
-        self._inputs.count_missing()
+        health, lanes = self._health, self.inputs.lanes
+        health.lost = sum(lane.lost for lane in lanes)
+        health.left_out = sum(lane.left_out for lane in lanes)
+        health.age(now.steady_ns * 1e-9)
         if self._looks % _DOUBLE_LOOKS == 0:
             self._look_for_double()
         self._looks += 1
         self._own.look_at_files()
-        steady, lost = now.steady_ns * 1e-9, self._health.gone
+        self._look_at_losses(now.steady_ns * 1e-9)
+
+    def _look_at_losses(self, steady: float) -> None:
+        lost = self._health.lost + self._health.left_out
         if lost > self._lost_seen:
             self._lost_seen, self._lost_at = lost, steady
         self._health.losing = steady - self._lost_at < LOSS_PERIOD
         if lost > self._lost_told and steady - self._lost_told_at >= LOSS_PERIOD:
-            self._log.warning(
-                f'{plural(lost - self._lost_told, "message")} lost on the way to the node,'
-                f' {lost} since it was configured'
-            )
+            self._log.warning(f'since the node was configured: {self._health.losses}')
             self._lost_told, self._lost_told_at = lost, steady
 
     def _look_for_double(self) -> None:
-        own = (self._node.get_name(), self._node.get_namespace())
-        before = self._health.double
-        self._health.double = self._node.get_node_names_and_namespaces().count(own) > 1
-        if self._health.double and not before:
-            text = f'another node is called {self._node.get_fully_qualified_name()}, too'
-            self._log.error(text)
-            self._session.note('node', text)
+        node, health = self._node, self._health
+        own = (node.get_name(), node.get_namespace())
+        double, clocks = node.get_node_names_and_namespaces().count(own) > 1, self._clocks()
+        if double and not health.double:
+            self._tell(f'another node is called {node.get_fully_qualified_name()}, too')
+        if clocks and clocks != health.clocks:
+            self._tell(f'{CLOCKS} {clocks}')
+        health.double, health.clocks = double, clocks
+
+    def _tell(self, text: str) -> None:
+        self._log.error(text)
+        self._session.note('node', text)
+
+    def _clocks(self) -> str:
+        """Who publishes simulated time, where it is more than one."""
+        if not self._simulated:
+            return ''
+        infos = self._node.get_publishers_info_by_topic('/clock')
+        return ', '.join(sorted(map(node_name, infos))) if len(infos) > 1 else ''
 
 
 class Actions:
-    """The operator's actions: services for all bearings and for each, and a topic.
+    """The operator's actions: services for all bearings, and a topic for one.
 
     A service of std_srvs names neither the caller nor the alarm; a request on the topic
     ``~/actions`` does.
@@ -224,12 +263,10 @@ class Actions:
 
     def serve(self) -> None:
         """Offer all services, and listen to the topic."""
-        for bearing in (None, *self._bearings):
-            prefix = '~' if bearing is None else f'~/{bearing}'
-            for action in TRIGGERS:
-                self._serve(Trigger, f'{prefix}/{action}', bearing, action, action)
-            for name, (on, off) in SWITCHES.items():
-                self._serve(SetBool, f'{prefix}/{name}', bearing, on, off)
+        for action in TRIGGERS:
+            self._serve(Trigger, action, action, action)
+        for name, (on, off) in SWITCHES.items():
+            self._serve(SetBool, name, on, off)
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         self._requests = self._node.create_subscription(String, '~/actions', self._on_request, qos)
 
@@ -255,40 +292,59 @@ class Actions:
         log.info(f'{request.action} of {what} asked for by {request.by} over {who}')
         self._act(request)
 
-    def _serve(self, kind: Any, name: str, bearing: str | None, on: Action, off: Action) -> None:
+    def _serve(self, kind: Any, name: str, on: Action, off: Action) -> None:
         """Offer a service; of a Trigger both actions are one."""
 
         def serve(request: Any, response: Any) -> Any:
             action = on if getattr(request, 'data', True) else off
-            what = bearing or 'all bearings'
-            self._node.get_logger().info(f'{action} of {what} asked for by a {ROS_SERVICE} call')
-            changes = self._act(ActionRequest(action, ROS_SERVICE, bearing))
+            log = self._node.get_logger()
+            log.info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
+            changes = self._act(ActionRequest(action, ROS_SERVICE))
             names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
             nothing = f'there is nothing to {action}' if on is off else 'it is so already'
             response.success = bool(changes) or on is not off
             response.message = f'{action}: {names}' if names else nothing
             return response
 
-        self._services.append(self._node.create_service(kind, name, serve))
+        self._services.append(self._node.create_service(kind, f'~/{name}', serve))
 
 
 class PassingTime:
     """The time that passes, on clocks that may stop or step.
 
-    While ROS time follows a simulated clock that moves, that clock is the measure. One that
-    stands still (the player has gone) cannot say that an input is lost, so then the steady clock
-    is. A step back, and the first step from zero, count as no time.
+    While ROS time follows a simulated clock that moves, that clock is the measure. One that has
+    stood still for three times its own period, and a second at least (the player has gone), cannot
+    say that an input is lost, so then the steady clock does; what that has counted is not counted
+    again. A step back, and the first step from zero, count as no time.
     """
 
     def __init__(self, simulated: bool, now: Moment) -> None:
-        self._simulated, self._last = simulated, now
+        self._simulated, self._last, self._moved_ns = simulated, now, now.steady_ns
+        self._patience_ns, self._counted_ns = STILL_NS, 0
 
     def passed(self, now: Moment) -> int:
         """The time since the last call [ns]."""
         last, self._last = self._last, now
-        steady, simulated = now.steady_ns - last.steady_ns, now.time_ns - last.time_ns
-        moving = self._simulated and simulated != 0 and last.time_ns != 0
-        return max(simulated, 0) if moving else steady
+        steady = now.steady_ns - last.steady_ns
+        if not self._simulated or not now.time_ns:
+            return steady
+        step = now.time_ns - last.time_ns
+        if step and last.time_ns:
+            return self._moved(now.steady_ns, step)
+        stood = now.steady_ns - self._moved_ns
+        if not last.time_ns:
+            self._moved_ns = now.steady_ns
+            return steady
+        if stood <= self._patience_ns:
+            return 0
+        counted, self._counted_ns = self._counted_ns, stood
+        return stood - counted
+
+    def _moved(self, steady_ns: int, step_ns: int) -> int:
+        if not self._counted_ns:  # else it did not tick, it stood
+            self._patience_ns = max(STILL_NS, 3 * (steady_ns - self._moved_ns))
+        counted, self._counted_ns, self._moved_ns = self._counted_ns, 0, steady_ns
+        return max(step_ns - counted, 0)
 
 
 class Watchdog:
