@@ -79,6 +79,8 @@ setup(
         'fleet': ['distributed>=2024.1'],
         # Signal K and NMEA 0183; with `dashboard` the page, too.
         'links': ['aiohttp>=3.9'],
+        # Reads Parquet; the newest wheels need Python 3.11, so that the base does without.
+        'logs': ['pyarrow>=12'],
         'report': ['jinja2>=3.0', 'matplotlib>=3.6'],
         # Compiles the inner loops of the time integrator; without it they run in Python.
         'sim': ['numba>=0.57'],
@@ -91,6 +93,7 @@ setup(
             'hypothesis>=6.60',
             'mpmath>=1.2',
             'numba>=0.57',
+            'pyarrow>=12',
             'pynmeagps>=1.0.40',
             'pytest>=7',
             'pytest-xdist>=3',

@@ -1,28 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which part of a recording an input of a configuration is."""
+"""Which part of a recording an input of a configuration is: a topic, or a column of a table."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.recording import Bound, missing_topic
 from stickslip_monitor.bags.values import TopicInfo
-from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
+from stickslip_monitor.errors import BagError, did_you_mean
+from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.tables.headings import parse_heading
+
+FLOAT64 = 'std_msgs/msg/Float64'
+COARSE = 10.0
+"""From this interval on lines are too far apart for short stick-slip [s]."""
+# A value counts for so many intervals, as a lost line is no lost input.
+_TIMEOUT_LINES = 3.0
+_NEWTONS = {'N': 1.0, 'kN': 1e3}
+_MOST_NAMED = 10
 
 
 def bound_to_topics(path: Path, topics: Mapping[str, TopicInfo], config: MonitorConfig) -> Bound:
     """A configuration for a recording of topics: inputs are absent without topic or type."""
     absent = {
         (bearing.name, quantity): text
-        for bearing in config.bearings
-        for quantity, source in bearing.inputs.items()
+        for bearing, quantity, source in _measured(config)
         if (text := _absent(path, topics, source))
     }
     return Bound(config, absent)
+
+
+def _measured(config: MonitorConfig) -> Iterator[tuple[BearingConfig, str, InputConfig]]:
+    for bearing in config.bearings:
+        for quantity, source in bearing.inputs.items():
+            yield bearing, quantity, source
 
 
 def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
@@ -35,3 +53,186 @@ def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) ->
         bags = (Publisher(f"Bag '{path.name}'", topic.type),)
         return input_fault(replace(facts, publishers=bags))[:-1]
     return ''
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table, or the rows of a name in a table of one value a line.
+
+    Attributes:
+        heading: What it is called.
+        place: Of the column that holds its numbers.
+        name: The name whose rows count; None where all do.
+        unit: As the configuration calls it; None where its heading has none of these.
+    """
+
+    heading: str
+    place: int
+    name: str | None = None
+    unit: str | None = None
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether its heading is its number only."""
+        return bool(re.fullmatch(r'#\d+', self.heading))
+
+
+@dataclass(frozen=True, slots=True)
+class SourceColumn:
+    """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``."""
+
+    column: Column
+    ratio: float = 1.0
+    scale: float = 1.0
+    offset: float = 0.0
+
+    def sent(self, values: FloatArray) -> FloatArray:
+        """What the sensor would have sent, of numbers in the column."""
+        if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
+            return values
+        return (values * self.ratio - self.offset) / self.scale
+
+
+class ColumnBinding:
+    """Finds the columns of the inputs of a configuration.
+
+    Attributes:
+        columns: By the topic that each stands for.
+        said: What was guessed.
+    """
+
+    def __init__(
+        self, path: Path, columns: Sequence[Column], interval: Callable[[Column], float]
+    ) -> None:
+        self._path, self._all, self._interval = path, columns, interval
+        self.columns: dict[str, SourceColumn] = {}
+        self.said: list[str] = []
+
+    def bind(self, config: MonitorConfig) -> Bound:
+        """The configuration with the topics and timeouts that hold for the table."""
+        absent: dict[tuple[str, str], str] = {}
+        changed: dict[str, dict[str, Any]] = {}
+        coarse = 0.0
+        for bearing, quantity, source in _measured(config):
+            try:
+                column = self._found(bearing, quantity, source)
+            except BagError as error:
+                absent[bearing.name, quantity] = str(error)
+                continue
+            every = self._interval(column)
+            coarse = max(coarse, every)
+            own = self._bound(bearing, quantity, source, column, every)
+            changed.setdefault(bearing.name, {})[quantity] = own
+        if coarse >= COARSE:
+            self.said.append(
+                f'lines are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be'
+                ' seen'
+            )
+        bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
+        return Bound(replace(config, bearings=bearings), absent)
+
+    def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> Column:
+        """The one column that is an input.
+
+        Raises:
+            BagError: None is, or several may be.
+        """
+        found = list(self._candidates(bearing.name, quantity, source))
+        if len(found) > 1:
+            words = set(bearing.name.split('_'))
+            named = [c for c in found if words <= set(parse_heading(c.heading).name.split())]
+            found = named if len(named) == 1 else found
+        if len(found) == 1:
+            return found[0]
+        parameter = f'{bearing.name}.{quantity}.column'
+        if found:
+            listed = ', '.join(f"'{column.heading}'" for column in found[:_MOST_NAMED])
+            raise BagError(
+                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed}; write"
+                f' {parameter}'
+            )
+        headings = [column.heading for column in self._all]
+        listed = ', '.join(f"'{heading}'" for heading in headings[:_MOST_NAMED])
+        more = f' and {len(headings) - _MOST_NAMED} more' if len(headings) > _MOST_NAMED else ''
+        if source.column:
+            near = did_you_mean(source.column, headings)
+            raise BagError(
+                f"log '{self._path}' has no column '{source.column}' ({parameter}): it has"
+                f' {listed}{more}{near}'
+            )
+        remedy = f' or {bearing.name}.load.constant' if quantity == 'load' else ''
+        raise BagError(
+            f"log '{self._path}': no column is to be known as the {quantity} of {bearing.name} by"
+            f' its unit or its name: it has {listed}{more}; write {parameter}{remedy}'
+        )
+
+    def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[Column]:
+        """The columns that may be an input, by the first rule that fits any."""
+        if source.column:
+            asked = parse_heading(source.column).name
+            same = [c for c in self._all if c.heading == source.column]
+            like = [c for c in self._all if asked and parse_heading(c.heading).name == asked]
+            number = [c for c in self._all if f'#{c.place + 1}' == source.column]
+            return same or like or number
+        topic = source.topic.strip('/')
+        names = {parse_heading(topic).name, parse_heading(topic.rpartition('/')[2]).name}
+        own = {quantity, parse_heading(f'{bearing} {quantity}').name}
+        units = _units_of(quantity, source)
+        of_topic = [c for c in self._all if topic and c.heading.strip('/') == topic]
+        plain = [parse_heading(c.heading).name for c in self._all]
+        like = [c for c, name in zip(self._all, plain, strict=True) if name in names - {quantity}]
+        by_unit = [c for c in self._all if c.unit in units]
+        by_name = [c for c, name in zip(self._all, plain, strict=True) if name in own]
+        return of_topic or like or by_unit or by_name
+
+    def _bound(
+        self,
+        bearing: BearingConfig,
+        quantity: str,
+        source: InputConfig,
+        column: Column,
+        every: float,
+    ) -> InputConfig:
+        """An input as the table gives it; what was guessed is said."""
+        unit = column.unit if column.unit in _units_of(quantity, source) else None
+        sent = SourceColumn(column)
+        if unit is not None:
+            ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
+            ratio = 1.0 if unit == source.unit else ratio
+            sent = SourceColumn(column, ratio, source.scale, source.offset)
+        topic = source.topic
+        if not topic or self.columns.get(topic, sent) != sent:
+            topic = f'/{bearing.name}/{quantity}'
+        self.columns[topic] = sent
+        why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
+        said = (
+            f"{quantity} of {bearing.name} is column '{column.heading}' in"
+            f' {unit or source.unit}, {why}'
+        )
+        timeout_ns = source.timeout_ns
+        if round(_TIMEOUT_LINES * every * 1e9) > timeout_ns:
+            timeout_ns = round(_TIMEOUT_LINES * every * 1e9)
+            said += (
+                f'; lines are {every:.4g} s apart, so its timeout is'
+                f' {_TIMEOUT_LINES * every:.4g} s here'
+            )
+        self.said.append(said)
+        return replace(
+            source, topic=topic, type=FLOAT64, field_text='data', field=('data',),
+            timeout_ns=timeout_ns,
+        )  # fmt: skip
+
+
+def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
+    """The units by which a column is known to be a quantity."""
+    if quantity == 'speed':
+        # A column in m/s may be the ship's own speed.
+        return ('rpm', 'rad/s', 'Hz', *(['m/s'] if source.unit == 'm/s' else []))
+    return tuple(_NEWTONS) if quantity == 'load' else (source.unit,)
+
+
+def _factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
+    """What a unit is in SI."""
+    if quantity == 'speed':
+        return bearing.bearing.speed.factor(unit)
+    return _NEWTONS[unit] if quantity == 'load' else 1.0

@@ -20,9 +20,10 @@ from stickslip_monitor.bags.blocks import MAGIC
 from stickslip_monitor.bags.contents import CONVERT, scan_file
 from stickslip_monitor.bags.mcap_recording import McapRecording
 from stickslip_monitor.bags.recording import MOST_NAMED, Recording
+from stickslip_monitor.bags.table_recording import TableRecording
 from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Findings
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import near_name, read_file
+from stickslip_monitor.files import near_name, open_file, read_file
 
 # Of metadata: ten thousand topics or files [bytes].
 _LARGEST = 8 << 20
@@ -50,6 +51,8 @@ def open_bag(path: str | Path) -> Recording:
     path = Path(path)
     if not path.exists():
         raise BagError(f"bag '{path}' does not exist{near_name(path)}")
+    if not path.is_dir() and _is_table(path):
+        return TableRecording(path)
     findings = Findings()
     paths, expected = _folder_files(path, findings) if path.is_dir() else ([path], None)
     bag = McapRecording(path, [scan_file(file, findings) for file in paths], findings)
@@ -59,6 +62,45 @@ def open_bag(path: str | Path) -> Recording:
             f' {bag.message_count}'
         )
     return bag
+
+
+# What is often brought and not read, by its first bytes, with the remedy.
+_FOREIGN = (
+    (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV'),
+    (
+        b'#ROSBAG V',
+        "a recording of ROS 1: convert it with 'rosbags-convert --src {0} --dst NEW' (pip install"
+        ' rosbags)',
+    ),
+    (b'MDF ', 'an MDF measurement (.mf4): export it as CSV'),
+    (b'\x89HDF', 'an HDF5 file: export it as CSV or Parquet'),
+    (b'TDSm', 'a TDMS file of LabVIEW: export it as CSV'),
+    (b'MATLAB 5.0', 'a MATLAB file: write it as CSV with writetable or writematrix'),
+    (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
+)
+_LOOK = 4096
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is text with cells, packed text, or Parquet.
+
+    Raises:
+        BagError: It is of a kind that is not read; the text has the remedy.
+    """
+    try:
+        with open_file(path) as file:
+            begin = file.read(_LOOK)
+    except OSError as error:
+        raise BagError(f"bag file '{path}' cannot be read: {error.strerror or error}") from None
+    for magic, what in _FOREIGN:
+        if begin.startswith(magic):
+            raise BagError(f"'{path}' is {what.format(path)}")
+    if begin.startswith((b'\x1f\x8b', b'PAR1', b'\xff\xfe', b'\xfe\xff')):
+        return True
+    # In UTF-16 without its mark every other byte is zero.
+    text = begin.replace(b'\0', b'')
+    is_text = not any(byte < 9 or 13 < byte < 32 for byte in text[:_LOOK]) and text
+    return bool(is_text) and any(mark in text for mark in (b',', b';', b'\t', b'|', b' '))
 
 
 def _folder_files(folder: Path, findings: Findings) -> tuple[list[Path], int | None]:

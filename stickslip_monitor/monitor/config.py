@@ -52,6 +52,11 @@ class InputConfig:
         above_minimum=True,
         live=True,
     )
+    column: str = parameter(
+        '',
+        'Heading of its column in a log, the name in a log of one value a line, or its number as'
+        " '#3'; found by unit and name where empty.",
+    )
     field: FieldPath = ('data',)
     factor: float = 1.0
     deadband: float = 0.0

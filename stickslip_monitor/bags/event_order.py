@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The order of events where the clock of a recorder was set back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stickslip_monitor.arrays import IntArray
+
+# A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
+# lines that came late.
+_STEP_GAPS, _STEP_NS = 2.5, 10**9
+
+
+class StepClock:
+    """Makes the times of lines go on where the clock of their writer was set back.
+
+    The order of the file is the order of events: what follows a step back begins one gap behind
+    what was before. Single lines from before are late, and stay what they are.
+    """
+
+    def __init__(self, gap_ns: int) -> None:
+        self._gap_ns = gap_ns
+        self._limit_ns = max(_STEP_NS, round(_STEP_GAPS * gap_ns))
+        self._latest: int | None = None
+        self._shift_ns = 0
+        self.steps_ns: list[int] = []
+
+    def follow(self, time_ns: IntArray) -> tuple[IntArray, IntArray]:
+        """Times as they go on, and when each came [ns], shape (n,)."""
+        shifted = time_ns + self._shift_ns
+        begin = 0
+        while shifted.size:
+            start = self._latest if self._latest is not None else int(shifted[0])
+            before = np.maximum.accumulate(np.append(start, shifted))[:-1]
+            below = shifted < before - self._limit_ns
+            # Two in a row: one alone is a line that came late.
+            set_back = np.flatnonzero(below[begin:-1] & below[begin + 1 :])
+            if not set_back.size:
+                break
+            begin += int(set_back[0])
+            step = int(before[begin]) - int(shifted[begin]) + self._gap_ns
+            self.steps_ns.append(step - self._gap_ns)
+            self._shift_ns += step
+            shifted = np.append(shifted[:begin], shifted[begin:] + step)
+        arrival = shifted
+        if shifted.size:
+            start = self._latest if self._latest is not None else int(shifted[0])
+            arrival = np.maximum.accumulate(np.append(start, shifted))[1:]
+            self._latest = int(arrival[-1])
+        return shifted, arrival

@@ -1,0 +1,382 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table of numbers with times as the recording that it stands for.
+
+A column stands for the topic of an input: what the sensor would have sent is worked out from the
+unit of the column. What the file does not say is guessed, and told.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.bags.binding import FLOAT64, Column, ColumnBinding, SourceColumn
+from stickslip_monitor.bags.encode import encode_float64s
+from stickslip_monitor.bags.event_order import StepClock
+from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
+from stickslip_monitor.bags.values import (
+    Cut,
+    Fault,
+    Findings,
+    Message,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+)
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.files import open_file
+from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.tables import parquet
+from stickslip_monitor.tables.headings import parse_heading, unit_of
+from stickslip_monitor.tables.table import NumberTable, Rows, TextTable, some_cells, texts_of
+
+_NAME = re.compile(
+    r'tag|tag ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id'
+)
+_VALUE = re.compile(r'value|wert|val')
+_UNIT = re.compile(r'unit|units|einheit')
+_MOST_WORDS, _MOST_KINDS = 6, 200
+# Numbers that are handed on at a time of a table that was sorted.
+_STRETCH = 1 << 16
+
+
+class Part(NamedTuple):
+    """Numbers of some rows of a table.
+
+    ``time_ns`` are the times of n rows [ns]; ``numbers`` has for each topic which of these rows
+    have a number of it, and these, shape (m,) each.
+    """
+
+    time_ns: IntArray
+    numbers: dict[str, tuple[IntArray, FloatArray]]
+
+
+class TableRecording:
+    """A table as a :class:`~stickslip_monitor.bags.recording.Recording`.
+
+    Its topics are its columns, or the names in a table of one value a line; once a configuration
+    was bound to it, they are the topics of that.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.files = path, (path,)
+        self.cuts: tuple[Cut, ...] = ()
+        self.table = _table(path)
+        self._findings = Findings()
+        for text in self.table.said:
+            self._findings.note(text)
+        for text in self.table.losses:
+            self._findings.lose(text)
+        known = [*self.table.head, *self.table.tail]
+        times = self._times(known)
+        self.start_ns = int(times.min()) if times.size else None
+        self.end_ns = int(times.max()) if times.size else None
+        self._is_falling = times.size > 1 and bool(
+            (np.diff(times) <= 0).all() & (times[0] > times[-1])
+        )
+        if self._is_falling:
+            self._findings.note('the newest line comes first: sorted by time')
+        gaps = np.diff(self._times(self.table.head))
+        self._gap_ns = int(np.median(np.abs(gaps[gaps != 0]))) if gaps.any() else 0
+        self._names, self._is_by_name = self._long_columns(), False
+        self.all_columns: tuple[Column, ...] = tuple(self._list_columns())
+        """The columns of numbers."""
+        self.by_topic: dict[str, SourceColumn] = {}
+        """What stands for the topics of the configuration that was bound."""
+        self.counts: Counter[str] = Counter()
+        """Numbers that were read, by topic."""
+
+    def _times(self, rows: Sequence[Sequence[Any]]) -> IntArray:
+        """The times of rows that have one [ns]."""
+        most = max(self.table.clock.columns)
+        cells = [[row[k] for row in rows if len(row) > most] for k in self.table.clock.columns]
+        if not cells[0]:
+            return np.empty(0, np.int64)
+        times, is_timed = self.table.known_times(cells)
+        return times[is_timed]
+
+    def _long_columns(self) -> tuple[int, int] | None:
+        """The columns of names and of values of a table with one value a line."""
+        plain = [parse_heading(name).name for name in self.table.names]
+        name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
+        value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
+        return (name[0], value[0]) if name and len(value) == 1 else None
+
+    def _list_columns(self) -> Iterator[Column]:
+        table = self.table
+        if self._names is None:
+            for k, heading in enumerate(table.names):
+                if k not in table.clock.columns:
+                    yield Column(heading, k, unit=table.units[k])
+            return
+        name, value = self._names
+        units = [
+            k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)
+        ]
+        seen: dict[str, str | None] = {}
+        for row in self._all_rows(name):
+            unit = unit_of(row[units[0]]) if units and len(row) > units[0] else None
+            seen.setdefault(row[name], unit or _unit_by_kind(table.kind, row[name]))
+        for heading, unit in seen.items():
+            yield Column(heading, value, heading, unit or parse_heading(heading).known_unit)
+
+    def _all_rows(self, name: int) -> Iterator[Sequence[Any]]:
+        """Rows that have every name, with one row of each at least."""
+        known = [row for row in (*self.table.head, *self.table.tail) if len(row) > name]
+        yield from known
+        head = {row[name] for row in self.table.head if len(row) > name}
+        # One name after the other: those of the middle are in no head and no tail.
+        self._is_by_name = len(head) < 2 or any(row[name] not in head for row in known)
+        if self._is_by_name:
+            blank = [''] * len(self.table.names)
+            for rows in self.table.blocks([name], _silent, _silent):
+                for text in dict.fromkeys(texts_of(rows.columns[0])):
+                    yield [*blank[:name], text, *blank[name + 1 :]]
+
+    @property
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """The topics of the configuration, or else the columns."""
+        if self.by_topic:
+            return {
+                name: TopicInfo(
+                    name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', ''
+                )
+                for name in self.by_topic
+            }
+        return {
+            column.heading: TopicInfo(
+                column.heading,
+                f'column [{column.unit or "?"}]',
+                self.table.line_count,
+                'table',
+                '',
+            )
+            for column in self.all_columns
+        }
+
+    @property
+    def message_count(self) -> int:
+        """Numbers that were read, or before that the lines."""
+        return self.counts.total() or self.table.line_count
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was guessed, and what is wrong."""
+        return self._findings.texts
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What was not used."""
+        return self._findings.losses
+
+    def bound(self, config: MonitorConfig) -> Bound:
+        """Let columns stand for the topics of a configuration."""
+        binding = ColumnBinding(self.path, self.all_columns, self._interval)
+        bound = binding.bind(config)
+        self.by_topic = binding.columns
+        for text in binding.said:
+            self._findings.note(text)
+        return bound
+
+    def _interval(self, column: Column) -> float:
+        """The usual time between two numbers of a column [s]."""
+        rows = [row for row in self.table.head if len(row) > column.place]
+        if column.name is not None and self._names is not None:
+            rows = [row for row in rows if row[self._names[0]] == column.name]
+        rows = [row for row in rows if str(row[column.place]).strip()]
+        gaps = np.abs(np.diff(self._times(rows)))
+        return float(np.median(gaps[gaps > 0])) * 1e-9 if gaps.any() else 0.0
+
+    def definition(self, topic: str) -> str:
+        """The definition of what the sensors would have sent."""
+        self._column(topic)
+        return 'float64 data\n'
+
+    def _column(self, topic: str) -> SourceColumn:
+        if topic in self.by_topic:
+            return self.by_topic[topic]
+        for column in self.all_columns:
+            if column.heading == topic:
+                return SourceColumn(column)
+        raise BagError(missing_topic(self.topics, topic))
+
+    def read(
+        self, requests: Iterable[Request], progress: Progress | None = None
+    ) -> dict[Request, Series]:
+        """Read numbers at once."""
+        return joined(self.reading(requests, progress))
+
+    def reading(
+        self, requests: Iterable[Request], progress: Progress | None = None
+    ) -> TableReading:
+        """Read numbers in blocks."""
+        asked = list(requests)
+        columns = {request.topic: self._column(request.topic) for request in asked}
+        is_sorted = not (self._is_falling or self._is_by_name)
+        return TableReading(self, asked, columns, self._names, is_sorted, self._gap_ns, progress)
+
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield what the sensors would have sent."""
+        names = list(self.by_topic if topics is None else topics)
+        for part in self.reading([Request(name, 'data') for name in names]):
+            rows: list[tuple[int, str, int, bytes]] = []
+            for request, series in part.items():
+                keep = np.full(series.value.size, True)
+                if spans is not None:
+                    keep = spans.holds(series.log_time_ns)
+                data = encode_float64s(series.value[keep])
+                numbers, times = series.sequence[keep].tolist(), series.log_time_ns[keep].tolist()
+                topic = [request.topic] * len(data)
+                rows += zip(numbers, topic, times, data, strict=True)
+            yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
+
+    def note(self, text: str) -> None:
+        """Take up what was noticed while it was read."""
+        self._findings.note(text)
+
+    def lose(self, text: str) -> None:
+        """Take up what was not used."""
+        self._findings.lose(text)
+
+
+def _silent(text: str) -> None:
+    del text
+
+
+def _unit_by_kind(kind: str, name: str) -> str | None:
+    """The unit that a bus has for a name: turns a minute of NMEA, a second of Signal K."""
+    if kind == 'nmea' and name.startswith('RPM '):
+        return 'rpm'
+    return 'Hz' if kind == 'signalk' and name.endswith('.revolutions') else None
+
+
+def _table(path: Path) -> NumberTable:
+    with open_file(path) as file:
+        is_parquet = file.read(len(parquet.MAGIC)) == parquet.MAGIC
+    return parquet.ParquetTable(path) if is_parquet else TextTable(path)
+
+
+class TableReading:
+    """A pass over a table for numbers of some columns."""
+
+    def __init__(
+        self,
+        recording: TableRecording,
+        requests: Sequence[Request],
+        columns: Mapping[str, SourceColumn],
+        names: tuple[int, int] | None,
+        is_sorted: bool,
+        gap_ns: int,
+        progress: Progress | None,
+    ) -> None:
+        self._recording, self._requests, self._columns = recording, requests, columns
+        self._names, self._is_sorted, self._progress = names, is_sorted, progress
+        self._gap_ns, self._rows = gap_ns, 0
+        self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series of one stretch of time after the other."""
+        self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
+        parts = self._parts() if self._is_sorted else self._sorted()
+        clock, is_empty = StepClock(self._gap_ns), True
+        for part in parts:
+            is_empty = False
+            yield self._series(part, clock)
+        if is_empty:
+            none = np.empty(0, np.int64)
+            yield self._series(
+                Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock
+            )
+        if clock.steps_ns:
+            longest = max(clock.steps_ns) * 1e-9
+            times = 'once' if len(clock.steps_ns) == 1 else f'{len(clock.steps_ns)} times'
+            self._recording.note(
+                f'the clock of the lines was set back {times}, by {longest:.6g} s at most: what'
+                ' follows is taken to go on behind what was before'
+            )
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """The words in place of numbers."""
+        result: dict[Request, tuple[Fault, ...]] = {}
+        for request in self._requests:
+            words = self._words[request.topic]
+            listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MOST_WORDS))
+            more = ', ...' if len(words) > _MOST_WORDS else ''
+            text = f'a cell that holds no number: {listed}{more}'
+            result[request] = (Fault(words.total(), text),) if words else ()
+        return result
+
+    def _parts(self) -> Iterator[Part]:
+        """The numbers of the columns, block by block."""
+        recording, done = self._recording, 0
+        wanted = list(self._names or (own.column.place for own in self._columns.values()))
+        for rows in recording.table.blocks(wanted, recording.lose, recording.note):
+            yield self._of_rows(rows)
+            done += rows.time_ns.size
+            if self._progress is not None:
+                self._progress(done, max(done, recording.table.line_count))
+
+    def _of_rows(self, rows: Rows) -> Part:
+        part = Part(rows.time_ns[rows.is_timed], {})
+        number = np.cumsum(rows.is_timed) - 1
+        for k, (topic, own) in enumerate(self._columns.items()):
+            cells, where = rows.columns[k if self._names is None else 1], None
+            if own.column.name is not None:
+                names = texts_of(rows.columns[0])
+                named = np.array([text == own.column.name for text in names], np.bool_)
+                cells, where = some_cells(cells, named), np.flatnonzero(named)
+            found = self._recording.table.numbers(cells)
+            self._take_words(topic, found.words)
+            at = np.flatnonzero(found.is_there)
+            row = at if where is None else where[at]
+            keep = rows.is_timed[row]
+            part.numbers[topic] = number[row[keep]], own.sent(found.value[at[keep]])
+        return part
+
+    def _take_words(self, topic: str, words: Counter[str]) -> None:
+        own = self._words[topic]
+        for word, count in words.items():
+            own[word if word in own or len(own) < _MOST_KINDS else 'others'] += count
+
+    def _sorted(self) -> Iterator[Part]:
+        """The numbers of a table in no order of time, sorted, some at a time."""
+        parts = list(self._parts())
+        if not parts:
+            return
+        begins = np.cumsum([0, *(part.time_ns.size for part in parts)])
+        times, ranks = np.unique(np.concatenate([p.time_ns for p in parts]), return_inverse=True)
+        whole = {}
+        for topic in self._columns:
+            own = [part.numbers[topic] for part in parts]
+            rows = np.concatenate(
+                [at + begin for (at, _), begin in zip(own, begins, strict=False)]
+            )
+            rank = ranks[rows]
+            order = np.argsort(rank, kind='stable')
+            whole[topic] = rank[order], np.concatenate([value for _, value in own])[order]
+        for begin in range(0, times.size, _STRETCH):
+            stretch = Part(times[begin : begin + _STRETCH], {})
+            for topic, (rank, value) in whole.items():
+                own_rows = slice(*rank.searchsorted([begin, begin + _STRETCH]).tolist())
+                stretch.numbers[topic] = rank[own_rows] - begin, value[own_rows]
+            yield stretch
+
+    def _series(self, part: Part, clock: StepClock) -> dict[Request, Series]:
+        """The series of a part, whose rows are in the order of events."""
+        stamp, arrival = clock.follow(part.time_ns)
+        found: dict[str, Series] = {}
+        for k, (topic, (at, value)) in enumerate(part.numbers.items()):
+            sequence = (at + self._rows) * len(part.numbers) + k
+            found[topic] = Series(arrival[at], stamp[at], sequence, value, ())
+            self._recording.counts[topic] += at.size
+        self._rows += part.time_ns.size
+        return {request: found[request.topic] for request in self._requests}

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of a ship's buses as rows of one value: NMEA 0183 with times, Signal K deltas.
+
+A value's name is what a configuration calls it: ``RPM S 1``, the name of a transducer, or a path
+of Signal K.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import operator
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+_SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
+_ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
+_EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
+Row = tuple[str, str, str]
+"""Time, name and value; the time is empty where nothing tells it."""
+
+
+def bus_log_of(lines: Sequence[str]) -> str:
+    """``nmea``, ``signalk`` or nothing, by the first lines of a file."""
+    first = [line for line in lines[:200] if line.strip()]
+    if sum(bool(_SENTENCE.search(line)) for line in first) > 0.4 * len(first) > 0:
+        return 'nmea'
+    return 'signalk' if sum('"updates"' in line for line in first) > 0.4 * len(first) > 0 else ''
+
+
+def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
+    """The numbers of sentences of a log; None for a damaged one, or a number without a time."""
+    when = ''
+    for line in lines:
+        found = _SENTENCE.search(line)
+        if found is None:
+            if line.lstrip().startswith(('$', '!')):
+                yield None
+            continue
+        talker, kind, text, checksum = found.groups()
+        total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
+        if total != int(checksum, 16):
+            yield None
+            continue
+        fields = text.split(',')
+        when = _time_before(line[: found.start()]) or _zda(kind, fields) or when
+        for name, value in _numbers(kind, fields):
+            yield (when, name, value) if when else None
+
+
+def _time_before(head: str) -> str:
+    """The time that a logger wrote before a sentence: ISO 8601, or seconds or ms since 1970."""
+    if stamp := _ISO.search(head):
+        return stamp.group()
+    if epoch := _EPOCH.search(head):
+        text = epoch[1]
+        return text if len(text) != 13 else f'{text[:10]}.{text[10:]}'
+    return ''
+
+
+def _zda(kind: str, fields: Sequence[str]) -> str:
+    """The time of a ZDA sentence, of an ISO date and time."""
+    clock = fields[0]
+    if kind != 'ZDA' or len(fields) < 4 or not clock[:6].isdigit() or len(clock) < 6:
+        return ''
+    if not all(field.isdigit() for field in fields[1:4]):
+        return ''
+    day, month, year = (field.zfill(2) for field in fields[1:4])
+    return f'{year}-{month}-{day}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z'
+
+
+def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Names and values of a sentence of speeds or of transducers."""
+    if kind == 'RPM' and len(fields) > 2:
+        is_valid = fields[-1] == 'A' or len(fields) < 5
+        yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'status V'
+    elif kind == 'XDR':
+        for at in range(0, len(fields) - 3, 4):
+            yield fields[at + 3], fields[at + 1]
+
+
+def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
+    """The numbers of deltas, one delta a line; None for a line that is none."""
+    for line in lines:
+        if not line.strip():
+            continue
+        try:
+            found = list(_delta(json.loads(line[line.index('{') :])))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            yield None
+        else:
+            yield from found
+
+
+def _delta(delta: Any) -> Iterator[Row]:
+    for update in delta['updates']:
+        for item in update.get('values', ()):
+            value = item['value']
+            if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+                yield update['timestamp'], item['path'], 'null' if value is None else repr(value)
+
+
+BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | None]]] = {
+    'nmea': nmea_rows,
+    'signalk': signalk_rows,
+}
