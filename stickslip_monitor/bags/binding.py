@@ -45,6 +45,8 @@ def _measured(config: MonitorConfig) -> Iterator[tuple[BearingConfig, str, Input
 
 def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
     """Why a recording lacks an input, in the words of the running monitor; else empty."""
+    if not source.topic:
+        return f"its topic is missing: '{path}' has topics, and columns are of logs"
     topic = topics.get(source.topic)
     facts = InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
     if topic is None:
@@ -114,6 +116,8 @@ class ColumnBinding:
         changed: dict[str, dict[str, Any]] = {}
         coarse = 0.0
         for bearing, quantity, source in _measured(config):
+            if source.is_assumed:
+                continue
             try:
                 column = self._found(bearing, quantity, source)
             except BagError as error:
@@ -128,6 +132,10 @@ class ColumnBinding:
                 f'lines are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be'
                 ' seen'
             )
+        for bearing in config.bearings:
+            own = changed.get(bearing.name, {})
+            if bearing.load.is_assumed and 'speed' in own:
+                own['load'] = _beside(bearing.load, own['speed'])
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
         return Bound(replace(config, bearings=bearings), absent)
 
@@ -221,6 +229,14 @@ class ColumnBinding:
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',),
             timeout_ns=timeout_ns,
         )  # fmt: skip
+
+
+def _beside(load: InputConfig, speed: InputConfig) -> InputConfig:
+    """A constant load that comes with the speed of a table."""
+    return replace(
+        load, topic=speed.topic, type=speed.type, field_text=speed.field_text, field=speed.field,
+        timeout_ns=speed.timeout_ns,
+    )  # fmt: skip
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:

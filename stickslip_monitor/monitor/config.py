@@ -28,7 +28,9 @@ class InputConfig:
     invalid, and magnitudes below ``deadband`` [SI] count as zero.
     """
 
-    topic: str = parameter(REQUIRED, 'Topic that carries the {input}.')
+    topic: str = parameter(
+        '', 'Topic that carries the {input}; may be left out for logs, where a column is named.'
+    )
     type: str = parameter('std_msgs/msg/Float64', 'Message type of that topic.')
     field_text: str = parameter(
         'data',
@@ -61,10 +63,20 @@ class InputConfig:
     factor: float = 1.0
     deadband: float = 0.0
 
+    @property
+    def is_assumed(self) -> bool:
+        """Whether no sensor measures it, and a constant stands for it."""
+        return False
+
 
 @dataclass(frozen=True, slots=True)
 class LoadConfig(InputConfig):
-    """Where the load comes from; values below ``minimum`` [N] are invalid."""
+    """Where the load comes from, or the constant that stands for it.
+
+    Values below ``minimum`` [N] are invalid.
+    A constant is read from the messages of the speed, by a scale of 0: whatever hands out numbers
+    of the speed hands out the load as well.
+    """
 
     minimum: float = parameter(
         0.0,
@@ -74,6 +86,15 @@ class LoadConfig(InputConfig):
         maximum=0.0,
         live=True,
     )
+    constant: float = parameter(
+        math.nan,
+        'Load that is assumed where nothing measures it, in the unit, in place of a topic.',
+    )
+
+    @property
+    def is_assumed(self) -> bool:
+        """Whether no sensor measures it, and a constant stands for it."""
+        return not math.isnan(self.constant)
 
 
 @dataclass(frozen=True, slots=True)

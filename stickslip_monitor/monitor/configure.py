@@ -247,7 +247,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     factor = bearing.speed.factor(own['speed.unit'])
     speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
-    load = _input(LoadConfig, name, 'load', own, _NEWTONS[own['load.unit']])
+    load = _load(name, own, speed)
     level = _level(name, own, speed, load)
     return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
@@ -295,6 +295,32 @@ def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     return law
 
 
+def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
+    """The input of the load, or the constant that stands for it, which comes with the speed."""
+    constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
+    if math.isnan(constant):
+        load: LoadConfig = _input(LoadConfig, name, 'load', own, factor)
+        return load
+    for key in ('topic', 'column'):
+        if own[f'load.{key}']:
+            raise ConfigurationError(
+                f'{name}.load.constant = {constant:g} and {name}.load.{key} ='
+                f' {own[f"load.{key}"]!r} are both given: the load is measured, or assumed'
+            )
+    if not 0.0 < constant * factor <= own['load.maximum']:
+        raise ConfigurationError(
+            f'{name}.load.constant = {constant:g} {own["load.unit"]} must be above 0 and not above'
+            f' {name}.load.maximum = {own["load.maximum"]:g} N'
+        )
+    read = {'topic': speed.topic, 'type': speed.type, 'field': speed.field_text}
+    as_read = own | {f'load.{key}': value for key, value in read.items()}
+    as_read |= {'load.column': speed.column, 'load.scale': 0.0, 'load.offset': constant}
+    return filled(
+        LoadConfig, 'load.', as_read | {'load.timeout': speed.timeout_ns * 1e-9},
+        field=speed.field, factor=factor,
+    )  # fmt: skip
+
+
 def _input(
     kind: type[Any],
     name: str,
@@ -305,7 +331,13 @@ def _input(
 ) -> Any:
     """The configuration of one input, of that dataclass."""
     topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
-    if not _TOPIC.fullmatch(topic):
+    if not topic and not own[f'{quantity}.column']:
+        remedy = f', or {name}.load.constant for one that is assumed' if quantity == 'load' else ''
+        raise ConfigurationError(
+            f"parameter '{name}.{quantity}.topic' is missing: give the topic that carries the"
+            f' {quantity}, {name}.{quantity}.column for a log{remedy}'
+        )
+    if topic and not _TOPIC.fullmatch(topic):
         raise ConfigurationError(f'{name}.{quantity}.topic = {topic!r} must be a ROS topic name')
     if not _TYPE.fullmatch(type_name):
         raise ConfigurationError(
@@ -321,7 +353,7 @@ def _input(
 
 def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
-    if not own['level.topic']:
+    if not own['level.topic'] and not own['level.column']:
         for row in INPUT_PARAMETERS['level']:
             value = own[row.name]
             if value != row.default and value == value:
@@ -343,7 +375,7 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConf
             f' {name}.level.maximum = {level.maximum:g} {unit}: a value beyond is invalid'
         )
     for quantity, other in zip(('speed', 'load'), others, strict=True):
-        if level.topic != other.topic:
+        if level.topic != other.topic or not level.topic:
             continue
         if level.field == other.field:
             raise ConfigurationError(

@@ -282,7 +282,9 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
         what = f'Speed and load are back. {what}'
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
-    at = f'{_speed_text(config, point, abs(point.speed))}, {_three(point.load / 1e3)} kN'
+    assumed = ' (assumed)' if config.load.is_assumed else ''
+    load = f'{_three(point.load / 1e3)} kN{assumed}'
+    at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
     text = f'{config.name}: {what}{_way_out(b, point)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'

@@ -234,7 +234,8 @@ class Plausibility:
         """Questions by quantity, each a clause that follows the name of the input."""
         config = self._config
         found = questions(config, self._heaviest)
-        if config.speed.topic == config.load.topic and config.speed.field == config.load.field:
+        same = config.speed.topic == config.load.topic and config.speed.field == config.load.field
+        if same and not config.load.is_assumed:
             found['load'].append(
                 'is read from the same field as the speed: is it the right topic?'
             )

@@ -107,6 +107,10 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
     for bearing in config.bearings:
         for quantity, source in bearing.inputs.items():
             name = f'{bearing.name}.{quantity}'
+            if not source.topic:
+                raise RosError(
+                    f'{name}.topic is missing: a node reads topics, a column is for logs'
+                )
             if source.topic in outputs:
                 raise RosError(f"{name}.topic = '{source.topic}' is published by this node itself")
             check_field(name, source)
