@@ -132,10 +132,10 @@ class ColumnBinding:
                 f'lines are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be'
                 ' seen'
             )
-        for bearing in config.bearings:
-            own = changed.get(bearing.name, {})
-            if bearing.load.is_assumed and 'speed' in own:
-                own['load'] = _beside(bearing.load, own['speed'])
+        for each in config.bearings:
+            inputs = changed.get(each.name, {})
+            if each.load.is_assumed and 'speed' in inputs:
+                inputs['load'] = _beside(each.load, inputs['speed'])
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
         return Bound(replace(config, bearings=bearings), absent)
 

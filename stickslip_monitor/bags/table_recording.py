@@ -123,7 +123,7 @@ class TableRecording:
         seen: dict[str, str | None] = {}
         for row in self._all_rows(name):
             unit = unit_of(row[units[0]]) if units and len(row) > units[0] else None
-            seen.setdefault(row[name], unit or _unit_by_kind(table.kind, row[name]))
+            seen.setdefault(row[name], unit)
         for heading, unit in seen.items():
             yield Column(heading, value, heading, unit or parse_heading(heading).known_unit)
 
@@ -250,13 +250,6 @@ class TableRecording:
 
 def _silent(text: str) -> None:
     del text
-
-
-def _unit_by_kind(kind: str, name: str) -> str | None:
-    """The unit that a bus has for a name: turns a minute of NMEA, a second of Signal K."""
-    if kind == 'nmea' and name.startswith('RPM '):
-        return 'rpm'
-    return 'Hz' if kind == 'signalk' and name.endswith('.revolutions') else None
 
 
 def _table(path: Path) -> NumberTable:

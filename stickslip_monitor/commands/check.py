@@ -247,7 +247,7 @@ def _bearing_lines(
     for text in item['data']:
         yield f'{_painted(_YELLOW, "data:")} {printable(text)}'
     for quantity, each in item['inputs'].items():
-        place = printable(f'{quantity} on {each["topic"]}')
+        place = printable(quantity if 'assumed' in each else f'{quantity} on {each["topic"]}')
         yield f'{place}: {_input_text(quantity, each)}'
         for text in each['questions']:
             yield f'{_painted(_YELLOW, "question:")} {place} {printable(text)}'
@@ -287,6 +287,8 @@ def _event_lines(
 
 def _input_text(quantity: str, item: Mapping[str, Any]) -> str:
     """What came of an input: the range of its numbers, its rate, and the share used."""
+    if 'assumed' in item:
+        return f'{item["si_span"][0]:.4g} N, assumed: nothing measures it'
     if not item['used']:
         return f'{plural(item["messages"], "message")}, none used'
     (low, high), (si_low, si_high) = item['span'], item['si_span']

@@ -67,6 +67,7 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
 def _input(item: InputReport) -> dict[str, Any]:
     return {
         'topic': item.topic,
+        **({'assumed': True} if item.is_assumed else {}),
         'messages': item.messages,
         'used': item.used,
         'share': item.used / item.messages if item.messages else None,

@@ -200,6 +200,8 @@ def _input(
 ) -> SignalKInput | NmeaInput:
     own = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     load = place is Input.LOAD
+    assumed = load and bearing.load.is_assumed
+    _require(not assumed, name, own['from'], 'left out, as the load is a constant')
     if own['from'] == SIGNALK:
         _check_unit(bearing, place, name, 'N' if load else 'Hz', 'Signal K')
         path = own['path']

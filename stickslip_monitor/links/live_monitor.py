@@ -73,6 +73,8 @@ class LiveMonitor:
         """Take one number of one input, measured now."""
         now = self._now()
         self._session.take(bearing, place, now.time_ns, value, now)
+        if place is Input.SPEED and self._session.monitor.bearings[bearing].config.load.is_assumed:
+            self._session.take(bearing, Input.LOAD, now.time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""

@@ -312,13 +312,12 @@ def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
             f'{name}.load.constant = {constant:g} {own["load.unit"]} must be above 0 and not above'
             f' {name}.load.maximum = {own["load.maximum"]:g} N'
         )
-    read = {'topic': speed.topic, 'type': speed.type, 'field': speed.field_text}
-    as_read = own | {f'load.{key}': value for key, value in read.items()}
-    as_read |= {'load.column': speed.column, 'load.scale': 0.0, 'load.offset': constant}
-    return filled(
-        LoadConfig, 'load.', as_read | {'load.timeout': speed.timeout_ns * 1e-9},
-        field=speed.field, factor=factor,
-    )  # fmt: skip
+    beside = {
+        'load.topic': speed.topic, 'load.type': speed.type, 'load.field': speed.field_text,
+        'load.column': speed.column, 'load.scale': 0.0, 'load.offset': constant,
+    }  # fmt: skip
+    values = {**own, **beside, 'load.timeout': own['speed.timeout']}
+    return filled(LoadConfig, 'load.', values, field=speed.field, factor=factor)
 
 
 def _input(

@@ -98,6 +98,7 @@ class InputReport:
     sources: tuple[SourceFault, ...] = ()  # of the source; they are among the faults as well
     questions: tuple[str, ...] = ()  # where the numbers look like another unit or topic
     fault: str = ''  # why it brings nothing, in the words of the running monitor
+    is_assumed: bool = False  # a constant that nothing measures
 
     @property
     def complaints(self) -> list[str]:
@@ -161,6 +162,14 @@ class InputCheck:
     ) -> InputReport:
         """What came of the input, by its messages' faults, and questions."""
         used = int(self._counts[Status.ACCEPTED])
+        if self._source.is_assumed:
+            # It comes with the speed, and what is wrong with that is said there.
+            si = self._source.offset * self._source.factor
+            span, topic = (self._source.offset, self._source.offset), self._source.topic
+            return InputReport(
+                self.quantity, topic, self._messages, used, (), self._gaps, span, (si, si),
+                questions=asked, is_assumed=True,
+            )  # fmt: skip
         first, last = self._span if used else (math.nan, math.nan)
         # Below the deadband a negative number is -0.0.
         low, high = sorted(float(to_si(self._source, end)) + 0.0 for end in (first, last))

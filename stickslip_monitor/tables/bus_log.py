@@ -17,8 +17,9 @@ from typing import Any
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
 _EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
-Row = tuple[str, str, str]
-"""Time, name and value; the time is empty where nothing tells it."""
+NAMES = 'time', 'name', 'value', 'unit'
+Row = tuple[str, str, str, str]
+"""Time, name, value and unit of a number."""
 
 
 def bus_log_of(lines: Sequence[str]) -> str:
@@ -45,8 +46,8 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             continue
         fields = text.split(',')
         when = _time_before(line[: found.start()]) or _zda(kind, fields) or when
-        for name, value in _numbers(kind, fields):
-            yield (when, name, value) if when else None
+        for name, value, unit in _numbers(kind, fields):
+            yield (when, name, value, unit) if when else None
 
 
 def _time_before(head: str) -> str:
@@ -70,14 +71,14 @@ def _zda(kind: str, fields: Sequence[str]) -> str:
     return f'{year}-{month}-{day}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z'
 
 
-def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Names and values of a sentence of speeds or of transducers."""
+def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Names, values and units of a sentence of speeds or of transducers."""
     if kind == 'RPM' and len(fields) > 2:
         is_valid = fields[-1] == 'A' or len(fields) < 5
-        yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'status V'
+        yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'status V', 'rpm'
     elif kind == 'XDR':
         for at in range(0, len(fields) - 3, 4):
-            yield fields[at + 3], fields[at + 1]
+            yield fields[at + 3], fields[at + 1], fields[at + 2] if fields[at] == 'N' else ''
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
@@ -98,9 +99,12 @@ def _delta(delta: Any) -> Iterator[Row]:
         for item in update.get('values', ()):
             value = item['value']
             if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
-                yield update['timestamp'], item['path'], 'null' if value is None else repr(value)
+                path, text = item['path'], 'null' if value is None else repr(value)
+                yield update['timestamp'], path, text, _UNITS.get(path.rpartition('.')[2], '')
 
 
+# What Signal K gives the values of some paths in.
+_UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
 BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | None]]] = {
     'nmea': nmea_rows,
     'signalk': signalk_rows,

@@ -37,8 +37,8 @@ _UNITS = {
 # Days since the end of 1899 of the years 1954 to 2119, as spreadsheets count.
 _SHEET, _SHEET_ZERO = (20_000, 80_000), -25_569
 _MOST_ROWS = 500
-# The share of the cells of a column that are times.
-_MOSTLY = 0.9
+# Less than the share of the cells of a column that are times.
+_MOSTLY = 0.5
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 
 
@@ -113,7 +113,7 @@ def _of_numbers(table: Dialect, rows: Sequence[Cells], k: int, is_named: bool) -
     is_rising = values == sorted(values) or values == sorted(values, reverse=True)
     has_unit = table.units[k] is not None
     fits = is_named or (not has_unit and is_rising and len(set(values)) > 0.5 * len(values))
-    if not values or not fits or len(values) < _MOSTLY * len(found):
+    if not values or not fits or len(values) <= _MOSTLY * len(found):
         return None
     unit = (parse_heading(heading).unit or '').lower()
     size = max(map(abs, values))

@@ -19,7 +19,7 @@ from typing import IO, Any
 
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
-from stickslip_monitor.tables.bus_log import BUS_LOGS, bus_log_of
+from stickslip_monitor.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_monitor.tables.headings import (
     Cells,
     decimal_sign,
@@ -262,5 +262,5 @@ def _bus_log(
             ' line'
         )
     tail = tuple(row for row in BUS_LOGS[kind](iter(last)) if row)
-    names = 'time', 'name', 'value'
-    return Dialect(encoding, kind, '.', 0, names, (None,) * 3, tuple(rows), tail)
+    units = (None,) * len(NAMES)
+    return Dialect(encoding, kind, '.', 0, NAMES, units, tuple(rows), tail)
