@@ -58,7 +58,7 @@ def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) ->
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class LogColumn:
     """A column of a table, or the rows of a name in a table of one value a line.
 
     Attributes:
@@ -83,7 +83,7 @@ class Column:
 class SourceColumn:
     """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``."""
 
-    column: Column
+    column: LogColumn
     ratio: float = 1.0
     scale: float = 1.0
     offset: float = 0.0
@@ -104,7 +104,7 @@ class ColumnBinding:
     """
 
     def __init__(
-        self, path: Path, columns: Sequence[Column], interval: Callable[[Column], float]
+        self, path: Path, columns: Sequence[LogColumn], interval: Callable[[LogColumn], float]
     ) -> None:
         self._path, self._all, self._interval = path, columns, interval
         self.columns: dict[str, SourceColumn] = {}
@@ -139,7 +139,7 @@ class ColumnBinding:
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
         return Bound(replace(config, bearings=bearings), absent)
 
-    def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> Column:
+    def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
         """The one column that is an input.
 
         Raises:
@@ -174,7 +174,7 @@ class ColumnBinding:
             f' its unit or its name: it has {listed}{more}; write {parameter}{remedy}'
         )
 
-    def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[Column]:
+    def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
         """The columns that may be an input, by the first rule that fits any."""
         if source.column:
             asked = parse_heading(source.column).name
@@ -198,7 +198,7 @@ class ColumnBinding:
         bearing: BearingConfig,
         quantity: str,
         source: InputConfig,
-        column: Column,
+        column: LogColumn,
         every: float,
     ) -> InputConfig:
         """An input as the table gives it; what was guessed is said."""

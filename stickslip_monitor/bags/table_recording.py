@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.binding import FLOAT64, Column, ColumnBinding, SourceColumn
+from stickslip_monitor.bags.binding import FLOAT64, ColumnBinding, LogColumn, SourceColumn
 from stickslip_monitor.bags.encode import encode_float64s
 from stickslip_monitor.bags.event_order import StepClock
 from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
@@ -86,7 +86,7 @@ class TableRecording:
         gaps = np.diff(self._times(self.table.head))
         self._gap_ns = int(np.median(np.abs(gaps[gaps != 0]))) if gaps.any() else 0
         self._names, self._is_by_name = self._long_columns(), False
-        self.all_columns: tuple[Column, ...] = tuple(self._list_columns())
+        self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
         """What stands for the topics of the configuration that was bound."""
@@ -109,12 +109,12 @@ class TableRecording:
         value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
         return (name[0], value[0]) if name and len(value) == 1 else None
 
-    def _list_columns(self) -> Iterator[Column]:
+    def _list_columns(self) -> Iterator[LogColumn]:
         table = self.table
         if self._names is None:
             for k, heading in enumerate(table.names):
                 if k not in table.clock.columns:
-                    yield Column(heading, k, unit=table.units[k])
+                    yield LogColumn(heading, k, unit=table.units[k])
             return
         name, value = self._names
         units = [
@@ -125,7 +125,7 @@ class TableRecording:
             unit = unit_of(row[units[0]]) if units and len(row) > units[0] else None
             seen.setdefault(row[name], unit)
         for heading, unit in seen.items():
-            yield Column(heading, value, heading, unit or parse_heading(heading).known_unit)
+            yield LogColumn(heading, value, heading, unit or parse_heading(heading).known_unit)
 
     def _all_rows(self, name: int) -> Iterator[Sequence[Any]]:
         """Rows that have every name, with one row of each at least."""
@@ -185,7 +185,7 @@ class TableRecording:
             self._findings.note(text)
         return bound
 
-    def _interval(self, column: Column) -> float:
+    def _interval(self, column: LogColumn) -> float:
         """The usual time between two numbers of a column [s]."""
         rows = [row for row in self.table.head if len(row) > column.place]
         if column.name is not None and self._names is not None:
