@@ -184,6 +184,7 @@ def _inputs() -> Iterator[tuple[str, ...]]:
         text = rows[0].text.replace('the speed', 'the quantity')
         joined = (' / '.join(each) for each in cells[1:-1])
         yield (f'`{INPUT}.{name}`', *joined, text)
+    yield from map(_cells, INPUTS['load'][len(INPUTS['speed']) :])
 
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:

@@ -253,7 +253,11 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         (Path.mkdir, "bag '{}' has no .mcap file"),
         (
             lambda path: path.write_text('time,speed'),
-            "bag file '{}' is not an MCAP recording: it begins with bytes 74 69 6d 65 2c",
+            "log '{}' has no line with a time and a number",
+        ),
+        (
+            lambda path: path.write_bytes(b'\1\2\3\4'),
+            "bag file '{}' is not an MCAP recording: it begins with bytes 01 02 03 04",
         ),
         (make_sqlite, f"bag file '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
         (make_sqlite_folder, f"bag '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
