@@ -145,7 +145,11 @@ def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.optional:
-        left_out = {'level.threshold': '*its rise*', 'speed.maximum': '*3000 rpm*'}
+        left_out = {
+            'level.threshold': '*its rise*',
+            'speed.maximum': '*3000 rpm*',
+            'load.constant': '*none*',
+        }
         return left_out.get(row.name, '*by law*')
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
@@ -184,7 +188,6 @@ def _inputs() -> Iterator[tuple[str, ...]]:
         text = rows[0].text.replace('the speed', 'the quantity')
         joined = (' / '.join(each) for each in cells[1:-1])
         yield (f'`{INPUT}.{name}`', *joined, text)
-    yield from map(_cells, INPUTS['load'][len(INPUTS['speed']) :])
 
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:

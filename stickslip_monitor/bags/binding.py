@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.recording import Bound, missing_topic
@@ -16,6 +18,7 @@ from stickslip_monitor.bags.values import TopicInfo
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.signals import NO_VALUES
 from stickslip_monitor.tables.headings import parse_heading
 
 FLOAT64 = 'std_msgs/msg/Float64'
@@ -92,7 +95,9 @@ class SourceColumn:
         """What the sensor would have sent, of numbers in the column."""
         if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
             return values
-        return (values * self.ratio - self.offset) / self.scale
+        sent = (values * self.ratio - self.offset) / self.scale
+        # What means "no value" is no quantity, and has no unit.
+        return np.where(np.isin(values, NO_VALUES), values, sent)
 
 
 class ColumnBinding:
