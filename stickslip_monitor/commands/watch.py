@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 import os
 import re
 import signal
@@ -34,7 +35,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionR
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.configure import bearing_names, build_config
-from stickslip_monitor.monitor.session import Display
+from stickslip_monitor.monitor.session import Display, Log
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.state_file import StateFile
 
@@ -46,9 +47,11 @@ if TYPE_CHECKING:
 
     Client = NmeaClient | SignalKClient
 
-Take = Callable[[str, Input, float], None]
+Take = Callable[..., None]
 SILENT = 3.0
 """A node without a message for so long is taken for gone [s]."""
+LOGGED_AGAIN = 300.0
+"""The same state of a link is logged again after so long [s]."""
 _TICK = 0.5
 _GOING = 2.0
 _LONGEST_TOKEN = 10_000
@@ -169,11 +172,34 @@ class Feed:
                 sink.take_alarms(record)
 
 
-def _report_link(links: dict[str, bool], name: str, up: bool, why: str) -> None:
-    """A link works, or does not and why: every change is logged."""
-    before, links[name] = links.get(name), up
-    if before is not up:
-        (_log.info if up else _log.error)(f'{name}: {"works" if up else why}')
+class LinkStates:
+    """Which links work; a change is logged, but no state of a link twice in five minutes.
+
+    Args:
+        links: Takes whether each link works; one of which nobody can know has no entry.
+        clock: A steady clock [s].
+    """
+
+    def __init__(
+        self, links: dict[str, bool], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._links, self._clock = links, clock
+        self._states: dict[str, tuple[bool | None, str]] = {}
+        self._logged: dict[tuple[str, bool | None, str], float] = {}
+
+    def report(self, name: str, works: bool | None, why: str) -> None:
+        """Take the state of a link, and if it does not work, why."""
+        if self._states.get(name) == (works, why):
+            return
+        self._states[name] = works, why
+        if works is None:
+            self._links.pop(name, None)
+        else:
+            self._links[name] = works
+        now = self._clock()
+        if now - self._logged.get((name, works, why), -math.inf) >= LOGGED_AGAIN:
+            self._logged[name, works, why] = now
+            (_log.error if works is False else _log.info)(f'{name}: {why or "works"}')
 
 
 async def _watch(
@@ -183,7 +209,7 @@ async def _watch(
     board: DashboardState | None,
 ) -> None:
     feed = Feed(() if board is None else board.monitors)
-    report = partial(_report_link, {} if board is None else board.links)
+    report = LinkStates({} if board is None else board.links).report
     with _monitor(args, config, links, feed) as (take, run_monitor):
         names = [bearing.name for bearing in config.bearings]
         clients = _clients(links, MonitorSide(names, take, feed.act, report, _log))
@@ -258,7 +284,7 @@ def _monitor(
 
             feed.act = partial(watcher.act, args.node)
             bridge = Bridge(watcher.node, args.node, config, links.labels)
-            yield bridge.take, asyncio.Event().wait
+            yield without_copies(bridge.take, _log), asyncio.Event().wait
         return
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
@@ -268,6 +294,31 @@ def _monitor(
     live = LiveMonitor(config, feed, _log, store)
     feed.act = live.act
     yield live.take, live.run
+
+
+def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
+    """What passes samples on without their stamps, and therefore without copies.
+
+    A server that repeats the last value of a dead source would keep it alive for a node, which
+    sees no stamp. A copy has the stamp and the value of the one before.
+    """
+    latest: dict[tuple[str, Input], tuple[int | None, float]] = {}
+    told: set[tuple[str, Input]] = set()
+
+    def passed(bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
+        key, own = (bearing, place), (stamp_ns, value)
+        copied = stamp_ns is not None and latest.get(key) == own
+        latest[key] = own
+        if not copied:
+            take(bearing, place, value)
+        elif key not in told:
+            told.add(key)
+            log.warning(
+                f'{place.name.lower()} of {bearing}: the sender repeats stamp and value; copies'
+                ' are not published'
+            )
+
+    return passed
 
 
 def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:

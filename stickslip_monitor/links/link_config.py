@@ -63,7 +63,12 @@ INPUT_PARAMETERS = (
     Parameter('path', 'str', '', 'Signal K: the path.'),
     Parameter('source', 'str', '', 'Signal K: the only `$source` to use; empty for any one.'),
     Parameter('sentence', 'str', '', 'NMEA: RPM for the speed, XDR for the load.'),
-    Parameter('talker', 'str', '', 'NMEA: the only talker to use; empty for any.'),
+    Parameter(
+        'talker',
+        'str',
+        '',
+        'NMEA: the only talker to use; empty to stay with the first that sends.',
+    ),
     Parameter('kind', 'str', '', 'NMEA: S shaft or E engine of RPM; type of transducer of XDR.'),
     Parameter('number', 'int', 1, 'NMEA: number of the shaft or engine of RPM.', minimum=0),
     Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
@@ -202,11 +207,11 @@ def _input(
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
     _require(not assumed, name, own['from'], 'left out, as the load is a constant')
+    timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
     if own['from'] == SIGNALK:
         _check_unit(bearing, place, name, 'N' if load else 'Hz', 'Signal K')
         path = own['path']
         _require(_PATH.fullmatch(path), f'{name}.path', path, 'a Signal K path, without *')
-        timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
         return SignalKInput(bearing.name, place, path, own['source'], timeout)
     sentence = 'XDR' if load else 'RPM'
     kinds = ('N',) if load else ('S', 'E')
@@ -217,7 +222,7 @@ def _input(
     _require(own['name'] or not load, f'{name}.name', own['name'], rule)
     _check_unit(bearing, place, name, 'N' if load else 'rpm', sentence)
     fields = {key: own[key] for key in ('sentence', 'talker', 'kind', 'number', 'name')}
-    return NmeaInput(bearing.name, place, **fields)
+    return NmeaInput(bearing.name, place, timeout=timeout, **fields)
 
 
 def _check_unit(bearing: BearingConfig, place: Input, name: str, unit: str, who: str) -> None:

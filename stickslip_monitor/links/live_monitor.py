@@ -27,10 +27,11 @@ class MonitorSide:
     """What a bus reaches of the monitor, which is here or in a node beside."""
 
     bearings: Sequence[str]  # names of all bearings in the order of the file
-    take: Callable[[str, Input, float], None]  # takes bearing, input and number of a sample
+    # Takes bearing, input and number of a sample, and its sender's stamp where it has one [ns].
+    take: Callable[..., None]
     act: Callable[[ActionRequest], None]  # takes what people ask for
-    # Given whether the link of that name works, and if not, why.
-    report_link: Callable[[str, bool, str], None]
+    # Given whether the link of that name works (None: nobody can know), and if not, why.
+    report_link: Callable[[str, bool | None, str], None]
     log: Log  # where faults are logged
 
     def ask(self, request: ActionRequest) -> None:
@@ -69,12 +70,13 @@ class LiveMonitor:
         steady_ns = time.monotonic_ns()
         return Moment(steady_ns, steady_ns + self._ahead_ns)
 
-    def take(self, bearing: str, place: Input, value: float) -> None:
-        """Take one number of one input, measured now."""
+    def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
+        """Take one number of one input, which comes now, with its sender's stamp if it has one."""
         now = self._now()
-        self._session.take(bearing, place, now.time_ns, value, now)
+        time_ns = now.time_ns if stamp_ns is None else stamp_ns
+        self._session.take(bearing, place, time_ns, value, now)
         if place is Input.SPEED and self._session.monitor.bearings[bearing].config.load.is_assumed:
-            self._session.take(bearing, Input.LOAD, now.time_ns, value, now)
+            self._session.take(bearing, Input.LOAD, time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
         """Do what a person asks for."""

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import reduce
 from operator import xor
 from typing import Any
 
+from stickslip_monitor.links.source_admission import SourceAdmission, grouped
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
@@ -24,19 +26,32 @@ BY = 'nmea'
 """Who acts, as far as a sentence says."""
 LONGEST = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
-_SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!]*)\*([0-9A-Fa-f]{2})\s*$')
+_SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!]*)\*([0-9A-Fa-f]{2})')
+_LONGEST_KEPT = 1024
+UNHEARD = 5.0
+"""An input without a number for so long is asked after [s]."""
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _UNFIT = re.compile(r'[^A-Z0-9 .+\-%]')
-_TITLE = 18
+_TITLE = 16
+_NAME = 5
+"""Characters of a title, and of the bearing's name in it behind the longest kind."""
 _TITLES = {
     AlarmKind.AMPLITUDE_LIMIT: 'AMPLITUDE',
     AlarmKind.STICK_SLIP: 'STICK-SLIP',
     AlarmKind.BISTABLE: 'BISTABLE',
     AlarmKind.MARGIN_LOW: 'MARGIN LOW',
     AlarmKind.INPUT_LOST: 'INPUT LOST',
-    AlarmKind.INPUT_IMPLAUSIBLE: 'INPUT FAULT',
+    AlarmKind.INPUT_IMPLAUSIBLE: 'INPUT BAD',
     AlarmKind.VIBRATION: 'VIBRATION',
 }
+_TEXT = 48
+_ON_THE_FOLD = (
+    AlarmKind.STICK_SLIP,
+    AlarmKind.AMPLITUDE_LIMIT,
+    AlarmKind.BISTABLE,
+    AlarmKind.MARGIN_LOW,
+)
+"""Alarms that end above the fold."""
 _PRIORITIES = {Priority.ALARM: 'A', Priority.WARNING: 'W', Priority.CAUTION: 'C'}
 _LETTERS = {
     AlarmState.UNACKNOWLEDGED.value: 'V',
@@ -56,18 +71,48 @@ def _checksum(body: str) -> int:
     return reduce(xor, map(ord, body), 0)
 
 
-def parse(line: str) -> tuple[str, str, list[str]] | None:
-    """Talker, formatter and fields of a line; ``None`` without a sentence or its good checksum.
+def parse(text: str) -> tuple[str, str, list[str]] | None:
+    """Talker, formatter and fields of the first sentence of a text.
 
-    What stands before the ``$`` (an IEC 61162-450 header and tag block) is passed over.
+    ``None`` without one or its good checksum. What stands before the ``$`` (an IEC 61162-450
+    header and tag block) is passed over.
     """
-    found = _SENTENCE.search(line)
+    found = _SENTENCE.search(text)
     if found is None:
         return None
     talker, formatter, fields, checksum = found.groups()
     if _checksum(f'{talker}{formatter},{fields}') != int(checksum, 16):
         return None
     return talker, formatter, fields.split(',')
+
+
+class SentenceStream:
+    """Sentences out of bytes, however these were cut, ended or glued.
+
+    Attributes:
+        unused: How often something was not used, and why.
+    """
+
+    def __init__(self) -> None:
+        self.unused: Counter[str] = Counter()
+        self._rest = ''
+
+    def take(self, data: bytes) -> list[str]:
+        """The sentences with a good checksum that some bytes complete."""
+        text = self._rest + data.decode('ascii', 'replace')
+        pieces = [piece for piece in re.split('(?=[$!])', text) if piece.startswith(('$', '!'))]
+        found, self._rest = [], ''
+        for number, piece in enumerate(pieces):
+            match = _SENTENCE.match(piece)
+            if match is not None:
+                good = parse(match[0]) is not None
+                found += [match[0]] if good else []
+                self.unused['bad checksum'] += not good
+            elif number == len(pieces) - 1 and not re.search('[\r\n]', piece):
+                self._rest = piece[-_LONGEST_KEPT:]
+            elif re.match('[$!][A-Z0-9]{5},', piece):
+                self.unused['no checksum'] += 1
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +122,11 @@ class NmeaInput:
     bearing: str
     place: Input
     sentence: str  # ``RPM`` or ``XDR``
-    talker: str = ''  # its talker; empty for any
+    talker: str = ''  # its talker; empty to stay with the first that sends
     kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
     number: int = 0  # number of the shaft or engine of RPM
     name: str = ''  # name of the transducer of XDR
+    timeout: float = 5.0  # time-out of the input [s]
 
     @property
     def label(self) -> str:
@@ -90,30 +136,96 @@ class NmeaInput:
     def read(self, fields: Sequence[str]) -> list[float]:
         """The numbers of a sentence of the right kind; NaN where it says that it has none."""
         if self.sentence == 'XDR':
-            quads = [fields[i : i + 4] for i in range(0, len(fields) - 3, 4)]
             unit = [self.kind, 'N', self.name]
-            return [_number(q[1]) for q in quads if [q[0], q[2], q[3]] == unit]
+            return [_number(q[1]) for q in _quads(fields) if [q[0], q[2], q[3]] == unit]
         if len(fields) < 3 or fields[0] != self.kind or _number(fields[1]) != self.number:
             return []
-        # An invalid speed must not become a shaft at rest, which suppresses alarms.
-        valid = len(fields) > 4 and fields[4] == 'A'
+        # An invalid speed must not become a shaft at rest, which suppresses alarms. Some ships
+        # leave the pitch out.
+        valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
         return [_number(fields[2]) if valid else math.nan]
+
+    def passed_over(self, formatter: str, fields: Sequence[str]) -> str:
+        """What a sentence of its formatter has instead of it, for a person; '' for nothing."""
+        if formatter != self.sentence:
+            return ''
+        if formatter == 'RPM':
+            return f'RPM,{",".join(fields[:2])}'
+        others = [q for q in _quads(fields) if q[3] == self.name or not self.name]
+        named = [f'{q[3]} as type {q[0]} in {q[2]}, and only type N in N is used' for q in others]
+        return 'XDR ' + (', '.join(named) or ', '.join(q[3] for q in _quads(fields)))
+
+
+def _quads(fields: Sequence[str]) -> list[Sequence[str]]:
+    """The transducers of an XDR sentence: type, value, unit, name."""
+    return [fields[i : i + 4] for i in range(0, len(fields) - 3, 4)]
 
 
 def _number(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else math.nan
 
 
-def samples(inputs: Sequence[NmeaInput], line: str) -> Iterator[tuple[str, Input, float]]:
-    """Bearing, input and number of every input that a line brings."""
-    parsed = parse(line)
-    if parsed is None:
-        return
-    talker, formatter, fields = parsed
-    for item in inputs:
-        if item.sentence == formatter and item.talker in ('', talker):
-            for value in item.read(fields):
-                yield item.bearing, item.place, value
+class NmeaInputs:
+    """Samples out of sentences, and what is heard in their place.
+
+    Args:
+        log: Given a line for each talker that is left out, and for an input that brings nothing.
+    """
+
+    def __init__(self, inputs: Sequence[NmeaInput], log: Callable[[str], object]) -> None:
+        self._log = log
+        self._inputs = [
+            (items, SourceAdmission(items[0].label, items[0].talker, items[0].timeout, log))
+            for items in grouped(inputs, lambda item: replace(item, bearing='', timeout=0.0))
+        ]
+        self._heard: dict[NmeaInput, Counter[str]] = {
+            items[0]: Counter() for items, _ in self._inputs
+        }
+        self._brought: dict[NmeaInput, float] = {}
+        self._asked: set[NmeaInput] = set()
+
+    def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
+        """Bearing, input and number of every input that a sentence brings."""
+        parsed = parse(text)
+        if parsed is None:
+            return
+        talker, formatter, fields = parsed
+        for items, admission in self._inputs:
+            first = items[0]
+            values = first.read(fields) if first.sentence == formatter else []
+            if not values:
+                self._heard[first][first.passed_over(formatter, fields)] += 1
+            elif admission.admits(talker, now):
+                for value in values:
+                    self._note(first, value, now)
+                    yield from ((item.bearing, item.place, value) for item in items)
+
+    def _note(self, item: NmeaInput, value: float, now: float) -> None:
+        if math.isnan(value):
+            self._heard[item]['invalid by its talker'] += 1
+            return
+        self._brought[item] = now
+        if item in self._asked:
+            self._asked.discard(item)
+            self._heard[item].clear()
+            self._log(f'{item.label}: values again')
+
+    def look(self, now: float, unused: Mapping[str, int]) -> None:
+        """Say once of each input that brings nothing what is heard in its place.
+
+        Args:
+            now: Of a steady clock [s].
+            unused: What the port could not use, by reason.
+        """
+        for item in self._heard:
+            silent = now - self._brought.setdefault(item, now)
+            if silent < UNHEARD or item in self._asked:
+                continue
+            self._asked.add(item)
+            own = Counter({text: n for text, n in self._heard[item].items() if text})
+            named = [f'{count} x {text}' for text, count in (own + Counter(unused)).most_common(4)]
+            heard = f'heard: {", ".join(named)}' if named else 'nothing is heard'
+            self._log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {heard}')
 
 
 @dataclass(slots=True)
@@ -148,17 +260,23 @@ class Alerts:
     ) -> None:
         self._talker, self._manufacturer = talker, manufacturer
         self._accept_actions = accept_actions
+        self._records: dict[str, Mapping[str, Any]] = {}
+        names = zip(bearings, short_names(bearings), strict=True)
         self._alerts = {
             (name, kind.value): _Alert(
                 first_alert + number,
                 instance,
                 _PRIORITIES[kind.priority],
-                clean(f'{_TITLES[kind]} {name}')[:_TITLE].strip(),
+                f'{_TITLES[kind]} {short}'[:_TITLE].strip(),
             )
-            for instance, name in enumerate(bearings, 1)
+            for instance, (name, short) in enumerate(names, 1)
             for number, kind in enumerate(AlarmKind)
         }
         self._sequence = self._list_sequence = self._beat_sequence = 0
+
+    def take_record(self, record: Mapping[str, Any]) -> None:
+        """Remember where a bearing is, for the texts of its alerts."""
+        self._records[record['bearing']] = record
 
     def take_alarms(self, record: dict[str, Any]) -> list[str]:
         """ALF sentences for what has changed in a list of alarms."""
@@ -170,7 +288,7 @@ class Alerts:
             if alert is None or (letter := _letter(alarm, alert.priority)) == alert.letter:
                 continue
             raised = alert.letter == 'N'
-            alert.letter, alert.text = letter, alarm['text']
+            alert.letter, alert.text = letter, self._text(alarm)
             alert.utc = _utc(times.get(key, alarm['changed'] or record['time']))
             alert.revision = alert.revision % 99 + 1
             lines += self._alf(alert, with_text=raised)
@@ -233,12 +351,42 @@ class Alerts:
         if with_text:
             start = f'ALF,2,2,{self._sequence},,,,,{end}'
             room = LONGEST - len(self._say(start)) - 2
-            text = clean(alert.text.partition(': ')[2] or alert.text)
-            lines.append(self._say(start + text[:room].strip()))
+            lines.append(self._say(start + _whole(clean(alert.text), min(room, _TEXT))))
         return lines
+
+    def _text(self, alarm: Mapping[str, Any]) -> str:
+        """What to do and where the bearing is; of other alarms as much of their text as fits."""
+        known = self._records.get(alarm['bearing'], {})
+        fold = max(known.get('fold_speed') or 0.0, known.get('exact_fold_speed') or 0.0)
+        speed, load, rpm = (known.get(key) for key in ('speed', 'load', 'rpm'))
+        if alarm['alarm'] not in _ON_THE_FOLD or not (fold and speed and load and rpm):
+            return str(alarm['text']).partition(': ')[2] or str(alarm['text'])
+        # Rounded up: at the speed that is asked for the alarm has to end.
+        above = math.ceil(fold * rpm / speed)
+        return f'ABOVE {above} RPM OR STOP. NOW {abs(rpm):.0f} RPM {load / 1e3:.3g} KN'
 
     def _say(self, body: str) -> str:
         return sentence(self._talker + body)
+
+
+def short_names(bearings: Sequence[str]) -> list[str]:
+    """The bearings' names in titles: whole words that fit, numbered where two are alike."""
+    short = [_whole(clean(name), _NAME) for name in bearings]
+    return [
+        name if short.count(name) == 1 else f'{name[: _NAME - len(str(number)) - 1]} {number}'
+        for number, name in enumerate(short, 1)
+    ]
+
+
+def _whole(text: str, room: int) -> str:
+    """As many whole words as fit; of a first one that is longer its beginning."""
+    if len(text) <= room:
+        return text
+    return (
+        text[: text.rfind(' ', 0, room + 1)].rstrip(' .')
+        if ' ' in text[: room + 1]
+        else text[:room]
+    )
 
 
 def clean(text: str) -> str:

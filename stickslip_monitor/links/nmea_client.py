@@ -7,9 +7,11 @@ A port that dies is opened again for ever.
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import math
 import os
 import socket
+import struct
 import termios
 import time
 import tty
@@ -21,18 +23,17 @@ from typing import Any
 from stickslip_monitor.errors import LinkError, cause
 from stickslip_monitor.links.link_config import NmeaLink, check_port
 from stickslip_monitor.links.live_monitor import MonitorSide
-from stickslip_monitor.links.nmea import Alerts, NmeaInput, samples
+from stickslip_monitor.links.nmea import Alerts, NmeaInput, NmeaInputs, SentenceStream
 
 SILENT = 30.0
 """A port that should bring lines and has brought none for so long is opened again [s]."""
 AGAIN = 1.0
 """Time between two attempts to open a port [s]."""
-LONGEST_LINE = 1024
 _NO_ANSWER = 5.0
 _MOST_AT_ONCE = 1 << 16
 OnLine = Callable[[str], None]
-OnLink = Callable[[bool, str], None]
-"""Given whether a port works, and if not, why."""
+OnLink = Callable[[bool | None, str], None]
+"""Given whether a port works (None: nobody can know), and if not, why."""
 
 
 class Port:
@@ -61,11 +62,16 @@ class Port:
         self.url = check_port(name, address)
         self._on_line, self._on_link = on_line, on_link
         self._listens, self._silent = listens, silent
-        self._buffer = b''
+        self.stream = SentenceStream()
         self._heard_at = 0.0
         self._loop = asyncio.get_running_loop()
         self._fault: asyncio.Future[str] = self._loop.create_future()
         self._descriptor: int | None = None
+
+    @property
+    def _blind(self) -> bool:
+        """Whether nobody can know if what is sent arrives: datagrams are not answered."""
+        return self.url.scheme == 'udp' and not self._listens
 
     async def start(self) -> None:
         """Open it for the first time.
@@ -121,13 +127,15 @@ class Port:
             self._descriptor = None
 
     async def _open(self) -> None:
-        self._fault, self._buffer = self._loop.create_future(), b''
+        self._fault = self._loop.create_future()
         if self.url.scheme == 'serial':
             self._descriptor = self._serial_line()
         else:
             self._descriptor = await self._socket()
         self._loop.add_reader(self._descriptor, self._read, self._descriptor)
-        if self._silent == math.inf:
+        if self._blind:
+            self._on_link(None, 'datagrams are sent; whether anybody takes them is unknown')
+        elif self._silent == math.inf:
             self._on_link(True, '')
 
     def _serial_line(self) -> int:
@@ -136,6 +144,9 @@ class Port:
         try:
             tty.setraw(descriptor)
             settings = termios.tcgetattr(descriptor)
+            # Set as a whole: whoever had the line before may have left anything.
+            settings[2] &= ~(termios.CSTOPB | termios.PARENB | termios.CRTSCTS)
+            settings[2] |= termios.CS8 | termios.CLOCAL | termios.CREAD
             rate = getattr(termios, f'B{self.url.query.partition("=")[2] or 4800}')
             settings[4] = settings[5] = rate
             termios.tcsetattr(descriptor, termios.TCSANOW, settings)
@@ -159,6 +170,8 @@ class Port:
         with socket.socket(family, kind) as own:
             own.setblocking(False)
             if kind == socket.SOCK_DGRAM and self._listens:
+                if ipaddress.ip_address(address[0]).is_multicast:
+                    _join(own, address[0])
                 own.bind(address)
                 return own.detach()
             own.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -182,7 +195,7 @@ class Port:
             self._fault.set_result(why)
 
     def _read(self, descriptor: int) -> None:
-        """Take what has come; whole lines are handed on, of one that never ends its end."""
+        """Take what has come; whole sentences are handed on."""
         try:
             data = os.read(descriptor, _MOST_AT_ONCE)
         except BlockingIOError:
@@ -190,19 +203,38 @@ class Port:
         except OSError as error:
             self._fail(cause(error))
             return
-        if self.url.scheme == 'udp':
-            # A datagram holds whole lines.
-            data = data.rstrip(b'\n') + b'\n'
-        elif not data:
+        if not data and self.url.scheme != 'udp':
             serial = self.url.scheme == 'serial'
             self._fail('the line is closed' if serial else 'the other end closed the connection')
             return
         self._heard_at = self._loop.time()
         self._on_link(True, '')
-        *lines, rest = (self._buffer + data).split(b'\n')
-        self._buffer = rest[-LONGEST_LINE:]
-        for line in lines:
-            self._on_line(line.decode('ascii', 'replace'))
+        for line in self.stream.take(data):
+            self._on_line(line)
+
+
+def _join(own: socket.socket, group: str) -> None:
+    """Join a multicast group (IEC 61162-450) on every interface that takes it.
+
+    Raises:
+        OSError: None does.
+    """
+    own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    fault: OSError | None = None
+    joined = 0
+    for index, _ in socket.if_nameindex():
+        try:
+            if own.family == socket.AF_INET6:
+                request = socket.inet_pton(socket.AF_INET6, group) + struct.pack('@I', index)
+                own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, request)
+            else:
+                request = socket.inet_aton(group) + bytes(4) + struct.pack('@i', index)
+                own.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+            joined += 1
+        except OSError as error:
+            fault = error
+    if not joined:
+        raise fault or OSError('no interface takes a multicast group')
 
 
 class NmeaClient:
@@ -213,7 +245,9 @@ class NmeaClient:
     """
 
     def __init__(self, link: NmeaLink, inputs: Sequence[NmeaInput], side: MonitorSide) -> None:
-        self._link, self._inputs, self._side = link, inputs, side
+        self._link, self._side = link, side
+        self._has_inputs = bool(inputs)
+        self._inputs = NmeaInputs(inputs, side.log.warning)
         self._alerts = Alerts(
             side.bearings, link.talker, link.manufacturer, link.first_alert, link.accept_actions
         )
@@ -242,7 +276,7 @@ class NmeaClient:
         listens = role == 'listen'
         on_link = partial(self._side.report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
-        silent = SILENT if self._inputs and listens else math.inf
+        silent = SILENT if self._has_inputs and listens else math.inf
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     async def run(self) -> None:
@@ -250,7 +284,8 @@ class NmeaClient:
         await asyncio.gather(*(port.run() for port in self._ports))
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """The state of a bearing has no sentence."""
+        """The state of a bearing has no sentence, but is in the texts of its alerts."""
+        self._alerts.take_record(record)
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""
@@ -259,6 +294,8 @@ class NmeaClient:
     def tick(self, there: bool) -> None:
         """Let time pass: the list and the heartbeat are sent when they are due."""
         now = time.monotonic()
+        if self._has_inputs:
+            self._inputs.look(now, self._ports[0].stream.unused)
         if now - self._listed >= self._link.list_period:
             self._listed = now
             self._send(self._alerts.listing())
@@ -276,7 +313,7 @@ class NmeaClient:
             self._out.send(lines)
 
     def _on_line(self, line: str) -> None:
-        for sample in samples(self._inputs, line):
+        for sample in self._inputs.take(line, time.monotonic()):
             self._side.take(*sample)
         answers, request = self._alerts.obey(line, time.time_ns())
         self._send(answers)

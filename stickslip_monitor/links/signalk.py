@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
+from stickslip_monitor.links.source_admission import SourceAdmission, grouped
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
@@ -69,7 +70,7 @@ def _dicts(items: object) -> list[dict[str, Any]]:
     return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class SignalKInput:
     """A path that is an input of a bearing."""
 
@@ -77,77 +78,67 @@ class SignalKInput:
     place: Input
     path: str
     source: str  # the only source to use; empty to stay with the first that sends
-    timeout: float  # after so long without a value it is silent [s]
-    # The source that is used now, and when it sent last.
-    latest: tuple[str, float] | None = None
+    timeout: float  # time-out of the input [s]
 
     @property
     def label(self) -> str:
         """What it is, for a person."""
         return f'Signal K {self.path}'
 
-    def admits(self, source: str, now: float) -> bool:
-        """Whether a value of a source is to be taken."""
-        if self.source:
-            return source == self.source
-        if self.latest and self.latest[0] != source and now - self.latest[1] <= self.timeout:
-            return False
-        self.latest = source, now
-        return True
-
 
 class SignalKInputs:
     """Samples out of deltas.
 
     Args:
-        log: Given a line for each source that is left out, once.
+        log: Given a line for each source that is left out, once, and for each change of source.
     """
 
     def __init__(self, inputs: Sequence[SignalKInput], log: Callable[[str], object]) -> None:
-        self._inputs, self._log = inputs, log
+        self._inputs = [
+            (items, SourceAdmission(items[0].label, items[0].source, items[0].timeout, log))
+            for items in grouped(inputs, lambda item: (item.path, item.source))
+        ]
         self._own = ''
         self._server_ahead = 0.0
-        self._stamps: dict[tuple[str, str], object] = {}
         self._begun: set[tuple[str, str]] = set()
-        self._left_aside: set[tuple[str, str]] = set()
+        self.brought: dict[str, float] = {}
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
         """A connection begins: what comes first of each source may be old."""
         self._own = hello['self']
         self._server_ahead = _seconds(hello.get('timestamp')) - now
         self._begun.clear()
+        self.brought = {items[0].path: now for items, _ in self._inputs}
+
+    def silent(self, now: float, limit: float) -> list[str]:
+        """The paths without a value for a time [s], of a connection or within it."""
+        return [path for path, heard in self.brought.items() if now - heard >= limit]
 
     def subscription(self, extra: Iterable[str] = ()) -> dict[str, Any]:
         """The frame that asks for our paths. No period: it would count per path, not source."""
-        paths = dict.fromkeys([*(item.path for item in self._inputs), *extra])
+        paths = dict.fromkeys([*(items[0].path for items, _ in self._inputs), *extra])
         return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
 
-    def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float]]:
-        """Bearing, input and number (NaN for what is none) of every sample."""
+    def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
+        """Bearing, input, number (NaN for what is none) and stamp [ns] of every sample."""
         for update, source, path, value in _values(frame, self._own):
-            items = [item for item in self._inputs if item.path == path]
-            if items and self._fresh((path, source), update.get('timestamp'), items, now):
-                admitted = [item for item in items if item.admits(source, now)]
-                for item in admitted:
-                    yield item.bearing, item.place, _number(value)
-                if admitted != items and (path, source) not in self._left_aside:
-                    self._left_aside.add((path, source))
-                    what = f"source '{source}' of {path}"
-                    self._log(f'Signal K: {what} is left out; another sends')
+            groups = [pair for pair in self._inputs if pair[0][0].path == path]
+            stamp = _seconds(update.get('timestamp'))
+            if not groups or not self._fresh((path, source), stamp, groups[0][0][0].timeout, now):
+                continue
+            self.brought[path] = now
+            stamp_ns = round(stamp * 1e9) if stamp == stamp else None
+            for items, admission in groups:
+                for item in items if admission.admits(source, now) else ():
+                    yield item.bearing, item.place, _number(value), stamp_ns
 
-    def _fresh(
-        self, key: tuple[str, str], stamp: object, items: list[SignalKInput], now: float
-    ) -> bool:
-        """Whether a value is neither a repetition nor one that the server had kept."""
-        if stamp is not None and self._stamps.get(key) == stamp:
-            return False
-        self._stamps[key] = stamp
+    def _fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
+        """Whether a value is none that the server had kept from before the connection."""
         if key in self._begun:
             return True
         self._begun.add(key)
         # By the server's clock; with a stamp that cannot be read it may be of any age.
-        age = now + self._server_ahead - _seconds(stamp)
-        return age <= max(item.timeout for item in items)
+        return now + self._server_ahead - stamp <= timeout
 
 
 def _number(value: object) -> float:

@@ -38,9 +38,20 @@ UNHEARD = 5.0
 REPEAT = 60.0
 """All alarms are sent again after so long [s]: a server forgets, and others overwrite."""
 BACK_OFF = (0.5, 5.0)
+LIVED = 10.0
+"""A connection that ends sooner was none: the waits go on growing [s]."""
+_WAIT_FOR = (408, 425, 429)
+"""Answers of a server that is busy: these are waited for, as those from 500 on."""
 _VALUES_EVERY = 1.0
 _OUTBOX = 1000
+_LARGEST_FRAME = 4 << 20
 _ASKED_EVERY = 2.0
+
+
+_NEEDS_TOKEN = (
+    'gives nothing without a token: name a file as signalk.token_file and run'
+    ' `stickslip watch --request-token`'
+)
 
 
 class _Unusable(LinkError):
@@ -89,6 +100,9 @@ class SignalKClient:
         self._known_once = False
         self._repeated = self._sent_values = 0.0
         self._waiting_since: float | None = None
+        self._asked: set[str] = set()
+        self._looks: set[asyncio.Task[None]] = set()
+        self._session: aiohttp.ClientSession | None = None
 
     async def start(self) -> None:
         """Nothing to be opened beforehand."""
@@ -101,10 +115,11 @@ class SignalKClient:
         """
         wait = BACK_OFF[0]
         async with aiohttp.ClientSession() as session:
+            self._session = session
             while True:
+                begun = time.monotonic()
                 try:
-                    await self._connection(session)
-                    reason, wait = 'the server closed the connection', BACK_OFF[0]
+                    reason = await self._connection(session)
                 except _Unusable as error:
                     if not self._known_once:
                         raise
@@ -112,6 +127,7 @@ class SignalKClient:
                 except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
                     reason = _reason(error)
                 self._lost(reason)
+                wait = BACK_OFF[0] if time.monotonic() - begun > LIVED else wait
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
                 wait = min(2.0 * wait, BACK_OFF[1])
 
@@ -121,7 +137,8 @@ class SignalKClient:
         if self._link.prefix:
             self._side.report_link(OUT, False, reason)
 
-    async def _connection(self, session: aiohttp.ClientSession) -> None:
+    async def _connection(self, session: aiohttp.ClientSession) -> str:
+        """Use one connection to its end; return why it ended."""
         async with await self._open(session) as socket:
             hello = await self._hello(socket)
             now = time.monotonic()
@@ -140,12 +157,21 @@ class SignalKClient:
             finally:
                 sender.cancel()
                 self._socket = None
+            if socket.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG:
+                return f'a frame of more than {_LARGEST_FRAME >> 20} MB was refused here'
+            return 'the server closed the connection'
 
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
         url = f'{self._link.url}/signalk/v1/stream?subscribe=none'
         try:
             return await asyncio.wait_for(
-                session.ws_connect(url, headers=self._headers, heartbeat=HEARTBEAT, ssl=self._ssl),
+                session.ws_connect(
+                    url,
+                    headers=self._headers,
+                    heartbeat=HEARTBEAT,
+                    ssl=self._ssl,
+                    max_msg_size=_LARGEST_FRAME,
+                ),
                 2.0 * HEARTBEAT,
             )
         except aiohttp.ClientConnectorCertificateError as error:
@@ -156,11 +182,13 @@ class SignalKClient:
                 f' signer as signalk.ca_file ({why})'
             ) from error
         except aiohttp.WSServerHandshakeError as error:
-            if error.status >= 500:
+            if error.status >= 500 or error.status in _WAIT_FOR:
                 raise
             raise _Unusable(self._refusal(error.status)) from error
 
     def _refusal(self, status: int) -> str:
+        if status in (401, 403) and not self._headers:
+            return f"signalk.url = '{self._link.url}' {_NEEDS_TOKEN} ({status})"
         if status in (401, 403):
             what = 'the token is refused: it is wrong, revoked or expired'
             return f"signalk.token_file = '{self._link.token_file}': {what} ({status})"
@@ -241,6 +269,8 @@ class SignalKClient:
     def tick(self, there: bool) -> None:
         """Let time pass: values, repetitions, and whether the server answers."""
         now = time.monotonic()
+        if self._socket is not None:
+            self._look(now)
         if not self._link.prefix or self._socket is None:
             return
         self._send(self._alarms.take_monitor('' if there else 'No data from the monitor.'))
@@ -253,9 +283,35 @@ class SignalKClient:
         if now - self._repeated >= REPEAT:
             self._repeat(now)
         if self._waiting_since is not None and now - self._waiting_since >= UNHEARD:
-            self._side.report_link(
-                OUT, False, 'what is sent does not come back: has the token the right to?'
-            )
+            why = 'is it hung, or does the token lack write permission?'
+            text = f'no echo from the server for {UNHEARD:g} s'
+            self._side.report_link(OUT, False, f'{text}: {why}' if self._headers else text)
+
+    def _look(self, now: float) -> None:
+        """Ask the server once about each path that brings nothing."""
+        silent = set(self._inputs.silent(now, UNHEARD))
+        for path in silent - self._asked:
+            task = asyncio.create_task(self._look_at(path))
+            self._looks.add(task)
+            task.add_done_callback(self._looks.discard)
+        for path in self._asked - silent:
+            self._side.log.warning(f'Signal K {path}: values again')
+        self._asked = silent
+
+    async def _look_at(self, path: str) -> None:
+        """Say why a path brings nothing, by one look at the server's present value of it."""
+        assert self._session is not None
+        url = f'{self._link.url}/signalk/v1/api/vessels/self/{path.replace(".", "/")}'
+        try:
+            limit = aiohttp.ClientTimeout(total=UNHEARD)
+            async with self._session.get(
+                url, headers=self._headers, ssl=self._ssl, timeout=limit
+            ) as answer:
+                status, value = answer.status, await answer.text()
+        except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+            status, value = 0, _reason(error)
+        why = _silence(status, value, bool(self._headers))
+        self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
 
     async def finish(self) -> None:
         """Say that we go: no values any more; alarms stand."""
@@ -267,6 +323,20 @@ class SignalKClient:
         with suppress(aiohttp.ClientError, OSError):
             for update in updates:
                 await _say(socket, update)
+
+
+def _silence(status: int, value: str, has_token: bool) -> str:
+    """What a server's answer about a path says of its silence."""
+    if status in (401, 403):
+        return 'the token may not read' if has_token else f'the server {_NEEDS_TOKEN}'
+    if status == 404:
+        return 'the server has no such path: nothing sends it'
+    known: Any = None
+    with suppress(ValueError):
+        known = json.loads(value)
+    if status == 200 and isinstance(known, dict) and 'timestamp' in known:
+        return f'its source is silent; the last value is of {str(known["timestamp"])[:40]}'
+    return f'the server answers {status or value} to a look at it'
 
 
 async def _say(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:

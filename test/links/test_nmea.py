@@ -15,10 +15,12 @@ from stickslip_monitor.links.nmea import (
     LONGEST,
     Alerts,
     NmeaInput,
+    NmeaInputs,
+    SentenceStream,
     clean,
     parse,
-    samples,
     sentence,
+    short_names,
 )
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
@@ -28,6 +30,12 @@ from stickslip_monitor.monitor.signals import Input
 SPEED = NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)
 LOAD = NmeaInput('aft', Input.LOAD, 'XDR', kind='N', name='AFTLOAD')
 NAN = math.nan
+
+
+def samples(inputs: list[NmeaInput], line: str) -> list[tuple[str, Input, float]]:
+    return list(NmeaInputs(inputs, print).take(line, 0.0))
+
+
 RPM = '$RCRPM,S,1,74.6,30.0,A'  # its checksum is 56
 
 
@@ -40,6 +48,8 @@ RPM = '$RCRPM,S,1,74.6,30.0,A'  # its checksum is 56
         ('RCRPM,S,1,,30.0,V', [NAN]),
         ('RCRPM,S,1,,30.0,A', [NAN]),
         ('RCRPM,S,1,74.6,30.0', [NAN]),  # no flag
+        ('ERRPM,S,1,251.0,A', [251.0]),  # a ship's form, without pitch
+        ('ERRPM,S,1,251.0,V', [NAN]),
         ('RCRPM,S,1,74.6,30.0,', [NAN]),
         ('RCRPM,S,1,nan,30.0,A', [NAN]),
         ('RCRPM,S,1,7_4,30.0,A', [NAN]),
@@ -72,6 +82,102 @@ def test_a_talker_is_chosen() -> None:
 def test_a_line_without_its_checksum_is_nothing(line: str) -> None:
     assert parse(line) is None
     assert list(samples([SPEED], line)) == []
+
+
+TWO = f'{sentence("RCRPM,S,1,74.6,30.0,A")}\r\n{sentence("IIXDR,N,998.4,N,AFTLOAD")}\r\n'.encode()
+
+
+@pytest.mark.parametrize('cut', range(1, len(TWO)))
+def test_a_sentence_cut_anywhere_is_whole_again(cut: int) -> None:
+    stream = SentenceStream()
+    found = stream.take(TWO[:cut]) + stream.take(TWO[cut:])
+    assert found == TWO.decode().split()
+    assert stream.unused.total() == 0
+
+
+@pytest.mark.parametrize('end', [b'\r', b'\n', b'', b'\0', b' noise '])
+def test_sentences_with_any_end_or_none(end: bytes) -> None:
+    one, other = TWO.split()
+    assert SentenceStream().take(one + end + other + end) == TWO.decode().split()
+
+
+def test_what_is_not_used_is_counted() -> None:
+    stream = SentenceStream()
+    bad = TWO.replace(b'74.6', b'74.7')
+    assert len(stream.take(b'$RCRPM,S,1,1.0,,A\r\n' + bad + b'$RCRPM,S,1,7' + TWO)) == 3
+    # The start that another sentence cut off has no checksum either.
+    assert stream.unused == {'no checksum': 2, 'bad checksum': 1}
+    assert stream.take(b'x' * 10_000_000) == []
+
+
+def test_one_talker_is_used_and_the_other_named() -> None:
+    said: list[str] = []
+    inputs = NmeaInputs([SPEED], said.append)
+    first, other = sentence('RCRPM,S,1,44.0,,A'), sentence('ERRPM,S,1,50.0,,A')
+    used = [value for now in range(9) for line in (first, other) for *_, value in
+            inputs.take(line, 0.3 * now)]  # fmt: skip
+    assert set(used) == {44.0}
+    assert said == ["NMEA RPM S 1: source 'ER' is left out: 'RC' sends"]
+    # It is taken over at half of the time-out of 5 s, before the input is lost.
+    late = [list(inputs.take(other, 2.4 + ago)) for ago in (2.4, 2.6)]
+    assert [len(each) for each in late] == [0, 1]
+    assert said[1:] == ["NMEA RPM S 1: source 'ER' is used; 'RC' has been silent for 2.6 s"]
+
+
+def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
+    said: list[str] = []
+    inputs = NmeaInputs([SPEED, LOAD], said.append)
+    inputs.look(0.0, {})
+    for body in ('RCRPM,E,1,700,,A', 'RCRPM,E,1,700,,A', 'IIXDR,N,1.2,K,AFTLOAD'):
+        assert not list(inputs.take(sentence(body), 1.0))
+    inputs.look(4.9, {})
+    assert said == []
+    for _ in range(2):
+        inputs.look(5.0, {'bad checksum': 16})
+    assert said == [
+        'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum,'
+        ' 2 x RPM,E,1',
+        'NMEA XDR AFTLOAD: no number with a good checksum in 5 s; heard: 16 x bad checksum,'
+        ' 1 x XDR AFTLOAD as type N in K, and only type N in N is used',
+    ]
+    assert list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
+    assert said[2:] == ['NMEA RPM S 1: values again']
+
+
+def test_invalid_by_its_talker_is_said() -> None:
+    said: list[str] = []
+    inputs = NmeaInputs([SPEED], said.append)
+    for now in range(7):
+        list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,V'), float(now)))
+        inputs.look(float(now), {})
+    (text,) = said
+    assert text.endswith('heard: 6 x invalid by its talker')
+
+
+def test_titles_tell_bearings_apart() -> None:
+    assert short_names(['aft_stern']) == ['AFT']
+    assert short_names(['aft_stern', 'aft_steering', 'fwd']) == ['AFT 1', 'AFT 2', 'FWD']
+    assert short_names(['starboard', 'starship']) == ['STARB', 'STARS']
+    alerts = Alerts(['aft_stern', 'aft_steering'], 'II', '', 10001, False)
+    titles = {a.title for a in alerts._alerts.values()}
+    assert len(titles) == 2 * len(AlarmKind)
+    assert max(map(len, titles)) <= 16
+
+
+def test_the_text_of_an_alert_says_what_to_do() -> None:
+    """A fold at 0.26 m/s of a journal whose 0.1 m/s are 19.1 rpm: 49.7 rpm, rounded up."""
+    panel = Panel()
+    point = {'speed': 0.1, 'rpm': 19.1, 'load': 1000.0, 'fold_speed': 0.25}
+    panel.alerts.take_record({'bearing': 'aft', **point, 'exact_fold_speed': 0.26})
+    lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
+    assert parse(lines[1])[2][-1] == 'ABOVE 50 RPM OR STOP. NOW 19 RPM 1 KN'
+    lost = (
+        'aft: No valid value on /a/very/long/topic/name/indeed for 5 s: is its sensor connected?'
+    )
+    lines = panel.show(AlarmKind.INPUT_LOST, 'unacknowledged', '06:00:55.50', text=lost)
+    text = parse(lines[1])[2][-1]
+    assert len(text) <= 48
+    assert clean(lost.partition(': ')[2]).startswith(f'{text} ')
 
 
 @given(st.text(max_size=100))

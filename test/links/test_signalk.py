@@ -58,7 +58,7 @@ class Reader:
     def take(self, frame: object, second: float = 0.0) -> list[float]:
         """The values that the first bearing gets."""
         found = self.inputs.take(frame, 100.0 + second)
-        return [value for bearing, _, value in found if bearing == 'aft']
+        return [value for bearing, _, value, _ in found if bearing == 'aft']
 
 
 @pytest.mark.parametrize(
@@ -111,11 +111,16 @@ def test_a_value_that_the_server_had_kept_is_dropped_once() -> None:
     assert Reader().take(frame) == []
 
 
-def test_a_repetition_is_no_sign_of_life() -> None:
+def test_stamps_are_those_of_the_sender() -> None:
+    """They tell a copy, of the same stamp and value, from a clock that stands."""
     reader = Reader()
-    assert reader.take(delta(3.0, second=1.0), 1.0) == [3.0]
-    assert reader.take(delta(3.0, second=1.0), 2.0) == []
-    assert reader.take(delta(3.0, second=2.0), 2.1) == [3.0]
+    for value in (3.0, 3.0, 3.1):
+        ((*_, stamp), _) = reader.inputs.take(delta(value, second=1.0), 101.0)
+        assert stamp == 1_795_298_401 * 10**9  # 2026-11-21T22:00:01Z
+    bad = delta(3.0)
+    bad['updates'][0]['timestamp'] = 'noon'
+    ((*_, stamp), _) = reader.inputs.take(bad, 102.0)
+    assert stamp is None
 
 
 def test_one_source_at_a_time() -> None:
@@ -125,15 +130,16 @@ def test_one_source_at_a_time() -> None:
         ('b', 1.1, False),
         ('a', 2.0, True),
         ('b', 2.1, False),
-        ('b', 7.0, False),  # a is silent for 5 s exactly
-        ('b', 7.1, True),
-        ('a', 7.2, False),
+        ('b', 4.4, False),  # a is silent for less than half of the time-out
+        ('b', 4.6, True),
+        ('a', 4.7, False),
     ]
     for source, second, taken in steps:
         assert bool(reader.take(delta(3.0, second, source), second)) is taken, (source, second)
     assert reader.said == [
-        f"Signal K: source 'b' of {PATH} is left out; another sends",
-        f"Signal K: source 'a' of {PATH} is left out; another sends",
+        f"Signal K {PATH}: source 'b' is left out: 'a' sends",
+        f"Signal K {PATH}: source 'b' is used; 'a' has been silent for 2.6 s",
+        f"Signal K {PATH}: source 'a' is left out: 'b' sends",
     ]
     chosen = Reader(source='b')
     assert chosen.take(delta(3.0, 1.0, 'a'), 1.0) == []

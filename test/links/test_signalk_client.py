@@ -64,7 +64,7 @@ class Ship:
             [],
             MonitorSide(
                 ['aft'],
-                lambda bearing, place, value: self.values.append(value),
+                lambda bearing, place, value, stamp: self.values.append(value),
                 lambda request: self.requests.append(str(request.action)),
                 self.tell,
                 logging.getLogger('test'),
@@ -158,11 +158,27 @@ async def test_what_is_not_taken_is_told(
     server.deaf = True
     async with sailing(Ship(server)) as ship:
         await ship.until(lambda: ('signalk_out', False) in ship.told)
-        assert 'has the token the right to' in ship.reasons[-1]
+        assert ship.reasons[-1] == 'no echo from the server for 0.2 s'
         assert ship.up('signalk_in')
         server.deaf = False
         ship.client.take_alarms(alarms('unacknowledged'))
         await ship.until(lambda: ship.up('signalk_out'))
+
+
+@pytest.mark.parametrize(
+    ('status', 'value', 'token', 'why'),
+    [
+        (401, 'no', False, 'the server gives nothing without a token: name a file as'),
+        (403, 'no', True, 'the token may not read'),
+        (404, 'no', True, 'the server has no such path'),
+        (200, '{"value": 3, "timestamp": "2026-11-25T10:00:00Z"}', False,
+         'its source is silent; the last value is of 2026-11-25T10:00:00Z'),
+        (200, '[]', False, 'the server answers 200 to a look at it'),
+        (0, 'Connection refused', False, 'the server answers Connection refused'),
+    ],
+)  # fmt: skip
+def test_why_a_path_brings_nothing(status: int, value: str, token: bool, why: str) -> None:
+    assert signalk_client._silence(status, value, token).startswith(why)
 
 
 @pytest.mark.parametrize('accepts', [False, True])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import re
 import socket
 import subprocess
@@ -21,6 +22,8 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.cli import main
+from stickslip_monitor.commands.watch import LinkStates, without_copies
+from stickslip_monitor.monitor.signals import Input
 
 # No rclpy can be imported, as on a machine without ROS.
 WITHOUT_ROS = (
@@ -160,3 +163,43 @@ async def test_a_frozen_server_does_not_keep_it(
     assert ship.stop() == 0
     assert 'Traceback' not in ship.output
     assert 'exception' not in ship.output
+
+
+def test_a_link_that_comes_and_goes_is_logged_once_in_five_minutes(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    now = [0.0]
+    links: dict[str, bool] = {}
+    states = LinkStates(links, lambda: now[0])
+    with caplog.at_level('INFO'):
+        for now[0] in range(0, 301, 30):
+            states.report('nmea_out', False, 'Connection refused')
+            states.report('nmea_out', None, 'unknown')
+    assert [record.message for record in caplog.records] == [
+        'nmea_out: Connection refused', 'nmea_out: unknown',
+    ] * 2  # at 0 and at 300 s  # fmt: skip
+    assert links == {}
+    states.report('nmea_out', True, '')
+    assert links == {'nmea_out': True}
+
+
+def test_copies_are_not_published_where_no_stamp_is_seen(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    published: list[float] = []
+    take = without_copies(
+        lambda _, __, value: published.append(value), logging.getLogger('stickslip_monitor')
+    )
+    for value, stamp in (
+        (1.0, 5),
+        (1.0, 5),
+        (1.0, 5),
+        (1.1, 5),
+        (1.1, 6),
+        (1.1, None),
+        (1.1, None),
+    ):
+        take('aft', Input.SPEED, value, stamp)
+    assert published == [1.0, 1.1, 1.1, 1.1, 1.1]
+    (record,) = caplog.records
+    assert record.message.startswith('speed of aft: the sender repeats stamp and value')
