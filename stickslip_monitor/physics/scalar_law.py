@@ -79,8 +79,16 @@ class _Plain:
             numbers = law.numbers  # type: ignore[attr-defined]
             columns = (x.tolist() if isinstance(x, np.ndarray) else x for x in numbers)
             own = type(numbers)(*columns)
-            self.drop = partial(module.friction_drop, own)
+            self.drop = partial(_guarded, module.friction_drop, own)
             self.slope = partial(module.friction_slope, own)
+
+
+def _guarded(drop: Any, own: Any, origin: float, step: float) -> float:
+    """What compiled loops get by themselves: a step to where the law overflows is refused."""
+    try:
+        return drop(own, origin, step)
+    except OverflowError:
+        return math.nan
 
 
 def _drop_of(law: FrictionLaw, rise: float, origin: float, step: float) -> float:
