@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.rule_state import (
 )
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, assessed, size_cycle
-from stickslip_monitor.physics import boundary_table, chances, law_numbers
+from stickslip_monitor.physics import boundary_table, chances, scalar_law
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
@@ -273,13 +273,15 @@ class BearingScan:
         if long is None:
             # What has once run compiled goes on so, however short its last block.
             long = self._compiled = self._compiled or (size >= LONG and jit.has_compiler())
+        compiled = settings.law.compiled if long else None
+        long = compiled is not None  # a law without functions of its own runs as it stands
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
         given: tuple[Any, ...]
-        if long:
-            modules = (rule, rule_level, boundary_table, chances, law_numbers)
-            loop: Any = jit.compiled('run', *modules, inline=False)
-            states, law = self.state.row(), np.array(settings.law)
-            given = settings.row, (law, settings.boundaries.pieces, settings.chances)
+        if compiled:
+            modules = (rule, rule_level, boundary_table, chances, scalar_law)
+            loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
+            states = self.state.row()
+            given = settings.row, (compiled.own, settings.boundaries.pieces, settings.chances)
         else:
             loop, states = rule.run, [self.state]
             given = [settings.live], settings.model

@@ -10,7 +10,7 @@ runs it is a dictionary; the rule (:mod:`.rule`) reads and writes all of them by
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -20,8 +20,8 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
-from stickslip_monitor.physics.law_numbers import law_numbers
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law
 
 NEVER = -(2**62)
 """Stands for a time that has not been [ns]."""
@@ -259,21 +259,21 @@ class RuleSettings:
 
     Attributes:
         live: The numbers of the configuration.
-        law: The friction law's numbers.
+        law: The friction law.
         boundaries: The boundaries over the load.
         chances: The table of a belief; of no matter without one.
     """
 
     live: RuleNumbers
-    law: tuple[float, ...]
+    law: ScalarLaw
     boundaries: BoundaryTable
     chances: FloatArray
 
     @cached_property
-    def model(self) -> tuple[Sequence[float], list[list[tuple[float, ...]]], list[float]]:
+    def model(self) -> tuple[Any, list[list[tuple[float, ...]]], list[float]]:
         """The law, the boundaries' polynomials and the belief as lists, fast one by one."""
         table = [[tuple(row) for row in part] for part in self.boundaries.pieces.tolist()]
-        return self.law, table, self.chances.tolist()
+        return self.law.plain.own, table, self.chances.tolist()
 
     @cached_property
     def row(self) -> Any:
@@ -319,7 +319,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         table_step=table.step,
     )
     chances = np.zeros(1) if belief is None else belief.table
-    return RuleSettings(live, law_numbers(bearing.friction), table, chances)
+    return RuleSettings(live, scalar_law(bearing.friction), table, chances)
 
 
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
