@@ -57,6 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.compare:
         return int(bool(lines))
     GOLDEN.parent.mkdir(exist_ok=True)
+    if args.only:
+        found = read_golden() | found
     text = json.dumps(found, separators=(',', ':'))
     GOLDEN.write_bytes(gzip.compress(text.encode('utf-8'), mtime=0))
     print(f'{len(found)} cases, {sum(len(c["changes"]) for c in found.values())} changes')
