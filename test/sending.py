@@ -18,6 +18,7 @@ from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
+from stickslip_monitor.monitor.host_clock import HostClock
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Update
@@ -132,14 +133,15 @@ class Ship(Sink):
 
     def boot(self) -> None:
         """Start the session, or start it again after a kill."""
-        clock = lambda: self.now.time_ns  # noqa: E731
+        host = HostClock(lambda: self.steady_ns, lambda: self.steady_ns + self.ahead_ns)
+        self._now, clock = host.now, lambda: self.now.time_ns
         self.session = Session(self.config, self, self, clock, self, Graph())
         self._begun_ns = self.steady_ns
         self.session.begin()
 
     @property
     def now(self) -> Moment:
-        return Moment(self.steady_ns, self.steady_ns + self.ahead_ns)
+        return self._now()
 
     def take_verdict(self, verdict: Verdict) -> None:
         self.verdicts.append(verdict)

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from stickslip_monitor.errors import StickslipError
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.host_clock import HostClock
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import Input
@@ -19,6 +19,8 @@ TICK = 0.1
 """Time between two looks at the inputs [s]."""
 BEHIND_NS = 500_000_000
 """The passing of time is passed on so late that a sample delivered late is not overtaken."""
+HELD_UP_NS = 10**9
+"""A look that comes so late [ns] says that we were held up, or slept: no input is to blame."""
 _SHOWN_EVERY_NS = 10**9
 
 
@@ -43,13 +45,11 @@ class MonitorSide:
 
 
 class LiveMonitor:
-    """A session that samples are measured for now.
-
-    Stamps are of this machine's clock as it was at the start, carried on by one that never
-    steps: a clock that is set later moves no delay and loses no input.
+    """A session that samples are measured for now, by the clocks of this machine.
 
     Args:
         store: What keeps the alarms over a restart; ``None`` for nothing.
+        clock: The clocks.
     """
 
     def __init__(
@@ -58,17 +58,14 @@ class LiveMonitor:
         display: Display,
         log: Log,
         store: Store | None = None,
+        clock: HostClock | None = None,
     ) -> None:
-        self._begun_ns = time.monotonic_ns()
-        self._ahead_ns = time.time_ns() - self._begun_ns
+        self._now = (clock or HostClock()).now
         self._session = Session(
             config, Shown(display), log, lambda: self._now().time_ns, store, Graph()
         )
-        self._shown_ns = -_SHOWN_EVERY_NS
-
-    def _now(self) -> Moment:
-        steady_ns = time.monotonic_ns()
-        return Moment(steady_ns, steady_ns + self._ahead_ns)
+        self._begun_ns = self._ticked_ns = self._now().steady_ns
+        self._shown_ns = self._begun_ns - _SHOWN_EVERY_NS
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
         """Take one number of one input, which comes now, with its sender's stamp if it has one."""
@@ -90,6 +87,9 @@ class LiveMonitor:
     def tick(self) -> None:
         """Let time pass."""
         now = self._now()
+        held_ns, self._ticked_ns = now.steady_ns - self._ticked_ns, now.steady_ns
+        if held_ns > HELD_UP_NS:
+            self._session.excuse(held_ns)
         self._pass_time(now, BEHIND_NS)
         self._session.tick(now, now.steady_ns - self._begun_ns)
         if now.steady_ns - self._shown_ns >= _SHOWN_EVERY_NS:

@@ -124,6 +124,10 @@ class BearingMonitor(Standing):
         if state.began != NEVER:
             state.began += held_ns
 
+    def follow(self, step_ns: int) -> None:
+        """The clock of the arrivals was set by so much [ns]: the memory's own time goes on."""
+        self.state.shift -= step_ns
+
     def update(
         self, place: int, time_ns: int, number: float, arrival_ns: int | None = None
     ) -> Update:

@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.signals import VALUE_FAULTS
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import Event, Verdict, about
 
 LOOK_NS = 10**9
 """Time between two looks at the inputs [ns]."""
@@ -85,6 +85,7 @@ class Moment(NamedTuple):
 
     steady_ns: int  # it never steps: periods, delays and ages are measured on it
     time_ns: int  # of the samples; 0 while it is simulated and /clock is silent
+    set_ns: int = 0  # by how much that clock was set since it is read
 
 
 class Sink:
@@ -167,6 +168,7 @@ class Session:
             self.annunciator.causes[name].stand(self.monitor.condition(name))
         self.monitoring = False
         self._inputs: InputWatch | None = None
+        self._set_ns: int | None = None
 
     def _recalled(self, store: Store) -> dict[str, State]:
         """Take over the alarms that were kept; what was remembered of the bearings with them."""
@@ -209,7 +211,7 @@ class Session:
         self._changed: set[str] = set()
         self._published: dict[str, int] = {}
         self._unsaid: dict[str, Verdict] = {}
-        self._begun_ns = self.annunciator.now_ns
+        self._begun_ns, self._set_ns = self.annunciator.now_ns, None
         self._list([])
 
     def end(self) -> None:
@@ -239,6 +241,7 @@ class Session:
             latest: Whether no later number of this bearing waits already: what one that waits
                 will outdate is published only where it changes something.
         """
+        self.follow(now)
         # While simulated time is silent nobody knows when it came.
         arrival = now.time_ns or None
         update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
@@ -259,8 +262,23 @@ class Session:
         self._alarm(changes, update.events)
         return update
 
+    def follow(self, now: Moment) -> None:
+        """Where the clock was set, go by it from now on; no delay is shorter or longer for it."""
+        step_ns = now.set_ns - (now.set_ns if self._set_ns is None else self._set_ns)
+        self._set_ns = now.set_ns
+        if not step_ns:
+            return
+        for bearing in self.monitor.bearings.values():
+            bearing.follow(step_ns)
+        self.annunciator.follow(step_ns)
+        way = 'forward' if step_ns > 0 else 'back'
+        text = f'the clock was set {way} by {about(abs(step_ns) * 1e-9)}: delays go on'
+        self._log.warning(text)
+        self.note('node', text)
+
     def pass_time(self, name: str, time_ns: int, now: Moment) -> None:
         """Let time pass for one bearing, up to a time of its samples, without a sample."""
+        self.follow(now)
         events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
         self._announce(events)
         self._alarm([], events)
@@ -277,6 +295,7 @@ class Session:
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
         """Let the alarms' running time pass (since :meth:`begin`), and look at the inputs."""
+        self.follow(now)
         now_ns = self._begun_ns + elapsed_ns
         changes = self.annunciator.advance(now_ns, self._clock())
         if changes or self._notes or now_ns - self._listed_ns >= HEARTBEAT_NS:

@@ -24,6 +24,7 @@ from stickslip_monitor.monitor.alarms.alarm_records import (
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
 from stickslip_monitor.monitor.health import CLOCKS
+from stickslip_monitor.monitor.host_clock import HostClock
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
@@ -70,7 +71,7 @@ def node_clock(node: LifecycleNode, simulated: bool) -> ReadClock:
     if simulated:
         ros = node.get_clock()
         return lambda: Moment(time.monotonic_ns(), ros.now().nanoseconds)
-    return lambda: Moment(time.monotonic_ns(), time.time_ns())
+    return HostClock().now
 
 
 class Running:
@@ -110,6 +111,7 @@ class Running:
         self._watchdog, self._passing = Watchdog(self._session), PassingTime(simulated, now)
         self._running_ns = self._looks = self._lost_told = self._lost_seen = 0
         self._turned_ns = self._ticked_ns = now.steady_ns
+        self._set_ns = now.set_ns
         self._shown_ns = -SHOW_NS
         self._lost_told_at = self._lost_at = -math.inf
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
@@ -158,12 +160,15 @@ class Running:
             self._tick(now)
         self._session.flush(now)
         # A turn that was long itself is no hold-up.
-        self._turned_ns = now.steady_ns
+        self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
 
     def _receive(self, number: Number) -> None:
         name, place, time_ns, arrival_ns, value = number
-        moment = Moment(self._now().steady_ns, arrival_ns)
-        update = self._session.take(name, place, time_ns, value, moment, self._latest)
+        now = self._now()
+        # Of what came before the clock was set it tells no time.
+        if now.set_ns == self._set_ns:
+            now = now._replace(time_ns=arrival_ns)
+        update = self._session.take(name, place, time_ns, value, now, self._latest)
         if update.status.valid and place != LEVEL:
             self._watchdog.note(name)
 
@@ -357,6 +362,7 @@ class Watchdog:
         self._silent = dict.fromkeys(session.monitor.bearings, 0)
         self._bases = dict(self._silent)
         self._heard: set[str] = set()
+        self._set_ns = 0
 
     def note(self, name: str) -> None:
         """A valid sample of a bearing has come."""
@@ -364,11 +370,14 @@ class Watchdog:
 
     def tick(self, now: Moment, passed_ns: int) -> None:
         """Pass on the time that has passed without samples, so much since the last call [ns]."""
+        self._session.follow(now)
+        step_ns, self._set_ns = now.set_ns - self._set_ns, now.set_ns
         for name, bearing in self._session.monitor.bearings.items():
             if name in self._heard:
                 self._silent[name], self._bases[name] = 0, bearing.now_ns or 0
                 continue
             self._silent[name] += passed_ns
+            self._bases[name] += step_ns if self._bases[name] > 1 else 0
             elapsed = max(self._silent[name] - LAG_NS, 0)
             base = self._bases[name] = self._base(name, bearing, now, elapsed)
             if base:

@@ -192,6 +192,12 @@ class Annunciator:
             self.causes[name] = Causes(old.config, active)
             self.causes[name].shaft_locked = old.shaft_locked
 
+    def follow(self, step_ns: int) -> None:
+        """The clock of the stamps was set; shelves end after their time all the same."""
+        for alarm in self:
+            if alarm.shelved_until_ns is not None:
+                alarm.shelved_until_ns += step_ns
+
     def advance(self, now_ns: int, time_ns: int) -> list[AlarmChange]:
         """Let running time pass; a time before the latest one counts as the latest."""
         self.now_ns = max(now_ns, self.now_ns)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clocks of the machine that are set, slewed, or stand still while it sleeps."""
+
+from __future__ import annotations
+
+import pytest
+from sending import SECOND, T0, Ship, configured
+
+from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.host_clock import HostClock
+
+DAY = 86_400 * SECOND
+
+
+def test_a_step_is_one_and_a_slew_is_none() -> None:
+    steady, wall = 0, T0
+    clock = HostClock(lambda: steady, lambda: wall)
+    found = []
+    for set_ns in (0, 3600 * SECOND, 0, -DAY, 0):
+        for _ in range(1000):
+            steady += SECOND
+            wall += SECOND + 500_000  # NTP slews by half a millisecond a second
+        wall += set_ns
+        found.append(clock.now().set_ns)
+    steps = [after - before for before, after in zip([0, *found], found, strict=False)]
+    # The slew of the thousand seconds before, half a second, is told with the step after it.
+    assert [round(step / SECOND) for step in steps] == [0, 3600, 0, -86400, 0]
+
+
+@pytest.mark.parametrize('days', [300, -300, 0.01])
+def test_an_alarm_has_the_time_of_the_clock_when_it_comes(days: float) -> None:
+    ship = Ship(configured())
+    ship.sail(20.0)
+    ship.ahead_ns += round(days * DAY)
+    ship.sail(20.0, rpm=20.0)
+    since = {event.after.value: event.time_ns for event in ship.events}
+    assert set(since) == {'caution', 'bistable', 'stick_slip'} or set(since) == {'stick_slip'}
+    assert ship.now.time_ns - 20 * SECOND < since['stick_slip'] < ship.now.time_ns
+    alarms = {a['alarm']: a for a in ship.published[-1]['alarms']}
+    assert alarms['stick_slip']['since'] == since['stick_slip']
+    (note,) = [line for line in ship.lines if 'clock was set' in line]
+    assert ('forward' if days > 0 else 'back') in note
+    # The record on the page and in the file, too.
+    assert abs(ship.look()['time'] - ship.now.time_ns) < SECOND
+
+
+@pytest.mark.parametrize('days', [300, -300])
+def test_no_delay_is_shorter_or_longer_for_a_step(days: int) -> None:
+    """Neither those of an onset, nor the time-out of an input, nor a shelf."""
+    told = []
+    for step in (0, days * DAY):
+        ship = Ship(configured())
+        ship.sail(10.0)
+        ship.sail(1.0, rpm=20.0)  # growth has begun
+        ship.ahead_ns += step
+        ship.sail(20.0, rpm=20.0)
+        ship.does(Action.SHELVE)
+        ship.ahead_ns -= step
+        ship.sail(20.0, rpm=None)  # the input is lost
+        ship.sail(1.0, rpm=20.0)
+        (until,) = {a['shelved_until'] for a in ship.published[-1]['alarms']} - {None}
+        assert until == ship.now.time_ns - 21 * SECOND + ship.config.shelve_time_ns
+        while ship.states().get('stick_slip') == 'shelved':
+            ship.sail(10.0, rpm=20.0, rate=1.0)
+        told.append(([event.after for event in ship.events], ship.steady_ns))
+    assert told[0] == told[1]
+
+
+def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
+    """Its own time goes on while it sleeps: the shelf ends, and nobody could have listened."""
+    ship = Ship(configured())
+    ship.sail(20.0, rpm=20.0)
+    ship.does(Action.SHELVE)
+    told = len(ship.events)
+    ship.steady_ns += 8 * 3600 * SECOND
+    ship.session.excuse(8 * 3600 * SECOND)
+    ship.tick()
+    assert ship.events[told:] == []
+    assert ship.states()['stick_slip'] == 'unacknowledged'
+    assert not any('clock was set' in line for line in ship.lines)
