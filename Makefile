@@ -9,6 +9,7 @@ PYTEST_ARGS ?=
 BENCH_ARGS ?=
 DASHBOARD_ARGS ?=
 FUZZ_ARGS ?=
+SIMULATE_ARGS ?=
 
 # .venv has its own ROS 2; what another one (a sourced setup.bash, say) left here would mix in.
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
@@ -19,7 +20,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .NOTPARALLEL:
 SIGNALK := test/links/signalk_server
 .PHONY: help setup demo demo-ship dashboard signalk-server test test-all lint format docs bags
-.PHONY: bench bench-soak calibration-study fuzz warning-quality colcon-test clean
+.PHONY: bench bench-soak calibration-study fuzz simulate warning-quality colcon-test clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -75,6 +76,9 @@ calibration-study: $(VENV)/.bench  ## What calibration reaches, 25 minutes; writ
 
 bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/accuracy.md
 	$(BIN)/python -m benchmarks --soak
+
+simulate: $(VENV)/.test  ## Sail a million seconds under faults, twelve minutes; SIMULATE_ARGS='--seed 17' repeats one
+	$(BIN)/python scripts/simulate.py $(SIMULATE_ARGS)
 
 fuzz: $(VENV)/.test  ## Read thousands of damaged recordings beside MCAP's own reader
 	$(BIN)/python -m fuzz $(FUZZ_ARGS)

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ship of two bearings under faults, on clocks of its own: one seed is one run, always the same.
+
+The bus loses, delays, doubles and stamps oddly, senders pause and bring numbers that mean "no
+value", the clock on the wall is set, the process is held up, killed and started again from a store
+that is full or torn, people act, and the configuration changes. In the last minutes all faults
+stop: then what is told must be true. Meanwhile the seconds in which it is not are counted.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+
+from sending import SECOND, T0, Message, Ship, configured, stream_of
+from sequences import BEARINGS
+
+from stickslip_monitor import Monitor, MonitorConfig
+from stickslip_monitor.monitor.alarms.alarm import RUNG_OF, AlarmKind
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms.annunciator import ON_SHOW, Action
+from stickslip_monitor.monitor.ladder import LADDER
+from stickslip_monitor.monitor.signals import Input
+
+STEP = 0.2
+LENGTH, CALM = 420.0, 100.0
+"""How long a run is, and how long there are no faults at its end [s]: a condition that flickered
+is held for six off-delays, of 10 s each, and the end of stick-slip waits for one more."""
+SETTLED = 60.0
+"""So long after a change of the truth something else may be told [s]."""
+SHARES = {0.4: 'stick_slip', 1.6: 'normal', 2.5: 'normal', 0.0: 'normal'}
+"""Shares of the fold speed, below the Hopf speed, beyond the fold and at rest, with the truth."""
+NO_VALUE = (float('nan'), -9999.0, -999.25, 32767.0, 65535.0, 1e20)
+SHIPS = {'aft': 'reference', 'forward': 'ship'}
+RATES = {
+    'lost': 0.05, 'late': 0.05, 'delayed': 0.05, 'doubled': 0.02, 'no value': 0.02,
+    'far stamp': 0.01, 'pause': 0.002, 'clock set': 0.002, 'held up': 0.002, 'kill': 0.001,
+    'act': 0.01, 'retune': 0.001,
+}  # fmt: skip
+"""How often each fault happens: of a message, or at a step of :data:`STEP`."""
+ON_THE_WAY = ('lost', 'late', 'delayed', 'doubled', 'no value', 'far stamp', 'pause')
+"""Faults that a recording shows as they are: with these alone it tells the same changes."""
+
+
+@cache
+def configuration(
+    on_delay: float = 2.0, off_delay: float = 10.0, latch: bool = False
+) -> MonitorConfig:
+    """Two bearings, the second with a level."""
+    alarm = {'alarm.on_delay': on_delay, 'alarm.off_delay': off_delay, 'alarm.latch': latch}
+    level = {'level.topic': '/v', 'level.unit': 'dB', 'level.threshold': 34.0}
+    parts = [
+        configured(name, BEARINGS[ship][0] | alarm | (level if name == 'forward' else {}))
+        for name, ship in SHIPS.items()
+    ]
+    return MonitorConfig(bearings=tuple(part.bearings[0] for part in parts))
+
+
+@dataclass
+class Sender:
+    """What brings one input: its pace, how evenly, and its clock."""
+
+    name: str
+    place: Input
+    period: float
+    uneven: float  # in shares of the period
+    ahead_ns: int  # of the true time
+    whole: bool  # stamps in whole seconds
+    due: float = 0.0
+
+    def stamp(self, true_ns: int) -> int:
+        """Its stamp for a true time."""
+        own = true_ns + self.ahead_ns
+        return own - own % SECOND if self.whole else own
+
+
+@dataclass
+class Outcome:
+    """What came of a run."""
+
+    seed: int
+    wrong: Counter[str] = field(default_factory=Counter)  # seconds told for the truth
+    settled: int = 0  # seconds looked at
+    faults: list[str] = field(default_factory=list)  # what is not as it should be in the end
+
+    @property
+    def misled(self) -> int:
+        """Seconds in which stick-slip was hidden, or told without being there."""
+        pairs = ('normal for stick_slip', 'stick_slip for normal')
+        return sum(self.wrong[pair] for pair in pairs)
+
+
+class Run:
+    """One run.
+
+    Args:
+        seed: Its seed.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.outcome, self.random = Outcome(seed), random.Random(seed)
+        draw = self.random.random
+        self.rates = {name: rate * (draw() < 0.5) for name, rate in RATES.items()}
+        if draw() < 0.5:
+            self.rates |= dict.fromkeys(RATES.keys() - set(ON_THE_WAY), 0.0)
+        self.recorded = not any(self.rates[name] for name in RATES.keys() - set(ON_THE_WAY))
+        self.ship = Ship(configuration())
+        self.time, self.calm = 0.0, False
+        self.share = dict.fromkeys(SHIPS, 1.6)
+        self.since = dict.fromkeys(SHIPS, 0.0)
+        self.senders = [self._sender(name, place) for name in SHIPS for place in Input]
+        del self.senders[2]  # the first bearing has no level
+        self.waiting: list[tuple[float, int, Sender, int, float]] = []
+        self.delivered: dict[str, list[Message]] = {name: [] for name in SHIPS}
+        self.sent = 0
+
+    def _sender(self, name: str, place: Input) -> Sender:
+        choose = self.random.choice
+        ahead = choose((0, 0, 0, -300, 5, 3600)) * SECOND
+        return Sender(
+            name,
+            place,
+            choose((0.2, 0.5, 1.0)),
+            choose((0.0, 0.8)),
+            ahead,
+            choose((False, False, True)),
+        )
+
+    def happens(self, fault: str) -> bool:
+        return not self.calm and self.random.random() < self.rates[fault]
+
+    def go(self) -> Outcome:
+        """Sail to the end."""
+        for step in range(round(LENGTH / STEP)):
+            self._pass(STEP)
+            if self.time > LENGTH - CALM and not self.calm:
+                self._calm_down()
+            elif self.happens_any(0.002):
+                self._turn(self.random.choice(list(SHIPS)))
+            for sender in self.senders:
+                self._send(sender)
+            self._trouble()
+            self._deliver()
+            self.ship.tick()
+            if step % 5 == 0:
+                self._look()
+        self._judge()
+        return self.outcome
+
+    def happens_any(self, rate: float) -> bool:
+        return not self.calm and self.random.random() < rate
+
+    def _pass(self, seconds: float) -> None:
+        self.time += seconds
+        self.ship.steady_ns += round(seconds * SECOND)
+
+    def _turn(self, name: str) -> None:
+        before, self.share[name] = self.share[name], self.random.choice(list(SHARES))
+        if SHARES[before] != SHARES[self.share[name]] or self.share[name] != before:
+            self.since[name] = self.time
+
+    def _calm_down(self) -> None:
+        self.calm, self.ship.full = True, ''
+        for name in SHIPS:
+            self._turn(name)
+        for action in (Action.UNSHELVE, Action.UNSUPPRESS, Action.RESTORE):
+            self.ship.session.act(ActionRequest(action, 'Ada'))
+
+    def _send(self, sender: Sender) -> None:
+        if self.time < sender.due:
+            return
+        draw = self.random.uniform
+        sender.due = self.time + sender.period * draw(1.0 - sender.uneven, 1.0 + sender.uneven)
+        if self.happens('pause'):
+            sender.due += draw(3.0, 40.0)
+        if self.happens('lost'):
+            return
+        true_ns = T0 + round(self.time * SECOND)
+        if self.happens('late'):
+            true_ns -= round(draw(0.0, 0.4) * SECOND)
+        stamp = sender.stamp(true_ns)
+        if self.happens('far stamp'):
+            stamp += self.random.choice((-3600, 3600, -8)) * SECOND
+        arrival = self.time + (draw(0.0, 2.0) if self.happens('delayed') else 0.0)
+        for _ in range(2 if self.happens('doubled') else 1):
+            self.sent += 1
+            heapq.heappush(self.waiting, (arrival, self.sent, sender, stamp, self._value(sender)))
+
+    def _value(self, sender: Sender) -> float:
+        if self.happens('no value'):
+            return self.random.choice(NO_VALUE)
+        _, fold, nominal = BEARINGS[SHIPS[sender.name]]
+        share = self.share[sender.name]
+        noise = 1.0 + self.random.gauss(0.0, 0.005)
+        if sender.place is Input.LEVEL:
+            return noise * (46.0 if SHARES[share] == 'stick_slip' else 22.0)
+        return noise * (share * fold if sender.place is Input.SPEED else nominal)
+
+    def _deliver(self) -> None:
+        while self.waiting and self.waiting[0][0] <= self.time:
+            _, _, sender, stamp, value = heapq.heappop(self.waiting)
+            came = (self.ship.now.time_ns - T0) / SECOND
+            message = Message(came, sender.place, (stamp - T0) / SECOND, value)
+            self.delivered[sender.name].append(message)
+            self.ship.take(sender.name, sender.place, value, stamp)
+
+    def _trouble(self) -> None:
+        """What happens to the computer, and by people."""
+        choose, ship = self.random.choice, self.ship
+        if self.happens('clock set'):
+            ship.ahead_ns += choose((-3600, -5, 7, 86400)) * SECOND
+        if self.happens('held up'):
+            self._pass(8.0)
+            ship.session.excuse(8 * SECOND)
+        if self.happens('retune'):
+            ship.config = configuration(
+                choose((0.0, 2.0)), choose((5.0, 10.0)), choose((False, True))
+            )
+            ship.session.retune(ship.config)
+        if self.happens('act'):
+            kind, name = choose((None, *AlarmKind)), choose((None, *SHIPS))
+            ship.session.act(ActionRequest(choose(list(Action)), 'Ada', name, kind))
+            ship.full = choose(('', '', 'No space left on device'))
+        if self.happens('kill'):
+            ship.kept = ship.kept[: choose((None, None, None, 100))]
+            ship.boot()
+
+    def _told(self, name: str) -> str:
+        return str(self.ship.session.monitor.condition(name))
+
+    def _look(self) -> None:
+        for name, share in self.share.items():
+            if self.calm or self.time - self.since[name] < SETTLED:
+                continue
+            told, truth = self._told(name), SHARES[share]
+            self.outcome.settled += 1
+            self.outcome.wrong[f'{told} for {truth}'] += told != truth
+
+    def _judge(self) -> None:
+        say = self.outcome.faults.append
+        for name, share in self.share.items():
+            told, truth = self._told(name), SHARES[share]
+            if told != truth:
+                say(f'{name}: {told} is told, {truth} is true')
+            self._judge_alarms(name, truth)
+            offline = self._offline(name)
+            if offline[-1:] != [truth] and (offline or truth != 'normal'):
+                say(f'{name}: of what was delivered {offline[-1:]} is told, {truth} is true')
+            live = [str(event.after) for event in self.ship.events if event.bearing == name]
+            if self.recorded and live != offline:
+                say(f'{name}: live {live}, of what was delivered {offline}')
+
+    def _judge_alarms(self, name: str, truth: str) -> None:
+        rung = next(k for k, condition in enumerate(LADDER) if condition == truth)
+        for kind, alarm in self.ship.session.annunciator.alarms[name].items():
+            expected = kind in RUNG_OF and RUNG_OF[kind] <= rung
+            if alarm.active != expected or (expected and alarm.state not in ON_SHOW):
+                self.outcome.faults.append(
+                    f'{name}: {kind} is {alarm.state}, active: {alarm.active}; true: {truth}'
+                )
+
+    def _offline(self, name: str) -> list[str]:
+        """The conditions that come by the messages as they were delivered."""
+        stream = stream_of(self.delivered[name], T0)
+        end_ns = self.ship.now.time_ns
+        scan = Monitor(self.ship.config).scan({name: stream}, T0, end_ns)[name]
+        return [str(event.after) for event in scan.events]
+
+
+def run(seed: int) -> Outcome:
+    """The run of a seed."""
+    return Run(seed).go()
+
+
+def runs(seeds: range, jobs: int) -> Iterator[Outcome]:
+    """The runs of some seeds, in their order."""
+    if jobs == 1:
+        yield from map(run, seeds)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(run, seeds, chunksize=10)
+
+
+def repeated_by(seed: int) -> str:
+    """The command that repeats a run."""
+    return f"make simulate SIMULATE_ARGS='--seed {seed}'"
