@@ -254,6 +254,8 @@ class Run:
             live = [str(event.after) for event in self.ship.events if event.bearing == name]
             if self.recorded and live != offline:
                 say(f'{name}: live {live}, of what was delivered {offline}')
+            if 'input_stale' in live and not self.rates['pause']:
+                say(f'{name}: an input is lost, and none was silent')
 
     def _judge_alarms(self, name: str, truth: str) -> None:
         rung = next(k for k, condition in enumerate(LADDER) if condition == truth)

@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from sending import SECOND, T0, Ship, configured
 
+from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.host_clock import HostClock
+from stickslip_monitor.monitor.session import NoLog
+from stickslip_monitor.monitor.signals import Input
 
 DAY = 86_400 * SECOND
 
@@ -78,3 +83,44 @@ def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
     assert ship.events[told:] == []
     assert ship.states()['stick_slip'] == 'unacknowledged'
     assert not any('clock was set' in line for line in ship.lines)
+
+
+class Wall:
+    """A display, and the clocks of a machine."""
+
+    def __init__(self) -> None:
+        self.steady_ns, self.ahead_ns = 0, T0
+        self.lists: list[dict[str, Any]] = []
+        self.records: list[dict[str, Any]] = []
+        self.take_alarms, self.take_record = self.lists.append, self.records.append
+        clock = HostClock(lambda: self.steady_ns, lambda: self.steady_ns + self.ahead_ns)
+        self.live = LiveMonitor(configured(), self, NoLog(), clock=clock)
+        self.live.begin()
+
+    def sail(self, seconds: float, rpm: float | None) -> None:
+        for _ in range(round(10 * seconds)):
+            self.steady_ns += SECOND // 10
+            if rpm is not None:
+                self.live.take('aft', Input.SPEED, rpm)
+                self.live.take('aft', Input.LOAD, 1000.0)
+            self.live.tick()
+
+    def active(self) -> dict[str, int]:
+        return {a['alarm']: a['since'] for a in self.lists[-1]['alarms'] if a['active']}
+
+
+@pytest.mark.parametrize('days', [-300, 0, 300])
+def test_watch_follows_the_clock_and_forgives_itself_a_hold_up(days: int) -> None:
+    wall = Wall()
+    wall.sail(10.0, 60.0)
+    wall.ahead_ns += days * DAY
+    wall.sail(10.0, 20.0)
+    since = wall.active()['stick_slip']
+    assert wall.steady_ns + wall.ahead_ns - 10 * SECOND < since < wall.steady_ns + wall.ahead_ns
+    wall.steady_ns += 60 * SECOND
+    wall.live.tick()
+    assert 'input_lost' not in wall.active()
+    wall.sail(4.0, None)
+    assert 'input_lost' not in wall.active()
+    wall.sail(3.0, None)  # the time-out of 5 s
+    assert 'input_lost' in wall.active()

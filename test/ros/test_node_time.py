@@ -84,6 +84,31 @@ def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> Non
     assert ship.events == []
 
 
+@pytest.mark.parametrize('days', [-300, 300])
+def test_silence_is_measured_by_the_clock_that_is_never_set(days: int) -> None:
+    from stickslip_monitor.ros.active import Watchdog
+
+    ship = Ship(load_config(CONFIG))
+    (bearing,) = ship.config.bearings
+    watchdog, seconds = Watchdog(ship.session), 0.0
+    while not ship.events and seconds < 60.0:
+        ship.steady_ns += SECOND // 10
+        seconds += 0.1
+        if round(seconds, 1) == 12.0:  # two seconds after the last message
+            ship.ahead_ns += days * 86_400 * SECOND
+        for place, number in enumerate((60.0, 1000.0)):
+            if seconds < 10.0:
+                ship.take(bearing.name, place, number)
+                watchdog.note(bearing.name)
+        watchdog.tick(ship.now, SECOND // 10)
+    (event,) = ship.events
+    assert event.after.value == 'input_stale'
+    # Told half a second late, so that a sample delivered late keeps the time of its stamp.
+    timeout = bearing.speed.timeout_ns / SECOND
+    assert seconds == pytest.approx(10.0 + timeout + 0.5, abs=0.3)
+    assert abs(ship.now.time_ns - event.time_ns) < SECOND
+
+
 @pytest.mark.parametrize('simulated', [False, True])
 def test_inputs_never_received(host: Any, simulated: bool) -> None:
     timeouts = {'speed.timeout': 0.5, 'load.timeout': 0.5}
