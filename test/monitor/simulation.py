@@ -28,35 +28,48 @@ from stickslip_monitor.monitor.ladder import LADDER
 from stickslip_monitor.monitor.signals import Input
 
 STEP = 0.2
+STICKING = ('stick_slip', 'amplitude_limit')
 LENGTH, CALM = 420.0, 100.0
 """How long a run is, and how long there are no faults at its end [s]: a condition that flickered
 is held for six off-delays, of 10 s each, and the end of stick-slip waits for one more."""
 SETTLED = 60.0
 """So long after a change of the truth something else may be told [s]."""
-SHARES = {0.4: 'stick_slip', 1.6: 'normal', 2.5: 'normal', 0.0: 'normal'}
-"""Shares of the fold speed, below the Hopf speed, beyond the fold and at rest, with the truth."""
+SHARES = {0.4: True, -0.4: True, 1.6: False, 2.5: False, -2.5: False, 0.0: False}
+"""Shares of the fold speed, below the Hopf speed, beyond the fold, at rest; whether it sticks."""
 NO_VALUE = (float('nan'), -9999.0, -999.25, 32767.0, 65535.0, 1e20)
-SHIPS = {'aft': 'reference', 'forward': 'ship'}
+NAMES = ('aft', 'forward')
+PAIRS = (('reference', 'ship'), ('steep', 'viscous'), ('ship', 'steep'), ('viscous', 'reference'))
+KINDS: dict[str, dict[str, float]] = {
+    'plain': {}, 'tolerance': {'tolerance.damping': 0.05, 'tolerance.decay': 0.05},
+    'limit': {'alarm.amplitude_limit': 1e-6},
+}  # fmt: skip
+"""Parameters of both bearings beside their delays."""
 RATES = {
     'lost': 0.05, 'late': 0.05, 'delayed': 0.05, 'doubled': 0.02, 'no value': 0.02,
     'far stamp': 0.01, 'pause': 0.002, 'clock set': 0.002, 'held up': 0.002, 'kill': 0.001,
-    'act': 0.01, 'retune': 0.001,
+    'act': 0.01, 'retune': 0.001, 'level dies': 0.001,
 }  # fmt: skip
 """How often each fault happens: of a message, or at a step of :data:`STEP`."""
-ON_THE_WAY = ('lost', 'late', 'delayed', 'doubled', 'no value', 'far stamp', 'pause')
+ON_THE_WAY = (
+    'lost', 'late', 'delayed', 'doubled', 'no value', 'far stamp', 'pause', 'level dies',
+)  # fmt: skip
 """Faults that a recording shows as they are: with these alone it tells the same changes."""
 
 
 @cache
 def configuration(
-    on_delay: float = 2.0, off_delay: float = 10.0, latch: bool = False
+    pair: tuple[str, str],
+    kind: str,
+    on_delay: float = 2.0,
+    off_delay: float = 10.0,
+    latch: bool = False,
 ) -> MonitorConfig:
     """Two bearings, the second with a level."""
     alarm = {'alarm.on_delay': on_delay, 'alarm.off_delay': off_delay, 'alarm.latch': latch}
     level = {'level.topic': '/v', 'level.unit': 'dB', 'level.threshold': 34.0}
     parts = [
-        configured(name, BEARINGS[ship][0] | alarm | (level if name == 'forward' else {}))
-        for name, ship in SHIPS.items()
+        configured(name, BEARINGS[bearing][0] | alarm | KINDS[kind] | more)
+        for name, bearing, more in zip(NAMES, pair, ({}, level), strict=True)
     ]
     return MonitorConfig(bearings=tuple(part.bearings[0] for part in parts))
 
@@ -91,8 +104,11 @@ class Outcome:
     @property
     def misled(self) -> int:
         """Seconds in which stick-slip was hidden, or told without being there."""
-        pairs = ('normal for stick_slip', 'stick_slip for normal')
-        return sum(self.wrong[pair] for pair in pairs)
+        return sum(
+            count
+            for pair, count in self.wrong.items()
+            if set(pair.split(' for ')) & {'normal'} and set(pair.split(' for ')) & set(STICKING)
+        )
 
 
 class Run:
@@ -109,14 +125,18 @@ class Run:
         if draw() < 0.5:
             self.rates |= dict.fromkeys(RATES.keys() - set(ON_THE_WAY), 0.0)
         self.recorded = not any(self.rates[name] for name in RATES.keys() - set(ON_THE_WAY))
-        self.ship = Ship(configuration())
-        self.time, self.calm = 0.0, False
-        self.share = dict.fromkeys(SHIPS, 1.6)
-        self.since = dict.fromkeys(SHIPS, 0.0)
-        self.senders = [self._sender(name, place) for name in SHIPS for place in Input]
+        choose = self.random.choice
+        self.own = choose(PAIRS), choose(('plain', 'plain', 'plain', *KINDS))
+        self.sticks = 'amplitude_limit' if self.own[1] == 'limit' else 'stick_slip'
+        self.bearings = dict(zip(NAMES, self.own[0], strict=True))
+        self.ship = Ship(configuration(*self.own))
+        self.time, self.calm, self.deaf = 0.0, False, False
+        self.share = dict.fromkeys(NAMES, 1.6)
+        self.since = dict.fromkeys(NAMES, 0.0)
+        self.senders = [self._sender(name, place) for name in NAMES for place in Input]
         del self.senders[2]  # the first bearing has no level
         self.waiting: list[tuple[float, int, Sender, int, float]] = []
-        self.delivered: dict[str, list[Message]] = {name: [] for name in SHIPS}
+        self.delivered: dict[str, list[Message]] = {name: [] for name in NAMES}
         self.sent = 0
 
     def _sender(self, name: str, place: Input) -> Sender:
@@ -141,7 +161,7 @@ class Run:
             if self.time > LENGTH - CALM and not self.calm:
                 self._calm_down()
             elif self.happens_any(0.002):
-                self._turn(self.random.choice(list(SHIPS)))
+                self._turn(self.random.choice(NAMES))
             for sender in self.senders:
                 self._send(sender)
             self._trouble()
@@ -159,14 +179,15 @@ class Run:
         self.time += seconds
         self.ship.steady_ns += round(seconds * SECOND)
 
+    def _truth(self, name: str) -> str:
+        return self.sticks if SHARES[self.share[name]] else 'normal'
+
     def _turn(self, name: str) -> None:
-        before, self.share[name] = self.share[name], self.random.choice(list(SHARES))
-        if SHARES[before] != SHARES[self.share[name]] or self.share[name] != before:
-            self.since[name] = self.time
+        self.share[name], self.since[name] = self.random.choice(list(SHARES)), self.time
 
     def _calm_down(self) -> None:
-        self.calm, self.ship.full = True, ''
-        for name in SHIPS:
+        self.calm, self.deaf, self.ship.full = True, False, ''
+        for name in NAMES:
             self._turn(name)
         for action in (Action.UNSHELVE, Action.UNSUPPRESS, Action.RESTORE):
             self.ship.session.act(ActionRequest(action, 'Ada'))
@@ -194,11 +215,11 @@ class Run:
     def _value(self, sender: Sender) -> float:
         if self.happens('no value'):
             return self.random.choice(NO_VALUE)
-        _, fold, nominal = BEARINGS[SHIPS[sender.name]]
+        _, fold, nominal = BEARINGS[self.bearings[sender.name]]
         share = self.share[sender.name]
         noise = 1.0 + self.random.gauss(0.0, 0.005)
         if sender.place is Input.LEVEL:
-            return noise * (46.0 if SHARES[share] == 'stick_slip' else 22.0)
+            return 1.0 if self.deaf else noise * (46.0 if SHARES[share] else 22.0)
         return noise * (share * fold if sender.place is Input.SPEED else nominal)
 
     def _deliver(self) -> None:
@@ -212,18 +233,18 @@ class Run:
     def _trouble(self) -> None:
         """What happens to the computer, and by people."""
         choose, ship = self.random.choice, self.ship
+        self.deaf |= self.happens('level dies')
         if self.happens('clock set'):
             ship.ahead_ns += choose((-3600, -5, 7, 86400)) * SECOND
         if self.happens('held up'):
             self._pass(8.0)
             ship.session.excuse(8 * SECOND)
         if self.happens('retune'):
-            ship.config = configuration(
-                choose((0.0, 2.0)), choose((5.0, 10.0)), choose((False, True))
-            )
+            delays = choose((0.0, 2.0)), choose((5.0, 10.0))
+            ship.config = configuration(*self.own, *delays, choose((False, True)))
             ship.session.retune(ship.config)
         if self.happens('act'):
-            kind, name = choose((None, *AlarmKind)), choose((None, *SHIPS))
+            kind, name = choose((None, *AlarmKind)), choose((None, *NAMES))
             ship.session.act(ActionRequest(choose(list(Action)), 'Ada', name, kind))
             ship.full = choose(('', '', 'No space left on device'))
         if self.happens('kill'):
@@ -234,17 +255,17 @@ class Run:
         return str(self.ship.session.monitor.condition(name))
 
     def _look(self) -> None:
-        for name, share in self.share.items():
+        for name in NAMES:
             if self.calm or self.time - self.since[name] < SETTLED:
                 continue
-            told, truth = self._told(name), SHARES[share]
+            told, truth = self._told(name), self._truth(name)
             self.outcome.settled += 1
             self.outcome.wrong[f'{told} for {truth}'] += told != truth
 
     def _judge(self) -> None:
         say = self.outcome.faults.append
-        for name, share in self.share.items():
-            told, truth = self._told(name), SHARES[share]
+        for name in NAMES:
+            told, truth = self._told(name), self._truth(name)
             if told != truth:
                 say(f'{name}: {told} is told, {truth} is true')
             self._judge_alarms(name, truth)
@@ -254,7 +275,7 @@ class Run:
             live = [str(event.after) for event in self.ship.events if event.bearing == name]
             if self.recorded and live != offline:
                 say(f'{name}: live {live}, of what was delivered {offline}')
-            if 'input_stale' in live and not self.rates['pause']:
+            if 'input_stale' in live and not (self.rates['pause'] or self.rates['far stamp']):
                 say(f'{name}: an input is lost, and none was silent')
 
     def _judge_alarms(self, name: str, truth: str) -> None:
