@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from stickslip_monitor.errors import StickslipError
+from stickslip_monitor.host_clock import HostClock
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.host_clock import HostClock
 from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import Input

@@ -17,6 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.host_clock import HostClock
 from stickslip_monitor.monitor.alarms.alarm_records import (
     ROS_SERVICE,
     ActionRequest,
@@ -24,7 +25,6 @@ from stickslip_monitor.monitor.alarms.alarm_records import (
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
 from stickslip_monitor.monitor.health import CLOCKS
-from stickslip_monitor.monitor.host_clock import HostClock
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
