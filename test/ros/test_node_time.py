@@ -86,7 +86,7 @@ def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> Non
 
 @pytest.mark.parametrize('days', [-300, 300])
 def test_silence_is_measured_by_the_clock_that_is_never_set(days: int) -> None:
-    from stickslip_monitor.ros.active import Watchdog
+    from stickslip_monitor.ros.running import Watchdog
 
     ship = Ship(load_config(CONFIG))
     (bearing,) = ship.config.bearings
