@@ -1,193 +1,267 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated ships for the calibration study: linings by the averaged amplitude, with noise.
+"""Simulated ships for the calibration study: linings by the averaged amplitude, with sensors.
 
-Another model than the likelihood's on purpose. The lining's complex amplitude, in units of
-``v = beta V``, grows and decays at the averaged rate, is kicked by white noise and by blows, and
-is held just above the sliding limit while it sticks. The bearings differ from what their
-configuration says as the prior believes, and every passage has a boundary of its own.
+The lining's complex velocity amplitude ``a`` grows and decays at the averaged rate of its own
+friction law, ``d ln a/dt = (N S(a; V)/a - c/2)/m``, is kicked by white noise and by blows, and is
+held just above the sliding limit while it sticks. The bearings differ from what their
+configuration says as the prior believes, and every passage has a boundary of its own. What the
+sensors send of it has their rates, lags, noise and bias.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.lab.calibration.evidence import BIN_NS, TelemetryBins, VibrationReport
-from stickslip_monitor.physics.averaging.closed_form import growth, speed_for_decline
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, harmonic, hopf_speed
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 
 Array = NDArray[np.float64]
 
-BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-_STEP = 0.02
-_SCATTER = 0.02
-_NOISE = 0.002
+_STEP, _KEPT = 0.05, 2
+# Blows a second, and their mean size in sliding limits.
 _BLOWS, _BLOW = 1.0 / 900.0, 0.5
-_SQUEALS = 0.5
 # Amplitude of the stick-slip cycle over the sliding limit: 1.005 to 1.13 for the exact cycle.
 _CYCLE = 1.03
+_SPEEDS, _SIZES = 80, 24
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How ships are drawn; the spreads are standard deviations or ranges."""
+
+    damping: float = 0.40  # of the configured damping
+    fall: float = 0.25  # of the configured mu_s - mu_k
+    decay: float = 0.30  # of the configured decay
+    scatter: float = 0.02  # of a passage's own boundary, as a load
+    bias: float = 0.03  # of the load from recording to recording
+    ramps: tuple[float, float] = (60.0, 600.0)  # from 2 V_F to 0.2 V_F [s]
+    noise: float = 0.002  # kicks of the lining [shares of the decay speed in a second^1/2]
+    lag: tuple[float, float] = (0.1, 1.0)  # of the tachometer [s]
+    drift: float = 0.0  # by how much ln q rises from passage to passage
+    spread: float = 0.25  # loads are within this share of the middle
 
 
 @dataclass(frozen=True, slots=True)
 class Ship:
-    """A bearing as it is.
+    """A bearing as it is, and as its drawing has it."""
 
-    Attributes:
-        log_beta: ``ln beta`` [ln s/m].
-        log_load: ``ln N0`` [ln N].
-        damping: ``c`` [N s/m].
-    """
+    true: Bearing
+    drawn: Bearing
+    load: float  # in the middle of its voyages [N]
+    rate: float  # of its sensors [Hz]
+    lag: float  # of its tachometer [s]
+    level_lag: float  # of its level [s]
+    floor: float  # of its level, below that of the cycle at the fold [dB]
 
-    log_beta: float
-    log_load: float
-    damping: float
+    def fold(self, load: float) -> float:
+        """The true fold speed [m/s]."""
+        return float(fold_speed(self.true, load))
+
+    def hopf(self, load: float) -> float:
+        """The true Hopf speed [m/s]."""
+        return float(hopf_speed(self.true, load))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passage:
-    """One dip of a ship, and what the lining did.
+class Sent:
+    """What the sensors sent of one passage, and when the lining stuck."""
 
-    Attributes:
-        ship: The ship.
-        course: What its sensors measured.
-        sticking: Whether the lining stuck in each bin, shape (n,).
-        log_beta: ``ln beta`` on this passage.
-    """
-
-    ship: Ship
-    course: TelemetryBins
-    sticking: NDArray[np.bool_]
-    log_beta: float
+    time: Array  # shape (n,) [s]
+    speed: Array  # of the surface, shape (n,) [m/s]
+    load: Array  # shape (n,) [N]
+    level: Array  # shape (n,) [dB]
+    episodes: tuple[tuple[float, float], ...]  # first and last second of sticking
 
 
-def make_ships(count: int, random: np.random.Generator) -> list[Ship]:
-    """Ships drawn with the spread of the default prior."""
-    law = BEARING.friction
-    ships = []
-    for _ in range(count):
-        damping, fall, decay = np.exp(random.standard_normal(3) * (0.40, 0.25, 0.30))
-        c, delta = BEARING.damping * damping, (law.static - law.kinetic) * fall
-        beta = law.decay * decay
-        ships.append(Ship(math.log(beta), math.log(c / (delta * beta)), float(c)))
+def _law(number: int, random: np.random.Generator) -> FrictionLaw:
+    """One of five kinds of laws, as a drawing has it."""
+    decay, fall = random.uniform(6.0, 16.0), random.uniform(0.12, 0.25)
+    kinetic = random.uniform(0.05, 0.12)
+    kind = number % 5
+    if kind == 1:
+        return Stribeck(kinetic + fall, kinetic, decay, random.uniform(0.01, 0.05) * decay * fall)
+    if kind == 2:
+        return Stretched(kinetic + fall, kinetic, 0.6 * decay, 0.0, random.uniform(1.2, 2.0))
+    if kind == 3:
+        speed = np.linspace(0.0, 8.0 / decay, 25)
+        return Tabulated(speed.tolist(), (kinetic + fall * np.exp(-decay * speed)).tolist())
+    return Stribeck(kinetic + fall, kinetic, decay)
+
+
+def _other(law: FrictionLaw, fall: float, decay: float) -> FrictionLaw:
+    """A law with another fall and another decay, by factors."""
+    if isinstance(law, Tabulated):
+        kinetic = min(law.values)
+        values = [kinetic + fall * (value - kinetic) for value in law.values]
+        return Tabulated([v / decay for v in law.speed], values)
+    assert isinstance(law, Stribeck | Stretched)
+    static = law.kinetic + fall * (law.static - law.kinetic)
+    return replace(law, static=static, decay=law.decay * decay)
+
+
+def make_ships(count: int, random: np.random.Generator, kind: Kind) -> list[Ship]:
+    """Ships with a bistable range of at least 8 % at their loads."""
+    ships: list[Ship] = []
+    while len(ships) < count:
+        law = _law(len(ships), random)
+        mass, damping = np.exp(random.uniform(np.log([20.0, 200.0]), np.log([200.0, 900.0])))
+        stiffness = mass * random.uniform(120.0, 260.0) ** 2
+        drawn = Bearing(mass, damping, stiffness, law, random.choice([0.1, 0.3, 0.5]))
+        c, fall, decay = np.exp(random.standard_normal(3) * (kind.damping, kind.fall, kind.decay))
+        true = replace(drawn, damping=damping * c, friction=_other(law, fall, decay))
+        onset = damping / (0.2 * 10.0)
+        load = onset * random.uniform(3.0, 12.0)
+        ship = Ship(
+            true, drawn, load, float(np.exp(random.uniform(*np.log([0.5, 10.0])))),
+            random.uniform(*kind.lag), random.uniform(0.1, 0.6), random.uniform(14.0, 26.0),
+        )  # fmt: skip
+        low, high = (1.0 - kind.spread) * load, (1.0 + kind.spread) * load
+        told = float(fold_speed(drawn, low))
+        ratio = ship.hopf(low) / ship.fold(low)
+        if told > 0.0 and 0.2 < ratio < 0.92 and ship.hopf(high) > 0.0:
+            ships.append(ship)
     return ships
 
 
-def sail(
-    ships: Sequence[Ship],
-    dips: int,
-    random: np.random.Generator,
-    drift: float = 0.0,
-    spread: float = 0.25,
-) -> list[list[Passage]]:
-    """Passages of ships down to slow speeds and up again, some too short for stick-slip.
+def _drives(ships: Sequence[Ship]) -> tuple[Array, Array, Array]:
+    """``S(a; V)/a`` of each ship over ln V and a/V, with where ln V begins and its step."""
+    share = np.linspace(0.0, 1.0, _SIZES)
+    share[0] = 1e-3
+    tables, first, steps = [], [], []
+    for ship in ships:
+        fold = ship.fold(2.0 * ship.load)
+        log_v = np.linspace(math.log(0.05 * fold), math.log(4.0 * fold), _SPEEDS)
+        v = np.exp(log_v)[:, None]
+        tables.append(harmonic(ship.true.friction, v, share * v) / (share * v))
+        first.append(log_v[0])
+        steps.append(log_v[1] - log_v[0])
+    return np.stack(tables), np.array(first), np.array(steps)
 
-    Args:
-        ships: The ships.
-        dips: Passages of each.
-        random: Source of noise.
-        drift: By how much ``ln N0`` falls from one passage to the next.
-        spread: Loads are within this share of 1 kN.
-    """
-    made: list[list[Passage]] = [[] for _ in ships]
-    for k in range(dips):
-        moved = [Ship(s.log_beta, s.log_load - drift * k, s.damping) for s in ships]
-        for own, passage in zip(made, _passages(moved, k, random, spread), strict=True):
-            own.append(passage)
+
+def sail(
+    ships: Sequence[Ship], passages: int, random: np.random.Generator, kind: Kind
+) -> list[list[Sent]]:
+    """Passages of each ship from fast to slow and up again."""
+    count = len(ships) * passages
+    who, number = np.divmod(np.arange(count), passages)
+    base = np.array([ship.load for ship in ships])[who]
+    load = base * (1.0 + random.uniform(-kind.spread, kind.spread, count))
+    factor = np.exp(kind.scatter * random.standard_normal(count) + kind.drift * number)
+    fold = np.array([ships[k].fold(n) for k, n in zip(who, load, strict=True)])
+    hopf = np.array([ships[k].hopf(n) for k, n in zip(who, load, strict=True)])
+    ramp = np.exp(random.uniform(*np.log(kind.ramps), count))
+    rate = 1.8 * fold / ramp
+    low = hopf * random.uniform(0.4, 0.9, count)
+    top = 2.0 * fold
+    turn, stay = (top - low) / rate, random.uniform(10.0, 60.0, count)
+    length = 2.0 * turn + stay
+    order = np.argsort(-length)
+    amplitude = _followed(
+        ships, who, order, (top, low, rate, turn, stay), load * factor, random, kind
+    )
+    made: list[list[Sent]] = [[] for _ in ships]
+    for j in range(count):
+        course = (top[j], rate[j], turn[j], stay[j])
+        size = amplitude[j][: int(length[j] / (_STEP * _KEPT))]
+        made[who[j]].append(
+            _sent(ships[who[j]], size, course, load[j], int(number[j]), random, kind)
+        )
     return made
 
 
-def _passages(
-    ships: Sequence[Ship], number: int, random: np.random.Generator, spread: float
-) -> list[Passage]:
-    count = len(ships)
-    beta, n0 = (np.exp([getattr(s, name) for s in ships]) for name in ('log_beta', 'log_load'))
-    half_rate = np.array([s.damping for s in ships]) / (2.0 * BEARING.mass)
-    own_beta = beta * np.exp(_SCATTER * random.standard_normal(count))
-    load = 1000.0 * (1.0 + random.uniform(-spread, spread, count))
-    decrement = np.maximum(np.log(load / n0), 0.3)
-    fold, hopf = speed_for_decline(decrement) / beta, decrement / beta
-    top, low = 1.35 * fold, hopf * random.uniform(0.55, 0.95, count)
-    rate = np.exp(random.uniform(math.log(0.1), math.log(1.0), count))
-    rate = np.clip(rate * BEARING.speed.factor('rpm'), (top - low) / 500.0, None)
-    turn, stay = (top - low) / rate, random.uniform(10.0, 60.0, count)
-    steps = math.ceil(float((2.0 * turn + stay).max()) / _STEP)
-    phase, period = random.uniform(0.0, 2.0 * np.pi, (2, count)), random.uniform(6.0, 12.0, count)
-    amplitude = np.full(count, 1e-3, dtype=complex)
-    kept = math.ceil(steps * _STEP)
-    speeds, loads, stuck = (np.zeros((kept, count)) for _ in range(3))
-    per_bin = round(1.0 / _STEP)
-    noise = _NOISE * math.sqrt(_STEP)
-    for k in range(steps):
-        t = k * _STEP
-        down = np.minimum(t, turn) - np.clip(t - turn - stay, 0.0, turn)
-        wave = 2.0 * np.pi * t / period
-        v = (top - rate * down) * (1.0 + 0.02 * np.sin(wave + phase[0]))
-        n = load * (1.0 + 0.02 * np.sin(0.9 * wave + phase[1]))
-        limit = own_beta * v
-        size = np.abs(amplitude)
-        pace = half_rate * np.expm1(np.log(n / n0) - limit + growth(np.minimum(size, limit)))
-        amplitude *= np.exp(np.clip(pace * _STEP, -1.0, 1.0))
-        amplitude += noise * (random.standard_normal(count) + 1j * random.standard_normal(count))
-        hit = random.random(count) < _BLOWS * _STEP
-        if hit.any():
-            kick = random.exponential(_BLOW, count) * limit
-            amplitude += hit * kick * np.exp(2j * np.pi * random.random(count))
-        size = np.abs(amplitude)
-        most = _CYCLE * limit
-        amplitude *= np.minimum(1.0, most / np.maximum(size, 1e-12))
-        row = k // per_bin
-        speeds[row] += v / per_bin
-        loads[row] += n / per_bin
-        stuck[row] += (np.abs(amplitude) > 0.9 * limit) / per_bin
-    rpm = BEARING.speed.factor('rpm')
-    speeds += 0.2 * rpm * random.standard_normal(speeds.shape)
-    loads *= 1.0 + 0.01 * random.standard_normal(loads.shape)
-    begin = number * 10**13
-    times = begin + np.arange(kept, dtype=np.int64) * BIN_NS + BIN_NS // 2
-    passages = []
-    for j, ship in enumerate(ships):
-        rows = slice(0, int(2.0 * turn[j] + stay[j]))
-        course = TelemetryBins(
-            f'passage {number + 1}', times[rows], speeds[rows, j], loads[rows, j]
-        )
-        sticking = stuck[rows, j] > _SQUEALS
-        passages.append(Passage(ship, course, sticking, math.log(own_beta[j])))
-    return passages
+def _speed_at(t: Array, top: Array, rate: Array, turn: Array, stay: Array) -> Array:
+    down = np.minimum(t, turn) - np.clip(t - turn - stay, 0.0, turn)
+    return np.asarray(top - rate * down)
 
 
-def reports_of(
-    passage: Passage,
+def _followed(
+    ships: Sequence[Ship],
+    who: NDArray[np.intp],
+    order: NDArray[np.intp],
+    course: tuple[Array, ...],
+    load: Array,
     random: np.random.Generator,
-    tolerance: float,
-    trust: float,
-    swapped: float = 0.0,
-) -> list[VibrationReport]:
-    """What a level (or an operator) says of a passage.
+    kind: Kind,
+) -> list[Array]:
+    """Amplitude over speed of each passage, every ``_KEPT`` steps."""
+    tables, first, step = _drives(ships)
+    who = who[order]
+    top, _, rate, turn, stay = (column[order] for column in course)
+    n, length = load[order], 2.0 * turn + stay
+    mass = np.array([ship.true.mass for ship in ships])[who]
+    half = 0.5 * np.array([ship.true.damping for ship in ships])[who]
+    noise = kind.noise * math.sqrt(_STEP) * top
+    flat, origin, per = tables.reshape(len(ships), -1), first[who], 1.0 / step[who]
+    wave = random.uniform(0.0, 2.0 * math.pi, who.size), random.uniform(6.0, 12.0, who.size)
+    a = 1e-3 * top.astype(complex)
+    kept = np.zeros((math.ceil(float(length[0]) / _STEP) // _KEPT + 1, who.size), np.float32)
+    for k in range(math.ceil(float(length[0]) / _STEP)):
+        t = k * _STEP
+        m = int(np.searchsorted(-length, -t))
+        if not m:
+            break
+        v = _speed_at(np.full(m, t), top[:m], rate[:m], turn[:m], stay[:m])
+        v *= 1.0 + 0.02 * np.sin(2.0 * math.pi * t / wave[1][:m] + wave[0][:m])
+        size = np.abs(a[:m])
+        row = np.clip((np.log(v) - origin[:m]) * per[:m], 0.0, _SPEEDS - 1.001)
+        column = np.minimum(size / v, 1.0) * (_SIZES - 1.001)
+        i, j = row.astype(np.intp), column.astype(np.intp)
+        p, q, at = row - i, column - j, i * _SIZES + j
+        own = who[:m]
+        low = flat[own, at] * (1.0 - q) + flat[own, at + 1] * q
+        high = flat[own, at + _SIZES] * (1.0 - q) + flat[own, at + _SIZES + 1] * q
+        pace = (n[:m] * (low * (1.0 - p) + high * p) - half[:m]) / mass[:m]
+        a[:m] *= np.exp(np.clip(pace * _STEP, -1.0, 1.0))
+        a[:m] += noise[:m] * (random.standard_normal(m) + 1j * random.standard_normal(m))
+        hit = random.random(m) < _BLOWS * _STEP
+        if hit.any():
+            a[:m] += hit * random.exponential(_BLOW, m) * v
+        size = np.abs(a[:m])
+        a[:m] *= np.minimum(1.0, _CYCLE * v / np.maximum(size, 1e-15))
+        if k % _KEPT == 0:
+            kept[k // _KEPT, :m] = np.minimum(size / v, _CYCLE)
+    found: list[Array] = [np.empty(0)] * who.size
+    for place, original in enumerate(order):
+        found[original] = kept[:, place].astype(float)
+    return found
 
-    Args:
-        passage: The passage.
-        random: Source of errors.
-        tolerance: Times are off by up to this [s].
-        trust: What the reports claim.
-        swapped: Share of reports that say the opposite.
-    """
-    time, stuck = passage.course.time_ns, passage.sticking
-    edges = np.flatnonzero(np.diff(stuck.astype(int))) + 1
-    at = [int(time[0]), *(int(time[e]) for e in edges), int(time[-1])]
-    off = random.uniform(-0.5 * tolerance, 0.5 * tolerance, len(at)) * 1e9
-    at = [at[0], *(int(a + o) for a, o in zip(at[1:-1], off[1:-1], strict=True)), at[-1]]
-    reports = []
-    for k, (start, end) in enumerate(pairwise(at)):
-        squeal = bool(stuck[0]) ^ bool(k % 2)
-        if random.random() < swapped:
-            squeal = not squeal
-        if end > start:
-            source = f'report {k + 1}'
-            reports.append(VibrationReport('ship', start, end, squeal, tolerance, trust, source))
-    return reports
+
+def _lagged(values: Array, lag: float, step: float) -> Array:
+    """A first-order lag [s] of values that are a step apart."""
+    from scipy.signal import lfilter
+
+    keep = math.exp(-step / lag)
+    found, _ = lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])
+    return np.asarray(found)
+
+
+def _sent(
+    ship: Ship,
+    over: Array,
+    course: tuple[float, ...],
+    load: float,
+    number: int,
+    random: np.random.Generator,
+    kind: Kind,
+) -> Sent:
+    step = _STEP * _KEPT
+    t = np.arange(over.size) * step
+    v = _speed_at(t, *(np.asarray(each) for each in course))
+    seen = _lagged(v, ship.lag, step) * (1.0 + 0.004 * random.standard_normal(t.size))
+    power = _lagged((over * v) ** 2, ship.level_lag, step)
+    background = 10.0 ** (-ship.floor / 20.0) * ship.fold(load)
+    decibels = 10.0 * np.log10(power + background**2) + random.standard_normal(t.size)
+    bias = math.exp(kind.bias * random.standard_normal())
+    measured = load * bias * (1.0 + 0.01 * random.standard_normal(t.size))
+    every = max(1, round(1.0 / (ship.rate * step)))
+    stuck = np.flatnonzero(np.diff((over > 0.9).astype(int), prepend=0, append=0)).reshape(-1, 2)
+    begin = 1e4 * number + 1e3
+    episodes = tuple((begin + a * step, begin + b * step) for a, b in stuck.tolist())
+    part = slice(int(random.integers(every)), None, every)
+    return Sent(begin + t[part], seen[part], measured[part], decibels[part], episodes)

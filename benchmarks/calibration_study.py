@@ -40,7 +40,7 @@ from stickslip_monitor.lab.voyages import OURS, Sailed, cases_of
 from stickslip_monitor.lab.warning_quality import FIGURES, Quality, pooled, written
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.closed_form import decline, speed_for_decline
-from stickslip_monitor.physics.belief import Belief, probability_runs
+from stickslip_monitor.physics.probability import Belief, probability_runs
 
 Array = NDArray[np.float64]
 

@@ -118,8 +118,6 @@ file: `config:=`), every command with `--config`.
 - Names in `bearings` are lower-case letters, digits and underscores, start with a letter, and
   differ.
 - A friction table has at least two points, as many coefficients as speeds, and increasing speeds.
-- A `tolerance` and a `calibration` need the Stribeck law, `damping` above 0 and `friction.static`
-  above `friction.kinetic`.
 - `alarm.minimum_speed` is below `speed.maximum`.
 - A level is measured where `level.topic` is given. Its `threshold` is above 0, unless its unit is
   dB, and not above its `maximum`.

@@ -12,6 +12,7 @@ input.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -27,15 +28,16 @@ from stickslip_monitor import __version__
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json
-from stickslip_monitor.lab.calibration.calibrate import FLOOR, Calibration, calibrate
-from stickslip_monitor.lab.calibration.evidence import Dip, read_reports
-from stickslip_monitor.lab.calibration.posterior import Prior, prior_of
+from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence
+from stickslip_monitor.lab.calibration.evidence import read_reports
+from stickslip_monitor.lab.calibration.level import LevelBins, NoTwoModes
+from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.lab.calibration.recordings import EvidenceSource
 from stickslip_monitor.lab.calibration.result import (
     FRAGMENT_MARK,
     fragment,
     inputs_of,
-    known_dips,
+    known_recordings,
     prior_from,
     prior_with_bench,
     to_document,
@@ -50,7 +52,7 @@ from stickslip_monitor.monitor.configure import (
     require_same_sensors,
 )
 from stickslip_monitor.offline.check import Kept, check_recording
-from stickslip_monitor.physics.belief import EXACT, QUANTILES
+from stickslip_monitor.physics.probability import EXACT, QUANTILES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,12 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_bearing(parser, options.ONE_OF_SEVERAL)
     text = "an operator's reports of vibration"
     options.add_input(parser, '--reports', metavar='CSV', help=text)
-    # The result of the last calibration may be renewed in its place.
-    result = {'': CALIBRATION_SCHEMA.encode()}
+    # The result of the last calibration, of an earlier version too, may be renewed in its place.
+    result = {'': CALIBRATION_SCHEMA.rpartition('/')[0].encode()}
     text = 'write the result, JSON'
     options.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
     options.add_input(parser, '--add', metavar='FILE', help='start from this earlier result')
-    text = 'allow a slow drift of the boundary: standard deviation of ln N0, e.g. 0.03'
+    text = 'allow a slow drift of the boundary: standard deviation of ln N, e.g. 0.03'
     options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
     options.add_input(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
     yaml = {'': FRAGMENT_MARK}
@@ -88,16 +90,15 @@ def run(args: argparse.Namespace) -> int:
     source = source_of(args.reports, whole)
     earlier = _earlier(args.add, config)
     prior = _prior(args, config, earlier)
+    known = [] if earlier is None else known_recordings(args.add, earlier)
     with output.ProgressBar() as meter:
-        dips = _dips(args.bags, config, source, prior, meter)
-        found = calibrate(
-            dips,
-            prior,
-            config.tolerance.model_error or FLOOR,
-            args.forget,
-            progress=lambda done, total: meter.show('inferring', done, total),
-            known=known_dips(earlier, dips) if earlier is not None else (),
-        )
+        evidence = _evidence(args.bags, config, source, meter)
+    try:
+        found = source.calibrated(config, evidence, prior, args.forget, known)
+    except NoTwoModes as error:
+        levels = error.levels
+        output.write_outputs(args, picture=lambda: _levels(config, levels))
+        raise
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
     document = to_document(config, found, earlier, now, __version__)
     output.write_outputs(
@@ -118,22 +119,22 @@ def _earlier(path: str | None, config: BearingConfig) -> Mapping[str, Any] | Non
         return None
     document = load_calibration(path)
     require_same_sensors(path, document, config.name, inputs_of(config))
-    belief_of(path, document, EXACT)  # refuses what is damaged before hours of reading
+    belief_of(path, document, config.bearing, EXACT)  # refuses what is damaged before it is read
     return document
 
 
 def _prior(
     args: argparse.Namespace, config: BearingConfig, earlier: Mapping[str, Any] | None
-) -> Prior:
+) -> Prior | None:
     if earlier is not None:
         if args.bench is not None:
             raise ConfigurationError(
                 '--bench is a prior for a first calibration, and --add already has one: give one'
                 ' of them'
             )
-        return prior_from(args.add, earlier, prior_of(config.bearing, config.tolerance))
+        return prior_from(args.add, earlier, config.bearing)
     if args.bench is None:
-        return prior_of(config.bearing, config.tolerance)
+        return None
     try:
         document = read_json(args.bench, LARGEST_JSON)
     except (OSError, ValueError) as error:
@@ -147,48 +148,45 @@ def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
     return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 
 
-def _dips(
+def _evidence(
     bags: Sequence[str],
     config: BearingConfig,
     source: EvidenceSource,
-    prior: Prior,
     meter: output.ProgressBar,
-) -> list[Dip]:
-    """The dips of all recordings of which something was reported."""
+) -> list[Evidence]:
     found = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
         kept = Kept()
         check_recording(path, MonitorConfig((config,)), [kept])
         found.append(source.of_recording(kept, config))
-    return source.dips(config, prior, found)
+    return found
+
+
+def _levels(config: BearingConfig, levels: Sequence[LevelBins]) -> Any:
+    from stickslip_monitor.drawing.calibration import draw_levels
+
+    return draw_levels(config, levels)
 
 
 def _drawn(config: BearingConfig, found: Calibration) -> Any:
     # Drawing takes time to import.
-    from stickslip_monitor.drawing.fits import draw_calibration
+    from stickslip_monitor.drawing.calibration import draw_calibration
 
     return draw_calibration(config, found)
 
 
 def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
-    low, high = found.loads
+    (low, high), (log_r, log_q) = found.loads, found.factors
     out.print(
-        f'[bold]{escape(config.name)}[/]: {plural(len(found.dips), "dip")},'
+        f'[bold]{escape(config.name)}[/]: {plural(len(found.edges.tracks), "passage")},'
         f' {plural(found.episodes, "episode")}, {low:.4g} to {high:.4g} N'
     )
     out.print(_boundary_table(config, found))
-    mean, spread = found.posterior.mean, np.sqrt(np.diag(found.posterior.covariance))
-    for name, k, unit in (
-        ('decay beta', 0, 's/m'), ('load N0', 1, 'N'), ('delay of the onset', 2, 's'),
-        ('delay of the end', 3, 's'), ('scatter of a passage', 5, ''),
-    ):  # fmt: skip
-        out.print(f'{name}: {np.exp(mean[k]):.3g} {unit} (+-{spread[k]:.1%})'.replace('  ', ' '))
-    evidence = found.posterior.log_evidence
-    per_dip = float(evidence.mean()) if evidence.size else 0.0
+    spread = np.sqrt(np.diag(found.covariance))
     out.print(
-        f'effective number of points: {found.posterior.effective:.0f}; log evidence a dip:'
-        f' {per_dip:.2f}'
+        f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{spread[0]:.0%}), loads divided'
+        f' by {math.exp(log_q):.3g} (+-{spread[1]:.0%}), as one known far better than either'
     )
     for text in found.remarks:
         out.print(escape(text))
@@ -203,13 +201,14 @@ def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
     )
     for heading in ('load', 'boundary', 'before', 'now'):
         table.add_column(heading, justify='right', no_wrap=True)
-    before, rpm = found.prior_belief(), config.bearing.speed.factor('rpm')
+    rpm = config.bearing.speed.factor('rpm')
+    before = found.before.hopf_speed, found.before.fold_speed
     for load, *now in found.boundaries():
-        for k, name in enumerate(('hopf_speed', 'fold_speed')):
-            past = [getattr(before, name)(load, p) for p in QUANTILES]
+        for k, (name, of) in enumerate(zip(('Hopf, by onsets', 'fold'), before, strict=True)):
+            past = [of(load, p) for p in QUANTILES]
             texts = [
                 ', '.join(f'{value / rpm:.1f}' for value in values)
                 for values in (past, now[3 * k : 3 * k + 3])
             ]
-            table.add_row('' if k else f'{load:.4g} N', ('Hopf', 'fold')[k], *texts)
+            table.add_row('' if k else f'{load:.4g} N', name, *texts)
     return table

@@ -28,10 +28,10 @@ from stickslip_monitor.errors import (
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink, check_recording
-from stickslip_monitor.physics.friction import Stribeck
 
 if TYPE_CHECKING:
-    from stickslip_monitor.lab.calibration.recordings import Evidence, EvidenceSource
+    from stickslip_monitor.lab.calibration.calibrate import Evidence
+    from stickslip_monitor.lab.calibration.recordings import EvidenceSource
     from stickslip_monitor.offline.clips import ClipCounts, ClipWriter
     from stickslip_monitor.report.page import Archive, RecordingPart
 
@@ -268,15 +268,13 @@ def lessons_of(
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     line = ['stickslip', 'calibrate', *args.bags, '--config', args.config, *reports]
 
-    def show(done: float, total: float) -> None:
-        meter.show('learning', done, total)
-
-    lessons = []
+    lessons: list[str] = []
     for own in task.config.bearings:
         result = f'{own.name}.calibration.json'
         command = shlex.join([*line, '--bearing', own.name, '--output', result])
         known = [each.evidence[own.name] for each in all_found if own.name in each.evidence]
-        lessons += learned(own, task.learn, known, command, show)
+        meter.show('learning', len(lessons), None)
+        lessons += learned(own, task.learn, known, command)
     meter.hide()
     return lessons
 
@@ -304,11 +302,7 @@ def report_of(args: argparse.Namespace, task: Task, archive: Archive | None, tex
 
 def tolerance_advice(config: MonitorConfig) -> str:
     """A sentence for bearings whose values are taken as exact, and could be known less well."""
-    names = [
-        own.name
-        for own in config.bearings
-        if own.belief is None and isinstance(own.bearing.friction, Stribeck)
-    ]
+    names = [own.name for own in config.bearings if own.belief is None]
     if not names:
         return ''
     return (

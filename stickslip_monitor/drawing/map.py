@@ -41,10 +41,10 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_load,
     hopf_speed,
 )
-from stickslip_monitor.physics.belief import QUANTILES
 from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.probability import QUANTILES
 
 Range = tuple[float, float]
 

@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.monitor.ladder import SentenceEnum
 from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.belief import Belief
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
+from stickslip_monitor.physics.probability import Belief
 
 # Points from which on a table of the exact fold pays.
 _FEW = 64

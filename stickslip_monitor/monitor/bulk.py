@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.rule_state import (
 )
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, assessed, size_cycle
-from stickslip_monitor.physics import boundary_table, chances, scalar_law
+from stickslip_monitor.physics import boundary_table, probability, scalar_law
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
@@ -278,7 +278,7 @@ class BearingScan:
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
         given: tuple[Any, ...]
         if compiled:
-            modules = (rule, rule_level, boundary_table, chances, scalar_law)
+            modules = (rule, rule_level, boundary_table, probability, scalar_law)
             loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
             states = self.state.row()
             given = settings.row, (compiled.own, settings.boundaries.pieces, settings.chances)

@@ -10,9 +10,9 @@ from typing import Any
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, duration, parameter, rows
-from stickslip_monitor.physics.belief import EXACT, Belief, Tolerance
 from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.oscillator import SPEED_UNITS, Bearing
+from stickslip_monitor.physics.probability import EXACT, Belief, Tolerance
 
 LOAD_UNITS = ('N', 'kN')
 FASTEST_RPM, FASTEST = 3000.0, 60.0

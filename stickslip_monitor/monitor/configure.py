@@ -40,16 +40,16 @@ from stickslip_monitor.monitor.config import (
     parameters_of,
 )
 from stickslip_monitor.monitor.parameter import REQUIRED, filled
-from stickslip_monitor.physics.belief import Belief, Tolerance
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.probability import Belief, Tolerance
 
-CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/1'
+CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'
+_LAST_SCHEMA = 'stickslip_monitor/calibration/1'
 LARGEST_JSON = 64 << 20
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
-_DRAW_COLUMNS = ('ln_beta', 'ln_n0', 'ln_s')
-_LARGEST_LOG, _MOST_DRAWS = 100.0, 100_000
+_LARGEST_VARIANCE = 100.0
 
 
 def load_calibration(path: str | Path) -> dict[str, Any]:
@@ -65,6 +65,12 @@ def load_calibration(path: str | Path) -> dict[str, Any]:
     except ValueError as error:
         raise ConfigurationError(f'{path} is not JSON: {error}') from error
     schema = document.get('schema') if isinstance(document, dict) else None
+    if schema == _LAST_SCHEMA:
+        raise ConfigurationError(
+            f'{path} was made by an earlier version, which weighed its evidence by another model:'
+            " take out the parameter 'calibration', and make it anew from the same recordings"
+            f' with `stickslip calibrate BAG... --config FILE --output {path}`'
+        )
     if schema != CALIBRATION_SCHEMA:
         raise ConfigurationError(
             f'{path} has the schema {schema!r} and must have {CALIBRATION_SCHEMA!r}: make it with'
@@ -106,33 +112,42 @@ def require_same_sensors(
                 )
 
 
-def belief_of(path: str | Path, document: Mapping[str, Any], tolerance: Tolerance) -> Belief:
-    """The belief that a calibration has left.
+def belief_of(
+    path: str | Path, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
+) -> Belief:
+    """The bearing that a calibration has found, with its uncertainty.
 
     Args:
         path: The file, for the sentence.
         document: From :func:`load_calibration`.
+        bearing: The bearing that is configured: its mass, stiffness and diameter are used.
         tolerance: What is uncertain of the sensors besides.
 
     Raises:
         ConfigurationError: The object is incomplete.
     """
     try:
-        names = list(document['parameters'])
-        columns = [names.index(name) for name in _DRAW_COLUMNS]
-        draws = np.array(document['draws'], dtype=float)[:, columns]
+        own = document['parameters']
+        make, names = LAWS[own['friction.law']]
+        given = {name: own[f'friction.{name}'] for name in names if f'friction.{name}' in own}
+        found = replace(bearing, damping=float(own['damping']), friction=make(**given))
+        covariance = np.array(document['covariance'], dtype=float)
+        np.linalg.cholesky(covariance)
         low, high = (float(load) for load in document['loads'])
-        floor, viscous = float(document['floor']), float(document['viscous'])
-    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+        floor = float(document['floor'])
+    except (
+        KeyError, IndexError, TypeError, ValueError, OverflowError, PhysicsError,
+        np.linalg.LinAlgError,
+    ) as error:  # fmt: skip
         raise ConfigurationError(f'{path} is damaged: {error!r}') from error
-    sound = 0 < draws.shape[0] <= _MOST_DRAWS and bool((np.abs(draws) < _LARGEST_LOG).all())
-    sound = sound and 0.0 < low <= high < math.inf
-    if not (sound and 0.0 <= floor <= 1.0 and 0.0 <= viscous < math.inf):
+    sound = covariance.shape == (2, 2) and bool((np.abs(covariance) < _LARGEST_VARIANCE).all())
+    if not (sound and 0.0 < low <= high < math.inf and 0.0 <= floor <= 1.0):
         raise ConfigurationError(
-            f'{path} is damaged: its draws, loads, floor and viscous must be finite numbers, loads'
+            f'{path} is damaged: its covariance, loads and floor must be finite numbers, loads'
             ' above 0 and rising'
         )
-    return Belief.from_draws(draws, floor, viscous, (low, high), tolerance)
+    speed = math.hypot(floor, tolerance.speed, tolerance.scatter)
+    return Belief(found, covariance, speed, tolerance.load, (low, high), True)
 
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
@@ -270,8 +285,8 @@ def _believed(
             name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')
         }
         require_same_sensors(path, document, name, sensors)
-        belief = belief_of(path, document, tolerance)
-        return belief.nominal(bearing), belief
+        belief = belief_of(path, document, bearing, tolerance)
+        return belief.bearing, belief
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
 

@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.rule_level import (
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
 from stickslip_monitor.physics.boundary_table import boundary_at
-from stickslip_monitor.physics.chances import chances, runs_after
+from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
 
 Numbers: TypeAlias = Sequence[float]

@@ -19,7 +19,7 @@ from stickslip_monitor.cli import COMMANDS, main
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
 CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
-CALIBRATION = '{"schema": "stickslip_monitor/calibration/1", "bearing": "bow"}'
+CALIBRATION = '{"schema": "stickslip_monitor/calibration/2", "bearing": "bow"}'
 # The recording begins on 2026-05-04 at 06:00 UTC.
 REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
 

@@ -12,31 +12,34 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.lab.calibration.posterior import PARAMETERS, prior_of
-from stickslip_monitor.lab.calibration.result import known_dips, prior_from, prior_with_bench
+from stickslip_monitor.lab.calibration.result import (
+    known_recordings,
+    parameters_of_law,
+    prior_from,
+    prior_with_bench,
+)
 from stickslip_monitor.monitor.configure import (
     belief_of,
     load_calibration,
     require_same_sensors,
 )
-from stickslip_monitor.physics.belief import EXACT
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.probability import EXACT
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 SENSOR = {'topic': '/a', 'field': 'data', 'scale': 1.0, 'offset': 0.0, 'unit': 'rpm'}
 RESULT: dict[str, Any] = {
-    'schema': 'stickslip_monitor/calibration/1',
+    'schema': 'stickslip_monitor/calibration/2',
     'bearing': 'aft',
     'inputs': {'speed': SENSOR},
-    'parameters': list(PARAMETERS),
-    'mean': [2.3, 5.3, 0.4, 0.2, -6.8, -3.9, 1.6],
-    'covariance': [[0.01 * (i == j) for j in range(7)] for i in range(7)],
-    'draws': [[2.3, 5.3, 0.4, 0.2, -6.8, -3.9, 1.6]] * 4,
-    'viscous': 0.0,
+    'parameters': parameters_of_law(BEARING),
+    'configured': parameters_of_law(BEARING),
+    'factors': {'speeds': 1.1, 'loads': 0.9},
+    'covariance': [[0.01, 0.0], [0.0, 0.02]],
     'loads': [500.0, 1500.0],
     'floor': 0.01,
-    'dips': [{'bag': 'x', 'start': 0, 'end': 10}],
+    'recordings': ['977faaa6'],
 }
 FIT: dict[str, Any] = {
     'schema': 'stickslip_monitor/fit/1',
@@ -75,9 +78,9 @@ def test_damaged_files_are_refused_in_a_sentence(tmp_path: Path, kind: dict[str,
             else:
                 document = load_calibration(path)
                 require_same_sensors(path, document, 'aft', {'speed': SENSOR})
-                prior_from('result', document, prior_of(BEARING))
-                known_dips(document, [])
-                belief_of(path, document, EXACT)
+                prior_from('result', document, BEARING)
+                known_recordings('result', document)
+                belief_of(path, document, BEARING, EXACT)
             read += 1
     assert 0 < read < 150
 

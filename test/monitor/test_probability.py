@@ -196,15 +196,20 @@ def test_tolerances_that_say_almost_nothing_leave_the_ladder(configure: Configur
 def calibration(**changes: Any) -> dict[str, Any]:
     sensor = {'field': 'data', 'scale': 1.0, 'offset': 0.0}
     return {
-        'schema': 'stickslip_monitor/calibration/1',
+        'schema': 'stickslip_monitor/calibration/2',
         'bearing': 'aft',
         'inputs': {
             'speed': sensor | {'topic': '/shaft/speed', 'unit': 'rpm'},
             'load': sensor | {'topic': '/bearing/aft/load', 'unit': 'N'},
         },
-        'parameters': ['ln_beta', 'ln_n0', 'ln_tau', 'ln_tau_e', 'ln_lambda', 'ln_s'],
-        'draws': [[math.log(10.0), math.log(200.0), 0.0, 0.0, 0.0, -6.0]] * 8,
-        'viscous': 0.0,
+        'parameters': {
+            'damping': 400.0,
+            'friction.law': 'stribeck',
+            'friction.static': 0.3,
+            'friction.kinetic': 0.1,
+            'friction.decay': 10.0,
+        },
+        'covariance': [[1e-3, -1e-3], [-1e-3, 2e-3]],
         'loads': [500.0, 1500.0],
         'floor': 0.01,
     } | changes
@@ -226,7 +231,13 @@ def test_a_calibration_takes_the_place_of_tolerances(configure: Configure, tmp_p
     [
         (json.dumps(calibration(bearing='fore')), {}, "a calibration of 'fore' and not of 'aft'"),
         (json.dumps(calibration(schema='x/1')), {}, "schema 'x/1' and must have"),
-        (json.dumps(calibration(loads=[0.0, 1.0])), {}, 'is damaged: its draws, loads'),
+        (json.dumps(calibration(loads=[0.0, 1.0])), {}, 'is damaged: its covariance'),
+        (
+            json.dumps(calibration(schema='stickslip_monitor/calibration/1')),
+            {},
+            'made by an earlier version.*with `stickslip calibrate BAG',
+        ),
+        (json.dumps(calibration(parameters={'damping': 1.0})), {}, 'is damaged'),
         ('{', {}, 'is not JSON'),
         (json.dumps(calibration()), {'speed__scale': 1.1}, 'made with speed.scale = 1.0, and it'),
         (json.dumps(calibration()), {'load__topic': '/other'}, "made with load.topic = '/bearing"),
@@ -241,10 +252,14 @@ def test_a_bad_calibration_or_one_of_other_sensors_is_refused(
         configure(calibration=str(path), **changes)
 
 
-def test_a_tolerance_needs_a_law_with_boundaries(configure: Configure) -> None:
-    with pytest.raises(ConfigurationError, match='aft: a tolerance needs the friction law'):
-        configure(friction__law='coulomb', tolerance__damping=0.1)
-    with pytest.raises(ConfigurationError, match='and this is that with an exponent'):
-        configure(friction__exponent=2.0, tolerance__damping=0.1)
+@pytest.mark.parametrize('law', [{'friction__law': 'coulomb'}, {'friction__exponent': 2.0}])
+def test_a_tolerance_goes_with_any_law(configure: Configure, law: dict[str, Any]) -> None:
+    belief = configure(tolerance__damping=0.1, **law).bearing('aft').belief
+    assert belief is not None
+    can, will = belief.probabilities(0.05, 1000.0)
+    assert 0.0 <= will <= can <= 1.0
+
+
+def test_a_negative_tolerance_is_refused(configure: Configure) -> None:
     with pytest.raises(ConfigurationError, match=r'tolerance\.damping = -0\.1 must be'):
         configure(tolerance__damping=-0.1)

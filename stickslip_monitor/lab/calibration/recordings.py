@@ -15,52 +15,33 @@ from itertools import pairwise
 
 import numpy as np
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
 from stickslip_monitor.lab.calibration.calibrate import (
-    FLOOR,
     Calibration,
+    Evidence,
     calibrate,
-    dip_limit,
+    read_levels,
 )
 from stickslip_monitor.lab.calibration.evidence import (
-    LEVEL_TOLERANCE,
-    TRUST,
     TRUTH_TOLERANCE,
-    Dip,
+    TRUTH_TRUST,
     TelemetryBins,
     VibrationReport,
     alternating,
     course_of,
-    cut_dips,
 )
-from stickslip_monitor.lab.calibration.posterior import Prior, Progress, prior_of
+from stickslip_monitor.lab.calibration.level import LevelBins, level_over_speed
+from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.lab.truth import has_truth, read_truth
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.rule_level import UNKNOWN, VIBRATING
+from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
-from stickslip_monitor.physics.belief import QUANTILES
+from stickslip_monitor.physics.probability import QUANTILES
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """The evidence of one recording on a bearing."""
-
-    name: str  # of the recording
-    courses: tuple[TelemetryBins, ...]  # speed and load between two jumps of the clock
-    reports: tuple[VibrationReport, ...] = ()  # when it vibrated and when it did not
-
-
-def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
-    """Speed and load of a recording between two jumps of the clock."""
-    begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
-    speed, load = scan.speed, scan.load
-    return tuple(
-        course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b])
-        for a, b in pairwise(begins)
-        if b > a
-    )
+_LEAST = 1e-20
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,67 +64,59 @@ class EvidenceSource:
         name, scan = kept.bag.path.name, kept.scan(config.name)
         if self.reports is not None:
             return Evidence(name, courses_of(name, scan), self._reports_of(config))
-        if (topic := self._level_of(config)) is None:
+        if not self._hears(config):
             return _true_evidence(kept, config)
-        reports = measured_reports(config, scan, f'{topic} in {name}')
-        return Evidence(name, courses_of(name, scan), reports)
+        level = level_of(config, kept.stream(config.name), scan)
+        return Evidence(name, courses_of(name, scan), level=level)
 
     def _reports_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
         return tuple(report for report in self.reports or () if report.bearing == config.name)
 
-    def _level_of(self, config: BearingConfig) -> str | None:
-        """The topic of the level that is the source, if one is."""
-        if config.level is None or self.reports is not None or self.true:
-            return None
-        return config.level.topic
+    def _hears(self, config: BearingConfig) -> bool:
+        """Whether the bearing's level is the source."""
+        return config.level is not None and self.reports is None and not self.true
 
-    def dips(self, config: BearingConfig, prior: Prior, found: Sequence[Evidence]) -> list[Dip]:
-        """The dips of all recordings of which something was reported.
+    def calibrated(
+        self,
+        config: BearingConfig,
+        found: Sequence[Evidence],
+        prior: Prior | None = None,
+        forget: float = 0.0,
+        known: Sequence[str] = (),
+    ) -> Calibration:
+        """What all recordings together give of a bearing; see :func:`.calibrate`.
 
         Raises:
-            CalibrationError: There are none, a report is about no recording, or the level does
-                not separate vibration from quiet.
+            CalibrationError: They give nothing; the text says why.
         """
         _require_inside(self._reports_of(config), found)
-        topic = self._level_of(config)
-        if topic is not None and not any(one.reports for one in found):
-            raise CalibrationError(
-                f'the level on {topic} never says whether {config.name} vibrates: it is lost,'
-                ' never changes, or has one mode only'
-            )
-        limit = dip_limit(prior)
-        timeout = max(config.speed.timeout_ns, config.load.timeout_ns)
-        dips = [
-            dip
-            for one in found
-            for course in one.courses
-            for dip in cut_dips(course, one.reports, limit, prior.viscous, timeout)
-        ]
-        if not dips:
-            raise CalibrationError(
-                f'there is no evidence on {config.name}: no report is about a time in which the'
-                ' shaft turned slowly enough for stick-slip; record a slow passage with reports'
-            )
-        return dips
+        if self._hears(config):
+            found = read_levels(config.name, found)
+        onsets = self.reports is None
+        given = config.bearing, config.tolerance
+        return calibrate(found, *given, prior, forget, onsets, known)
 
 
-def measured_reports(
-    config: BearingConfig, scan: Scan, source: str
-) -> tuple[VibrationReport, ...]:
-    """What the configured level shows in a recording; nothing where it was not known."""
-    state, time = scan.measured, scan.time_ns
-    if state is None or not time.size:
-        return ()
-    edges = np.flatnonzero((np.diff(state) != 0) | (np.diff(scan.stretch) != 0)) + 1
-    begins, ends = [0, *edges.tolist()], [*edges.tolist(), time.size - 1]
+def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
+    """Speed and load of a recording between two jumps of the clock."""
+    begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
     return tuple(
-        VibrationReport(
-            config.name, int(time[a]), int(time[b]), bool(state[a] == VIBRATING),
-            LEVEL_TOLERANCE, TRUST, f'{source}, {k + 1}',
-        )
-        for k, (a, b) in enumerate(zip(begins, ends, strict=True))
-        if state[a] != UNKNOWN and time[b] > time[a]
-    )  # fmt: skip
+        course_of(name, scan.time_ns[a:b], scan.speed[a:b], scan.load[a:b])
+        for a, b in pairwise(begins)
+        if b > a
+    )
+
+
+def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
+    """The valid values of a bearing's level, over the speed."""
+    assert config.level is not None
+    rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
+    value: FloatArray = stream.value[rows]
+    if config.level.unit != 'dB':
+        value = 20.0 * np.log10(np.maximum(np.abs(value), _LEAST))
+    # On the monitor's clock, as the points are.
+    time, points = scan.now_ns[rows] / 1e9, scan.time_ns / 1e9
+    return level_over_speed(time, value, points, scan.speed)
 
 
 def _true_evidence(kept: Kept, config: BearingConfig) -> Evidence:
@@ -157,7 +130,7 @@ def _true_evidence(kept: Kept, config: BearingConfig) -> Evidence:
     scan = kept.scan(config.name)
     name, span = bag.path.name, (truth.start_ns, truth.end_ns)
     source = f'truth of {name}'
-    reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUST, source)
+    reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUTH_TRUST, source)
     return Evidence(name, courses_of(name, scan), tuple(reports))
 
 
@@ -176,7 +149,6 @@ def learned(
     source: EvidenceSource,
     found: Sequence[Evidence | str],
     command: str,
-    progress: Progress | None = None,
 ) -> list[str]:
     """What the recordings teach of a bearing, a sentence each.
 
@@ -186,25 +158,20 @@ def learned(
     try:
         if not known:
             raise CalibrationError(next(str(one) for one in found))
-        prior = prior_of(config.bearing, config.tolerance)
-        floor = config.tolerance.model_error or FLOOR
-        dips = source.dips(config, prior, known)
-        result = calibrate(dips, prior, floor, progress=progress)
+        result = source.calibrated(config, known)
     except CalibrationError as error:
         return [f'{config.name}: nothing is learned: {error}']
-    return [
-        f'{config.name}: {text}' for text in (_proposal(config, result, command), *result.warnings)
-    ]
+    texts = (_proposal(config, result, command), *result.warnings)
+    return [f'{config.name}: {text}' for text in texts]
 
 
 def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
     """How the fold from the evidence lies to the one that is predicted."""
     load = math.sqrt(result.loads[0] * result.loads[1])
     rpm = config.bearing.speed.factor('rpm')
-    belief = result.belief()
-    low, middle, high = (belief.fold_speed(load, p) / rpm for p in QUANTILES)
-    predicted = fold_speed(config.bearing, load) / rpm
-    count = result.episodes
+    low, middle, high = (float(result.belief.fold_speed(load, p)) / rpm for p in QUANTILES)
+    predicted = float(fold_speed(config.bearing, load)) / rpm
+    count = len(result.edges.seen)
     which = plural(count, 'episode')
     seen = f'{low:.1f} to {high:.1f} rpm at {load:.4g} N'
     if not count or low <= predicted <= high:

@@ -4,20 +4,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.errors import CalibrationError, PhysicsError
-from stickslip_monitor.lab.calibration.calibrate import Calibration, DipResult
-from stickslip_monitor.lab.calibration.evidence import Dip
-from stickslip_monitor.lab.calibration.posterior import DAMPING, PARAMETERS, Prior, prior_of
+from stickslip_monitor.lab.calibration.calibrate import DAMPING, Calibration
+from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 from stickslip_monitor.monitor.configure import CALIBRATION_SCHEMA, INPUT_KEYS
-from stickslip_monitor.physics.belief import Tolerance
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.probability import Tolerance
 
 FRAGMENT_MARK = b'Made by stickslip calibrate'
 """Marks a fragment among the files of others."""
@@ -35,6 +34,26 @@ def _input(source: InputConfig) -> dict[str, Any]:
     return dict(zip(INPUT_KEYS, values, strict=True))
 
 
+def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
+    """The damping and the law of a bearing as parameters of a configuration."""
+    law = bearing.friction
+    own: dict[str, Any] = {'damping': _rounded(bearing.damping)}
+    if isinstance(law, Tabulated):
+        return own | {
+            'friction.law': 'tabulated',
+            'friction.speed': _rounded(law.speed),
+            'friction.coefficient': _rounded(law.values),
+        }
+    names = ['static', 'kinetic']
+    if isinstance(law, Stribeck | Stretched):
+        names += ['decay', 'viscous'] + ['exponent'] * isinstance(law, Stretched)
+    kind = 'stribeck' if len(names) > 2 else 'coulomb'
+    return own | {
+        'friction.law': kind,
+        **{f'friction.{name}': _rounded(getattr(law, name)) for name in names},
+    }
+
+
 def to_document(
     config: BearingConfig,
     found: Calibration,
@@ -43,25 +62,23 @@ def to_document(
     version: str,
 ) -> dict[str, Any]:
     """The calibration as the documented JSON object, added to an earlier one if any."""
-    posterior, past = found.posterior, earlier or {}
-    low, high = found.loads
+    past, (low, high) = earlier or {}, found.loads
     before = past.get('loads', (low, high))
+    log_r, log_q = found.factors
+    marks = [track.course.fingerprint for track in found.edges.tracks]
     return {
         'schema': CALIBRATION_SCHEMA,
         'bearing': config.name,
         'inputs': inputs_of(config),
-        'parameters': list(PARAMETERS),
-        'mean': _rounded(posterior.mean),
-        'covariance': _rounded(posterior.covariance),
-        'draws': _rounded(posterior.draws()),
-        'viscous': found.prior.viscous,
+        'parameters': parameters_of_law(found.bearing),
+        'covariance': _rounded(found.covariance),
         'loads': _rounded([min(low, before[0]), max(high, before[1])]),
-        'boundaries': _rounded(found.boundaries()),
-        'dips': [*past.get('dips', []), *(_dip(one) for one in found.dips)],
-        'effective': round(posterior.effective),
-        'log_evidence': float(posterior.log_evidence.sum()),
         'floor': found.floor,
-        'seed': found.seed,
+        'factors': {'speeds': _rounded(math.exp(log_r)), 'loads': _rounded(math.exp(log_q))},
+        'configured': parameters_of_law(found.reference.bearing),
+        'boundaries': _rounded(found.boundaries()),
+        'recordings': [*past.get('recordings', []), *dict.fromkeys(marks)],
+        'ends': _ends(found),
         'warnings': found.warnings,
         'remarks': found.remarks,
         'created': created,
@@ -73,76 +90,54 @@ def _rounded(values: Any) -> Any:
     return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
 
 
-def _dip(one: DipResult) -> dict[str, Any]:
-    dip = one.dip
-    return {
-        'bag': dip.recording,
-        'fingerprint': dip.fingerprint,
-        'start': dip.start_ns,
-        'end': dip.end_ns,
-        'episode': dip.episode,
-        'log_predictive': one.log_predictive,
-        'reports': [
-            {
-                'start': report.start_ns,
-                'end': report.end_ns,
-                'state': 'squeal' if report.squeal else 'quiet',
-                'source': report.source,
-                'worthless': p,
-            }
-            for report, p in zip(dip.reports, one.worthless, strict=False)
-        ],
-        'ends': [
-            {'time': e.time_ns, 'speed': e.speed, 'predicted': e.predicted, 'late': e.late}
-            for e in one.ends
-        ],
-    }
+def _ends(found: Calibration) -> list[dict[str, Any]]:
+    doubtful = {id(end): p for end, p in found.doubts}
+    return [
+        {
+            'recording': end.recording,
+            'source': end.report.source,
+            'time': round(end.time * 1e9),
+            'speed': _rounded(end.middle[0]),
+            'load': _rounded(end.middle[1]),
+            'bound': end.is_bound,
+            'worthless': _rounded(doubtful.get(id(end), 0.0)),
+        }
+        for end in found.edges.ends
+    ]
 
 
-def prior_from(path: str, document: Mapping[str, Any], own: Prior) -> Prior:
-    """The posterior of an earlier calibration as a prior.
-
-    What the earlier one did not infer yet is that of the bearing's own.
+def prior_from(path: str, document: Mapping[str, Any], bearing: Bearing) -> Prior:
+    """The result of an earlier calibration as a prior for the bearing that is configured.
 
     Raises:
-        CalibrationError: The object is damaged.
+        CalibrationError: It was made with another bearing's parameters, or is damaged.
     """
+    if document.get('configured') != parameters_of_law(bearing):
+        raise CalibrationError(
+            f'{path} was made with other damping or friction than are configured now, so nothing'
+            ' can be added to it: calibrate with all recordings together'
+        )
     try:
-        places = [PARAMETERS.index(name) for name in document['parameters']]
-        mean, covariance = own.mean.copy(), own.covariance.copy()
-        covariance[places, :] = covariance[:, places] = 0.0
-        mean[places] = np.array(document['mean'], dtype=float)
-        covariance[np.ix_(places, places)] = np.array(document['covariance'], dtype=float)
+        factors = [float(document['factors'][name]) for name in ('speeds', 'loads')]
+        covariance = np.array(document['covariance'], dtype=float)
         np.linalg.cholesky(covariance)
-        numbers = np.concatenate([mean, covariance.ravel()])
-        if len(places) < 2 or not (np.abs(numbers) < _LARGEST).all():
-            raise ValueError(f'mean and covariance must be numbers below {_LARGEST:g}')
-        return Prior(mean, covariance, float(document['viscous']))
+        if not all(1.0 / _LARGEST < factor < _LARGEST for factor in factors):
+            raise ValueError(f'factors must be between {1.0 / _LARGEST:g} and {_LARGEST:g}')
+        return Prior(np.log(factors), covariance)
     except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
         raise CalibrationError(f'{path} is damaged: {error}') from error
 
 
-def known_dips(document: Mapping[str, Any], dips: Sequence[Dip]) -> list[tuple[str, int, int]]:
-    """Fingerprint, begin and end of the dips of an earlier result.
-
-    A result of an earlier version has no fingerprints: there a recording of the same name and
-    time is the same one.
+def known_recordings(path: str, document: Mapping[str, Any]) -> list[str]:
+    """Fingerprints of what an earlier result rests on.
 
     Raises:
         CalibrationError: The object is damaged.
     """
-    by_name = {dip.recording: dip.fingerprint for dip in dips}
-    try:
-        return [
-            (
-                one.get('fingerprint') or by_name.get(one['bag'], ''),
-                int(one['start']),
-                int(one['end']),
-            )
-            for one in document.get('dips', [])
-        ]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise CalibrationError(f'the earlier result is damaged: {error!r}') from error
+    marks = document.get('recordings', [])
+    if not isinstance(marks, list) or not all(isinstance(mark, str) for mark in marks):
+        raise CalibrationError(f'{path} is damaged: its recordings must be texts')
+    return marks
 
 
 def prior_with_bench(
@@ -151,13 +146,16 @@ def prior_with_bench(
     """A bearing's prior with the law of ``stickslip fit --json``; the damping stays.
 
     Raises:
-        CalibrationError: The document is none of these.
+        CalibrationError: The document is none of these, or the bearing's law is another.
     """
+    law = bearing.friction
+    if not isinstance(law, Stribeck):
+        raise CalibrationError('--bench needs the friction law stribeck without an exponent')
     try:
         if document['schema'] != 'stickslip_monitor/fit/1':
             raise ValueError(f"its schema is '{document['schema']}'")
-        law = document['friction']
-        fitted = Stribeck(*(float(law[name]) for name in ('static', 'kinetic', 'decay')))
+        told = document['friction']
+        fitted = Stribeck(*(float(told[name]) for name in ('static', 'kinetic', 'decay')))
         names = list(document['estimated'])
         covariance = np.array(document['covariance'], dtype=float)
         rows = np.zeros((2, len(names)))
@@ -173,30 +171,29 @@ def prior_with_bench(
         raise CalibrationError(
             f'{path} must be what stickslip fit --json printed of a Stribeck law: {error}'
         ) from error
-    # ln N0 = ln c - ln Delta - ln beta.
-    prior = prior_of(bearing, tolerance)
+    # ln r = -ln beta, ln q = ln(mu_s - mu_k) + ln beta, against those configured.
     of_damping = (tolerance.damping or DAMPING) ** 2
-    mean, total = prior.mean.copy(), prior.covariance.copy()
-    mean[0] = math.log(fitted.decay)
-    mean[1] = math.log(bearing.damping) - math.log(fall) - mean[0]
-    total[0, 0] = of_beta
-    total[1, 1] = of_damping + of_fall + of_beta + 2.0 * both
-    total[0, 1] = total[1, 0] = -of_beta - both
-    return Prior(mean, total, prior.viscous)
+    log_beta = math.log(fitted.decay / law.decay)
+    log_fall = math.log(fall / (law.static - law.kinetic))
+    return Prior(
+        np.array([-log_beta, log_fall + log_beta]),
+        np.array(
+            [
+                [of_beta, -of_beta - both],
+                [-of_beta - both, of_damping + of_fall + of_beta + 2.0 * both],
+            ]
+        ),
+    )
 
 
 def fragment(config: BearingConfig, found: Calibration) -> str:
-    """The law and the damping that have the calibrated median boundaries, as configuration."""
-    law = config.bearing.friction
-    assert isinstance(law, Stribeck)
-    log_beta, log_load = found.posterior.mean[:2]
-    decay = math.exp(log_beta)
-    damping = math.exp(log_load) * (law.static - law.kinetic) * decay
-    viscous = f', viscous: {found.prior.viscous * damping:.4g}' if found.prior.viscous else ''
+    """The law and the damping that have the calibrated boundaries, as configuration."""
+    rows = parameters_of_law(found.bearing)
+    damping = rows.pop('damping')
+    law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())
     return (
         f'# {FRAGMENT_MARK.decode()}: {config.name} has these boundaries; no measurement of'
         ' friction.\n'
-        f'damping: {damping:.4g}\n'
-        f'friction: {{law: stribeck, static: {law.static:g}, kinetic: {law.kinetic:g},'
-        f' decay: {decay:.4g}{viscous}}}\n'
+        f'damping: {damping:.6g}\n'
+        f'friction: {{{law}}}\n'
     )

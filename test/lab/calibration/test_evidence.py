@@ -1,24 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.evidence import (
-    BIN_NS,
-    TelemetryBins,
-    VibrationReport,
-    course_of,
-    cut_dips,
-    read_reports,
-)
+from stickslip_monitor.lab.calibration.evidence import BIN_NS, course_of, read_reports
 
-Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
 HEAD = 'bearing,start,end,state,tolerance [s],trust\n'
 
 
@@ -60,32 +50,6 @@ def test_a_bad_report_is_named(tmp_path: Path, rows: str, words: str) -> None:
     path.write_text(HEAD + rows)
     with pytest.raises(CalibrationError, match=words):
         read_reports(path, ['aft'])
-
-
-def test_a_dip_begins_anew_after_rest_a_gap_and_fast_stretches(coast: Coast) -> None:
-    course, reports = coast()
-    speed = course.speed.copy()
-    speed[50:60], speed[300:310] = 0.0, 2.0
-    keep = np.ones(400, dtype=bool)
-    keep[200:210] = False
-    cut = TelemetryBins('bag', course.time_ns[keep], speed[keep], course.load[keep])
-    dips = cut_dips(cut, reports, lambda load: np.full(load.shape, 1.0))
-    assert [(d.time_ns[0] // BIN_NS, d.end_ns // BIN_NS) for d in dips] == [
-        (0, 50), (60, 200), (210, 300), (310, 400),
-    ]  # fmt: skip
-    assert [d.episode for d in dips] == [False, True, True, False]
-
-
-@pytest.mark.parametrize(('seconds', 'counts'), [(3.9, False), (4.1, True)])
-def test_a_flicker_is_no_evidence(coast: Coast, seconds: float, counts: bool) -> None:
-    course, reports = coast()
-    start = int(course.time_ns[20])
-    blip = replace(reports[1], start_ns=start, end_ns=start + round(seconds * 1e9))
-    around = [replace(reports[0], end_ns=blip.start_ns), blip]
-    around += [replace(reports[0], start_ns=blip.end_ns), *reports[1:]]
-    (dip,) = cut_dips(course, around, lambda load: np.full(load.shape, 1.0))
-    assert (blip in dip.reports) == counts
-    assert dip.flickers == (() if counts else (blip,))
 
 
 def test_bins_are_averages_and_rest_stays_rest() -> None:

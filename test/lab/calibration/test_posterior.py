@@ -2,129 +2,105 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from slow_passages import BEARING, RPM
 
-from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.calibration.evidence import (
-    BIN_NS,
-    TelemetryBins,
-    VibrationReport,
-    cut_dips,
-    path_of,
-)
-from stickslip_monitor.lab.calibration.posterior import (
-    BEGIN,
-    LOAD_TERM,
-    LOG_SPEED,
-    RIGHT,
-    SPEED,
-    STATE,
-    WRONG,
-    H,
-    log_likelihood,
-    prior_of,
-)
-from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.lab.calibration.edges import Edges, End, Passage, Reference, ReportedCourse
+from stickslip_monitor.lab.calibration.evidence import TelemetryBins, VibrationReport
+from stickslip_monitor.lab.calibration.posterior import Prior, Spreads, infer, log_passage
 
-BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-RPM = BEARING.speed.factor('rpm')
-Coast = Callable[..., tuple[TelemetryBins, list[VibrationReport]]]
+REFERENCE = Reference(BEARING)
+PRIOR = Prior(np.zeros(2), np.array([[0.09, -0.09], [-0.09, 0.30]]))
+REPORT = VibrationReport('aft', 0, 10**11, True, 1.0, 0.999, 'level, 1')
 
 
-def point(tau: float = 1.5, tau_e: float = 1.2) -> FloatArray:
-    """The reference bearing without blows and without scatter."""
-    logs = [math.log(x) for x in (10.0, 200.0, tau, tau_e)]
-    return np.array([[*logs, -60.0, -60.0, math.log(6.0)]])
+def edges(*speeds: float, load: float = 1000.0) -> Edges:
+    """Ends at some speeds [m/s], each of a recording of its own, on a slow passage."""
+    column = np.full(20, load)
+    course = TelemetryBins('bag', np.arange(20) * 10**9, np.full(20, 0.2), column)
+    track = ReportedCourse(
+        course, (REPORT,), np.arange(20.0), np.full(20, 0.2), column, np.ones(20)
+    )
+    ends = [
+        End(REPORT, f'bag {k}', float(k), np.tile([speed, load], (25, 1)), 0.0)
+        for k, speed in enumerate(speeds)
+    ]
+    return Edges(ends, [], [track])
 
 
-def prior_points(count: int) -> FloatArray:
-    prior = prior_of(BEARING)
-    random = np.random.default_rng(4)
-    return random.multivariate_normal(prior.mean, prior.covariance, count)
+def fold(speed_factor: float) -> float:
+    return speed_factor * float(np.exp(REFERENCE.fold(np.log([1000.0]))[0]))
 
 
-def path_from(coast: Coast) -> FloatArray:
-    course, reports = coast()
-    (dip,) = cut_dips(course, reports, lambda load: np.full(load.shape, 1.0))
-    return dip.path
+def test_without_an_end_the_prior_is_left() -> None:
+    found = infer(edges(), REFERENCE, PRIOR, Spreads()).fold
+    slope = REFERENCE.slope(math.log(1000.0))
+    by = np.array([1.0, slope])
+    assert found.middle == pytest.approx((0.0, 0.0), abs=0.04)
+    # To first order; the fold bends with the load.
+    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(
+        math.sqrt(by @ PRIOR.covariance @ by), rel=0.1
+    )
+    assert math.sqrt(found.covariance[1, 1]) == pytest.approx(math.sqrt(0.30), rel=0.05)
 
 
-def lasting(rpm: FloatArray, h: float, state: int, sticking: float) -> FloatArray:
-    """A path on which one state is reported throughout, without a doubt."""
-    path = np.zeros((rpm.size, 8))
-    path[:, H], path[:, SPEED], path[:, LOG_SPEED] = h, rpm * RPM, np.log(rpm * RPM)
-    path[:, LOAD_TERM], path[:, STATE] = math.log(1000.0), state
-    path[0, H], path[0, BEGIN], path[-1, RIGHT] = sticking, 1.0, 1.0
-    return path
+def test_ends_are_averaged_as_normal_numbers_are() -> None:
+    # Four ends 10 % above: the fold is there, within the prior's scatter of 2 % of the load and
+    # the bias of the load of 3 % between recordings, by the slope of the fold, over sqrt(4).
+    found = infer(edges(*[fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).fold
+    assert found.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
+    wanted = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
+    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
 
 
-def test_compiled_it_is_the_same(coast: Coast, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip('numba')
-    path, theta = path_from(coast), prior_points(3)
-    compiled = log_likelihood(theta, path)
-    monkeypatch.setattr(jit, 'has_compiler', lambda: False)
-    assert log_likelihood(theta, path) == pytest.approx(compiled, abs=1e-9)
+def test_a_bound_pushes_the_fold_up() -> None:
+    own = edges(fold(1.0))
+    bound = End(REPORT, 'bag 9', 9.0, np.array([[fold(1.3), 1000.0]]), 0.0)
+    only = Edges([bound], [], own.tracks)
+    found = infer(only, REFERENCE, PRIOR, Spreads()).fold
+    low = float(found.quantiles(np.tile(found.u[:, None], found.log_q.size), [0.05])[0])
+    assert low > math.log(1.2)
 
 
-def test_onset_on_a_ramp() -> None:
-    # (e^x - 1 - x)/(beta r) = tau with x = beta r t: 10.610330 s at 0.45 rpm/s and x = 0.25.
-    rate, seconds, tau = 0.45, 10.610330, 1.444083
-    x = 10.0 * rate * RPM * seconds
-    assert (math.expm1(x) - x) / (10.0 * rate * RPM) == pytest.approx(tau, rel=1e-6)
-    hopf = math.log(5.0) / 10.0 / RPM
-    time = np.linspace(0.0, seconds, 2001)
-    path = lasting(hopf - rate * time, seconds / 2000.0, state=1, sticking=0.0)
-    quiet = log_likelihood(point(tau=tau), path)[0, 0]
-    assert math.exp(quiet) == pytest.approx(1.0 - 1.0 / math.e, abs=1e-4)
+def test_forgetting_follows_the_newest_ends() -> None:
+    speeds = [fold(1.0)] * 4 + [fold(1.1)] * 2
+    kept, followed = (
+        infer(edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).fold.middle[0]
+        for forget in (0.0, 0.1)
+    )
+    assert kept < 0.06 < 0.08 < followed
 
 
-def test_a_cycle_ends_after_its_time_beyond_the_fold() -> None:
-    # Half a step of the first move is inside: the crossing lies between the two bins.
-    rpm = np.concatenate([[40.6], np.full(100, 41.0)])
-    path = lasting(rpm, 0.01, state=2, sticking=1.0)
-    crossing = (40.723091 - 40.6) / 0.4
-    beyond = 0.01 * (99.0 + 1.0 - crossing)
-    sticking = log_likelihood(point(tau_e=beyond), path)[0, 0]
-    assert math.exp(sticking) == pytest.approx(1.0 - 1.0 / math.e, abs=1e-3)
+def onset(rate: float, seconds: float, began: bool = True) -> Passage:
+    """Down from the Hopf speed at a rate [rpm/s] for some seconds, then over by the tolerance."""
+    time = np.arange(0.0, seconds + 3.25, 0.25)
+    speed = math.log(5.0) / 10.0 - rate * RPM * time
+    step = np.diff(time, prepend=time[0])
+    return Passage(REPORT, seconds, speed, np.full(time.size, 1000.0), step, began, 1.0, 0.99)
 
 
-def test_without_trust_a_report_tells_nothing(coast: Coast) -> None:
-    course, reports = coast()
-    mistrusted = [replace(report, trust=0.0) for report in reports]
-    (dip,) = cut_dips(course, mistrusted, lambda load: np.full(load.shape, 1.0))
-    value = log_likelihood(prior_points(200), dip.path)
-    assert np.ptp(value[:, 0]) < 1e-9
-    assert value[:, 1:] == pytest.approx(np.ones((200, 3)))
+def at(passage: Passage, log_q: FloatArray) -> FloatArray:
+    """Likelihood of a passage along ln q, e-folds summed over, without a lag."""
+    found = log_passage(passage, REFERENCE, np.zeros(log_q.size), log_q)
+    return np.asarray(np.exp(found).mean(axis=1)[:, 1])
 
 
-def report(start: int, end: int, squeal: bool) -> VibrationReport:
-    return VibrationReport('aft', start * BIN_NS, end * BIN_NS, squeal, 5.0, 0.9, '')
+def test_an_onset_is_likeliest_where_noise_has_grown_three_e_folds() -> None:
+    # On a ramp G = (c/2m) ((e^x - 1)/b - t) with x = b t, b = beta rate: 3 e-folds after t.
+    rate = 0.3
+    b = 10.0 * rate * RPM
+    time = np.linspace(1.0, 40.0, 4000)
+    grown = 400.0 / 100.0 * ((np.exp(b * time) - 1.0) / b - time)
+    seconds = float(time[np.argmin(np.abs(grown - 3.0))])
+    log_q = np.linspace(-0.3, 0.3, 121)
+    likely = at(onset(rate, seconds), log_q)
+    assert log_q[np.argmax(likely)] == pytest.approx(0.0, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ('reports', 'chances'),
-    [
-        # In a dip of 100 s an end that meets quiet does so with a chance of 2 * 5 s / 100 s.
-        ([report(0, 40, False), report(40, 70, True), report(70, 100, False)], [0.5, 0.005, 0.5]),
-        ([report(0, 40, False), report(40, 70, True)], [0.5, 0.05]),
-        ([report(0, 40, False), report(40, 70, True), report(70, 100, True)], [0.5, 0.05, 0.5]),
-        # An end at which nobody reports quiet is no coincidence.
-        ([report(20, 60, True)], [0.5]),
-        ([report(0, 30, False), report(40, 60, True)], [0.5, 0.5]),
-        ([report(20, 60, False)], [0.5]),
-    ],
-)
-def test_a_wrong_squeal_is_as_likely_as_its_ends(
-    reports: list[VibrationReport], chances: list[float]
-) -> None:
-    time = np.arange(100) * BIN_NS
-    path = path_of(time, np.full(100, 1.0), np.full(100, 1e3), reports, (0, 100 * BIN_NS))
-    wrong = path[path[:, RIGHT] > 0.0, WRONG]
-    assert wrong == pytest.approx(0.1 * np.array(chances))
-    assert np.flatnonzero(path[:, STATE])[0] == reports[0].start_ns // BIN_NS + 5
+def test_quiet_bounds_how_far_noise_can_have_grown() -> None:
+    log_q = np.array([-0.5, 0.0, 0.5])
+    steady, middle, wild = at(onset(0.3, 12.0, began=False), log_q)
+    assert steady > middle > wild

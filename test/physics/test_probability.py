@@ -2,56 +2,47 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
 from stickslip_monitor.physics.averaging.closed_form import decline
-from stickslip_monitor.physics.belief import Belief, Tolerance, probability_runs
-from stickslip_monitor.physics.chances import FOLD, HOPF
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.probability import Belief, Tolerance, moved, probability_runs
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = BEARING.speed.factor('rpm')
 DAMPING = Belief.from_tolerance(BEARING, Tolerance(damping=0.10))
 # 8 % on Delta = 0.2 by the static coefficient alone.
 THREE = Belief.from_tolerance(BEARING, Tolerance(damping=0.10, static=0.16 / 3, decay=0.05))
+# How far a probability may be off that of drawn bearings: mu_s - mu_k is taken as logarithmic
+# normal, which costs 0.8 % at 8 % of it, 2.5 % at 24 % (a handbook's), 6 % at 40 %.
 TOLERANCES = [
-    Tolerance(damping=0.05, static=0.05, kinetic=0.05, decay=0.05),
-    Tolerance(damping=0.30, static=0.13, decay=0.20, speed=0.003, load=0.01),
-    Tolerance(damping=0.40, static=0.16, decay=0.30, scatter=0.02, model_error=0.01),
-    Tolerance(damping=0.10, static=0.25, kinetic=0.25, decay=0.10),  # 40 % on mu_s - mu_k
+    (Tolerance(damping=0.05, static=0.05, kinetic=0.05, decay=0.05), 0.012),
+    (Tolerance(damping=0.30, static=0.13, decay=0.20, speed=0.003, load=0.01), 0.025),
+    (Tolerance(damping=0.40, static=0.15, kinetic=0.15, decay=0.30, load=0.05), 0.03),
+    (Tolerance(damping=0.10, static=0.25, kinetic=0.25, decay=0.10), 0.07),
 ]
-DRAWS = np.random.default_rng(8).normal(
-    (math.log(10.0), math.log(200.0), math.log(0.02)), 0.05, (512, 3)
-)
-
-
-def _sums(belief: Belief, speed: FloatArray, load: FloatArray) -> FloatArray:
-    """Can and will of arrays without the table, shape (2, n)."""
-    can, will = (ndtr(belief.points.probits(which, speed, load)) for which in (FOLD, HOPF))
-    return np.array([can, np.minimum(will, can)])
+SPEED = np.linspace(0.0, 0.6, 60)
+TABLE = Tabulated(SPEED.tolist(), (0.1 + 0.2 * np.exp(-10.0 * SPEED)).tolist())
 
 
 def test_one_tolerance_has_closed_forms() -> None:
     can, will = DAMPING.probabilities(35.0 * RPM, 1000.0)
-    assert can == pytest.approx(0.9561785671, abs=1e-9)
-    assert will == pytest.approx(0.0128214327, abs=1e-9)
-    assert DAMPING.probabilities(40.72309112811 * RPM, 1000.0)[0] == pytest.approx(0.5, abs=1e-9)
-    assert DAMPING.probabilities(math.log(5.0) / 10.0, 1000.0)[1] == pytest.approx(0.5, abs=1e-12)
+    # The load of a boundary is interpolated linearly between 768 speeds.
+    assert can == pytest.approx(0.9561785671, abs=5e-4)
+    assert will == pytest.approx(0.0128214327, abs=5e-4)
+    assert DAMPING.probabilities(40.72309112811 * RPM, 1000.0)[0] == pytest.approx(0.5, abs=5e-4)
+    assert DAMPING.probabilities(math.log(5.0) / 10.0, 1000.0)[1] == pytest.approx(0.5, abs=5e-4)
     found = [s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed)
              for p in (0.05, 0.5, 0.95)]  # fmt: skip
     wanted = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
-    assert found == pytest.approx(wanted, abs=2e-6)
+    assert found == pytest.approx(wanted, rel=5e-5)
 
 
 @pytest.mark.parametrize(
@@ -65,32 +56,12 @@ def test_one_tolerance_has_closed_forms() -> None:
 def test_three_tolerances_keep_the_published_values(
     rpm: float, load: float, can: float, will: float
 ) -> None:
-    exact = _sums(THREE, np.array([rpm * RPM]), np.array([load]))[:, 0]
-    assert exact == pytest.approx((can, will), abs=1e-6)
-    assert THREE.probabilities(rpm * RPM, load) == pytest.approx(exact, abs=5e-4)
+    assert THREE.probabilities(rpm * RPM, load) == pytest.approx((can, will), abs=1.5e-3)
 
 
 def _points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     random = np.random.default_rng(5)
     return np.exp(random.uniform(-7.0, 3.0, size)), np.exp(random.uniform(2.0, 11.5, size))
-
-
-VISCOUS = replace(BEARING, friction=Stribeck(0.30, 0.10, 10.0, 0.1))
-BELIEFS: list[Callable[[], Belief]] = [
-    *(partial(Belief.from_tolerance, BEARING, tolerance) for tolerance in TOLERANCES),
-    partial(Belief.from_tolerance, VISCOUS, TOLERANCES[1]),
-    partial(Belief.from_draws, DRAWS, floor=0.01, loads=(900.0, 1100.0)),
-]
-
-
-@pytest.mark.parametrize('make', BELIEFS)
-def test_the_table_keeps_to_the_sum_everywhere(make: Callable[[], Belief]) -> None:
-    belief = make()
-    speed, load = _points(1000)
-    if belief.points.smoothing == 0.0:  # a sum over draws is no smooth function
-        speed, load = np.maximum(speed, 0.02), np.clip(load, 100.0, 9000.0)
-    off = np.array(belief.probabilities(speed, load)) - _sums(belief, speed, load)
-    assert np.max(np.abs(off)) < (2e-3 if belief.points.smoothing else 1e-2)
 
 
 def test_compiled_look_ups_are_those_of_single_points() -> None:
@@ -101,8 +72,8 @@ def test_compiled_look_ups_are_those_of_single_points() -> None:
     assert np.array_equal(np.transpose(one), many[:, :1000])
 
 
-@pytest.mark.parametrize('tolerance', TOLERANCES)
-def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance) -> None:
+@pytest.mark.parametrize(('tolerance', 'off'), TOLERANCES)
+def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance, off: float) -> None:
     random, size = np.random.default_rng(3), 200_000
     z = random.standard_normal((5, size))
     law = BEARING.friction
@@ -117,11 +88,38 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance) -> None
         v = beta * shift * rpm * RPM
         d = np.log(1000.0 * 0.2 * beta / 400.0) + log_d
         drawn = np.mean(d > decline(v)), np.mean(d > v)
-        # Up to 8 % on mu_s - mu_k its logarithm is taken as normal, which costs 8e-3.
-        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=9e-3)
+        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=off)
 
 
-@pytest.mark.parametrize('tolerance', [Tolerance(), *TOLERANCES])
+@pytest.mark.parametrize(
+    'law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE]
+)
+def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> None:
+    # Drawn by damping and load alone, each bearing with its own boundaries by averaging.
+    bearing = replace(BEARING, friction=law)
+    belief = Belief.from_tolerance(bearing, Tolerance(damping=0.2, load=0.1))
+    spread = math.hypot(0.2, 0.1)
+    loads = 1000.0 * np.exp(spread * (np.arange(999) + 0.5 - 499.5) / 150.0)
+    weight = np.exp(-0.5 * (np.log(loads / 1000.0) / spread) ** 2)
+    fold, hopf = np.nan_to_num(fold_speed(bearing, loads)), hopf_speed(bearing, loads)
+    for share in (0.6, 0.8, 1.0, 1.2):
+        speed = share * float(fold_speed(bearing, 1000.0))
+        wanted = [float(weight[of > speed].sum() / weight.sum()) for of in (fold, hopf)]
+        assert belief.probabilities(speed, 1000.0) == pytest.approx(wanted, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    'law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE]
+)
+def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionLaw) -> None:
+    bearing = replace(BEARING, friction=law)
+    other = moved(bearing, 1.2, 0.8)
+    for of in (fold_speed, hopf_speed):
+        assert of(other, 1500.0) == pytest.approx(1.2 * of(bearing, 1200.0), rel=1e-6)
+    assert other.damping == bearing.damping
+
+
+@pytest.mark.parametrize('tolerance', [Tolerance(), *(each for each, _ in TOLERANCES)])
 def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None:
     belief = Belief.from_tolerance(BEARING, tolerance)
     speed = np.geomspace(1e-3, 20.0, 3000)
@@ -152,33 +150,28 @@ def test_margins_are_those_of_the_quantiles() -> None:
 
 
 def test_loads_without_evidence_are_known_less() -> None:
-    # Twice the highest load that the evidence covers is known 20 % less well.
-    belief = Belief.from_draws(DRAWS, floor=0.01, loads=(900.0, 1100.0))
+    # Twice the highest known load, but for a fifth, is known 0.2 log2(2/1.2) = 15 % less well, and
+    # V_F = 0.35 m/s there: 90 % are within a factor e^(2 * 1.645 * 0.147).
+    belief = Belief(BEARING, np.eye(2) * 1e-6, 0.01, loads=(900.0, 1100.0))
     wide, known = ([belief.fold_speed(n, p) for p in (0.05, 0.95)] for n in (2200.0, 1100.0))
-    assert wide[1] / wide[0] > 1.5 > 1.3 > known[1] / known[0]
+    assert wide[1] / wide[0] == pytest.approx(math.exp(3.29 * 0.148), rel=0.03)
+    assert known[1] / known[0] == pytest.approx(math.exp(3.29 * 0.01), rel=0.01)
 
 
-def test_a_viscous_rise_saturates() -> None:
-    tight = Belief.from_tolerance(VISCOUS, Tolerance(damping=1e-6))
-    speed, load = _points(60)
-    hopf = assess(VISCOUS, speed, load).hopf_speed
-    found = tight.hopf_speed(load, 0.5)
-    assert found == pytest.approx(np.nan_to_num(hopf), rel=1e-9, abs=1e-4)
+def test_known_straight_a_boundary_has_the_spread_of_its_factors() -> None:
+    # ln V_H = ln r + h(ln N + ln q), to first order with h' = 1/v at v = beta V_H = ln 5.
+    covariance = np.array([[0.04, -0.05], [-0.05, 0.09]])
+    belief = Belief(BEARING, covariance, straight=True)
+    slope = 1.0 / math.log(5.0)
+    spread = math.sqrt(0.04 - 2.0 * 0.05 * slope + 0.09 * slope**2)
+    low, middle = (belief.hopf_speed(1000.0, p) for p in (0.45, 0.5))
+    assert middle == pytest.approx(math.log(5.0) / 10.0, rel=1e-4)
+    assert math.log(middle / low) == pytest.approx(0.12566 * spread, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ('damping', 'law', 'words'),
-    [
-        (400.0, Coulomb(0.3, 0.1), 'law stribeck'),
-        (400.0, Stribeck(0.1, 0.3, 10.0), 'static = 0.1 must be above kinetic = 0.3'),
-        (0.0, Stribeck(0.3, 0.1, 10.0), 'damping = 0'),
-    ],
-)
-def test_a_bearing_without_boundaries_is_refused(
-    damping: float, law: FrictionLaw, words: str
-) -> None:
-    with pytest.raises(PhysicsError, match=words):
-        Belief.from_tolerance(Bearing(50.0, damping, 2.0e6, law, 0.1), Tolerance(damping=0.1))
+def test_a_law_without_boundaries_is_never_in_stick_slip() -> None:
+    rising = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.1, 0.3, 10.0), 0.1)
+    assert Belief.from_tolerance(rising, Tolerance(damping=0.1)).probabilities(0.1, 1e3) == (0, 0)
     with pytest.raises(PhysicsError, match=r'tolerance.damping = -0.1 must not be negative'):
         Tolerance(damping=-0.1)
 

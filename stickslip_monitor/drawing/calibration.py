@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a calibration: the level with the edges found, and the boundaries before and after.
+
+Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each function raises a
+``DrawingError`` where matplotlib is not installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.drawing.canvas import (
+    BOUNDARY_LINES,
+    INK,
+    MUTED,
+    PAPER,
+    REGIME_COLOUR,
+    Axes,
+    Figure,
+    labelled,
+    style,
+)
+from stickslip_monitor.errors import plural
+from stickslip_monitor.lab.calibration.calibrate import Calibration
+from stickslip_monitor.lab.calibration.edges import ReportedCourse
+from stickslip_monitor.lab.calibration.level import LevelBins
+from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.probability import QUANTILES
+
+_QUIET, _VIBRATING = REGIME_COLOUR[Regime.STABLE], REGIME_COLOUR[Regime.UNSTABLE]
+_LOADS = 60
+_FASTEST = 2.5
+_MOST_POINTS = 6000
+_SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.42, 0.79)
+
+
+def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
+    """Draw what was heard over the speed, with its edges, beside both boundaries' bands."""
+    heard = any(one.level is not None for one in found.evidence)
+    with style():
+        title = (
+            f'{config.name}: {plural(len(found.edges.tracks), "passage")},'
+            f' {plural(found.episodes, "episode")}'
+        )
+        figure, axes = labelled(
+            'shaft speed / configured fold speed',
+            'level / surface speed [dB]' if heard else 'passage',
+            title=title, size=_SIZE, box=_LEFT,
+        )  # fmt: skip
+        if heard:
+            _draw_levels(axes, found)
+        else:
+            _draw_reports(axes, found)
+        _draw_ends(axes, found, heard)
+        axes.axvline(1.0, color=INK, ls=':', lw=1.2, label='configured fold')
+        _draw_fold(axes, found)
+        axes.set_xlim(0.0, _FASTEST)
+        axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5)
+        _draw_boundaries(figure.add_axes(_RIGHT), config, found)
+    return figure
+
+
+def _vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
+    marks = [
+        (time >= one.start_ns / 1e9) & (time <= one.end_ns / 1e9)
+        for one in track.reports
+        if one.squeal
+    ]
+    return np.any(marks, axis=0) if marks else np.zeros(time.size, bool)
+
+
+def _draw_levels(axes: Axes, found: Calibration) -> None:
+    """Each value of the levels over the speed, coloured by what it was taken for."""
+    by_name = {one.name: one.level for one in found.evidence}
+    rows: list[FloatArray] = []
+    for track in found.edges.tracks:
+        level = by_name[track.course.name]
+        if level is None:
+            continue
+        about = (level.time >= track.time[0]) & (level.time <= track.time[-1])
+        time = level.time[about]
+        over = np.interp(time, track.time, track.over)
+        rows.append(np.column_stack([over, level.value[about], _vibrating(track, time)]))
+    points = np.concatenate(rows)
+    points = points[points[:, 0] < _FASTEST]
+    points = points[:: max(1, len(points) // _MOST_POINTS)]
+    for flag, colour, name in ((0.0, _QUIET, 'quiet'), (1.0, _VIBRATING, 'vibration')):
+        own = points[points[:, 2] == flag]
+        axes.plot(
+            own[:, 0], own[:, 1], '.', ms=2.5, color=colour, alpha=0.5, mew=0.0, label=name,
+            rasterized=True,
+        )  # fmt: skip
+
+
+def _draw_reports(axes: Axes, found: Calibration) -> None:
+    """Each passage as a line, thick where it was reported to vibrate."""
+    for k, track in enumerate(found.edges.tracks, 1):
+        loud = np.where(_vibrating(track, track.time), track.over, np.nan)
+        first = k == 1
+        axes.plot(
+            track.over, np.full(track.over.size, k), color=_QUIET, lw=1.0,
+            label='passage' if first else None,
+        )  # fmt: skip
+        axes.plot(
+            loud, np.full(loud.size, k), color=_VIBRATING, lw=4.0,
+            label='vibration reported' if first else None,
+        )  # fmt: skip
+    axes.set_ylim(0.4, len(found.edges.tracks) + 0.6)
+    axes.set_yticks(range(1, len(found.edges.tracks) + 1))
+
+
+def _draw_ends(axes: Axes, found: Calibration, heard: bool) -> None:
+    """The ends that count as at the fold, at their height; the doubtful ones crossed."""
+    doubtful = {id(end) for end, _ in found.doubts}
+    tracks = {track.course.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
+    low, high = axes.get_ylim()
+    for mark, text, own in (
+        ('^', 'end at the fold', [e for e in found.edges.seen if id(e) not in doubtful]),
+        ('>', 'fold is not below', [e for e in found.edges.ends if e.is_bound]),
+        ('x', 'worthless', [e for e in found.edges.ends if id(e) in doubtful]),
+    ):
+        at = []
+        for end in own:
+            k, track = tracks[end.recording]
+            over = float(np.interp(end.time, track.time, track.over))
+            at.append((over, low + 0.5 * (high - low) if heard else float(k)))
+        if at:
+            x, y = np.array(at).T
+            axes.plot(x, y, mark, color=INK, mec=PAPER if mark != 'x' else INK, ms=8.0, label=text)
+
+
+def _draw_fold(axes: Axes, found: Calibration) -> None:
+    load = float(np.sqrt(found.loads[0] * found.loads[1]))
+    configured = float(np.exp(found.reference.fold(np.array([np.log(load)]))[0]))
+    low, middle, high = (float(found.belief.fold_speed(load, p)) / configured for p in QUANTILES)
+    _, colour, dashes = BOUNDARY_LINES['fold']
+    axes.axvspan(low, high, color=colour, alpha=0.2, lw=0.0, label='calibrated fold, 5 to 95 %')
+    axes.axvline(middle, color=colour, ls=dashes, lw=1.6)
+
+
+def _draw_boundaries(axes: Axes, config: BearingConfig, found: Calibration) -> None:
+    """Both boundaries over the load, before and after, with their bands."""
+    low, high = found.loads
+    load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
+    top = 0.0
+    for name in ('fold', 'Hopf'):
+        regime, colour, dashes = BOUNDARY_LINES[name]
+        (left, was, right), (near, now, far) = (
+            [getattr(b, f'{name.lower()}_speed')(load, p) / rpm for p in QUANTILES]
+            for b in (found.before, found.belief)
+        )
+        band = REGIME_COLOUR[regime]
+        axes.fill_betweenx(
+            load, left, right, fc='none', ec=band, hatch='////', lw=0.0, alpha=0.35,
+            label=f'{name} before, 5 to 95 %',
+        )  # fmt: skip
+        axes.plot(was, load, color=MUTED, ls=dashes, lw=1.0, label=f'{name} before')
+        axes.fill_betweenx(load, near, far, color=band, alpha=0.45, lw=0.0)
+        axes.plot(now, load, color=colour, ls=dashes, lw=1.8, label=f'{name} now, 5 to 95 %')
+        top = max(top, float(far.max()), float(was.max()))
+    for k, track in enumerate(found.edges.tracks):
+        axes.plot(
+            track.speed / rpm, track.load, color=INK, lw=0.5, alpha=0.5, zorder=1,
+            label=None if k else 'passages',
+        )  # fmt: skip
+    axes.set_xlabel('shaft speed [rpm]')
+    axes.set_ylabel('load [N]')
+    axes.set_title('boundaries', loc='left', size=11.0, color=INK)
+    axes.set_xlim(0.0, 1.5 * top)
+    axes.set_ylim(float(load[0]), float(load[-1]))
+    axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5)
+
+
+def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> Figure:
+    """Draw how often a level over the speed takes which value, where it has no two modes."""
+    with style():
+        figure, axes = labelled(
+            'level / surface speed [dB]', 'values', title=f'{config.name}: no two modes',
+        )  # fmt: skip
+        value = np.concatenate([np.empty(0), *(level.value for level in levels)])
+        axes.hist(value, bins=80, color=_QUIET, label='all recordings, each value of 0.25 s')
+        axes.legend(loc='best', frameon=True)
+    return figure

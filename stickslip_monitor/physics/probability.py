@@ -1,0 +1,426 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How probable stick-slip is at an operating point of a bearing with uncertain parameters.
+
+A bearing may be another than configured by two factors, ``r`` of all speeds and ``q`` of all
+loads: its boundaries are ``r V_F(q N)`` and ``r V_H(q N)``, of any friction law. What is wrong in
+damping, in the fall of friction or in the load cell is of ``q``; a wrong decay is of both. Both
+are logarithmic normal. At a speed ``V`` a boundary is a load ``N_b(V)``, from which on stick-slip
+can happen or starts by itself, so that with ``x = ln r``
+
+    ``P = sum_k w_k Phi((ln N + b x_k - ln N_b(V e^-x_k)) / sd_k)``
+
+over nodes of ``x``, where ``b x`` is the mean of ``ln q`` at ``x`` and ``sd_k`` what else is
+uncertain of it. The sums are tabulated once: at each speed the load ``a``, the width ``w`` and how
+far the probit is off ``(ln N - a)/w``, which is little. The look-ups are plain functions of
+numbers and one flat table: they run as they stand for single points, compiled for long recordings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtr, ndtri
+
+from stickslip_monitor import jit
+from stickslip_monitor.arrays import FloatArray, flatten, restore
+from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.physics.friction import (
+    LAWS,
+    Coulomb,
+    FrictionLaw,
+    Stretched,
+    Stribeck,
+    Tabulated,
+)
+from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.quantities import require_not_negative
+
+QUANTILES = (0.05, 0.5, 0.95)
+"""The quantiles of a boundary that are shown beside a probability."""
+FOLD, HOPF = 0, 1
+"""The two boundaries, as places in a table."""
+UNKNOWN_FALL = 0.25
+"""Deviation of ``mu_s - mu_k`` of a law that does not state both."""
+
+# Head of a table: ln V of the first row, rows in one, rows, least and greatest known load [ln N].
+_FIRST, _PER_ROW, _ROWS, _LOW, _HIGH, _TABLE = range(6)
+# A row: the load, the width, and what the probit is off at these whole numbers of widths.
+_LOAD, _WIDTH, _OFF = range(3)
+_WIDEST = 4
+_COLUMNS = 2 * _WIDEST + 1
+_PER_BOUNDARY = _OFF + _COLUMNS
+# 768 rows between these speeds [m/s] keep a probability to 5e-4 (test_probability).
+_COUNT, _SLOWEST, _FASTEST = 768, 1e-3, 30.0
+# Nodes of ln r: this many normal kernels, this wide, to this far, in deviations of ln r.
+_NODES, _KERNEL, _REACH = 41, 0.16, 4.0
+_LEAST = 1e-9
+# The logarithm of a load that no ship has [ln N].
+_NOWHERE = 50.0
+# Beyond a fifth from the known loads a boundary is known less well: so much of ln V an octave, at
+# most so much.
+_BEYOND, _PER_OCTAVE, _MOST_BEYOND = math.log(1.2), 0.2, 0.5
+# From this many points on compiling repays its time.
+_MANY_POINTS = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Relative standard deviations of what a bearing's configuration states.
+
+    Args:
+        damping: Of ``c``.
+        static: Of ``mu_s``.
+        kinetic: Of ``mu_k``.
+        decay: Of ``beta``, or of the speeds of a measured table.
+        speed: Of the measured speed.
+        load: Of the measured load.
+        model_error: Of a boundary's speed, for what the averaged model leaves out.
+        scatter: Of a boundary's speed from one passage to the next.
+
+    Raises:
+        PhysicsError: One of them is negative or not finite.
+    """
+
+    damping: float = 0.0
+    static: float = 0.0
+    kinetic: float = 0.0
+    decay: float = 0.0
+    speed: float = 0.0
+    load: float = 0.0
+    model_error: float = 0.0
+    scatter: float = 0.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            require_not_negative(f'tolerance.{item.name}', getattr(self, item.name))
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether nothing is uncertain."""
+        return not any(getattr(self, item.name) for item in fields(self))
+
+    @property
+    def of_speed(self) -> float:
+        """What is uncertain of a boundary's speed on every passage."""
+        return math.hypot(self.speed, self.model_error, self.scatter)
+
+    def of_fall(self, law: FrictionLaw) -> float:
+        """Relative standard deviation of ``mu_s - mu_k``, the fall of friction with speed."""
+        kinetic = _kinetic(law)
+        fall = abs(law.static - kinetic)
+        both = math.hypot(self.static * law.static, self.kinetic * kinetic)
+        return both / fall if fall > 0.0 else UNKNOWN_FALL * (both > 0.0)
+
+    def covariance(self, law: FrictionLaw) -> FloatArray:
+        """Covariance of ``(ln r, ln q)``, shape (2, 2), without what is measured at each point."""
+        decay, other = self.decay**2, self.damping**2 + self.of_fall(law) ** 2
+        return np.array([[decay, -decay], [-decay, decay + other]])
+
+
+EXACT = Tolerance()
+"""Nothing is uncertain."""
+
+
+def _kinetic(law: FrictionLaw) -> float:
+    """The least coefficient of sliding that a law states."""
+    return float(getattr(law, 'kinetic', min(getattr(law, 'values', (0.0,)))))
+
+
+def moved(bearing: Bearing, speeds: float, loads: float) -> Bearing:
+    """Another bearing: its boundaries are ``speeds V_b(loads N)`` of this one's ``V_b(N)``.
+
+    Its damping and its kinetic coefficient are the same; the fall of friction changes, and the
+    speeds at which it falls.
+
+    Raises:
+        PhysicsError: The law is none of a configuration's.
+    """
+    law, by = bearing.friction, speeds * loads
+    kinetic = _kinetic(law)
+    static = kinetic + by * (law.static - kinetic)
+    if isinstance(law, Stribeck | Stretched):
+        own = replace(law, static=static, decay=law.decay / speeds, viscous=law.viscous * loads)
+        return replace(bearing, friction=own)
+    if isinstance(law, Coulomb):
+        return replace(bearing, friction=Coulomb(static, kinetic))
+    if isinstance(law, Tabulated):
+        values = [kinetic + by * (value - kinetic) for value in law.values]
+        return replace(bearing, friction=Tabulated([v * speeds for v in law.speed], values))
+    raise PhysicsError(f'a calibration needs a friction law among {", ".join(LAWS)}')
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """The distribution of a bearing's boundaries, as probabilities and quantiles.
+
+    Speeds are magnitudes of the journal's surface speed [m/s]; loads are in N. A probability is 0
+    without load, and ``nan`` where the shaft is at rest or an input is not finite.
+
+    Attributes:
+        bearing: The one in the middle.
+        covariance: Of ``(ln r, ln q)``, shape (2, 2).
+        speed: Relative standard deviation of a boundary's speed besides.
+        load: That of the load besides.
+        loads: The loads that it is known at [N].
+        straight: Whether a boundary is taken to first order in ``ln r``: a calibration knows it
+            far better than either factor.
+        table: What :func:`probit` and :func:`boundary_speed` look up.
+    """
+
+    bearing: Bearing
+    covariance: FloatArray
+    speed: float = 0.0
+    load: float = 0.0
+    loads: tuple[float, float] = (0.0, math.inf)
+    straight: bool = False
+    table: FloatArray = field(init=False, repr=False)
+    _numbers: list[float] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'table', self._tabulated())
+        object.__setattr__(self, '_numbers', self.table.tolist())
+
+    @classmethod
+    def from_tolerance(cls, bearing: Bearing, tolerance: Tolerance) -> Belief:
+        """The belief that a bearing's configured values and their tolerances make."""
+        covariance = tolerance.covariance(bearing.friction)
+        return cls(bearing, covariance, tolerance.of_speed, tolerance.load)
+
+    def lean(self, p: float) -> float:
+        """Factor of a load that takes the middle to where it starts with the probability ``p``.
+
+        To first order, where the load of the boundary grows as the speed; 1 for ``p = 0.5``.
+        """
+        (r, both), (_, q) = self._total
+        spread = math.sqrt(max(r + 2.0 * both + q, 0.0))
+        return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
+
+    def probabilities(
+        self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0
+    ) -> tuple[Any, Any]:
+        """The probabilities that a stick-slip cycle exists, and that it starts by itself.
+
+        Of surface speeds [m/s] and loads [N]; ``share`` is that of the averaged fold in the one
+        that counts, at most 1. Inputs broadcast.
+        """
+        if isinstance(speed, float) and isinstance(load, float) and isinstance(share, float):
+            return chances(self._numbers, abs(speed), load, share)
+        shape, (v, n, part) = flatten(speed, load, share)
+        points, out = np.column_stack([np.abs(v), n, part]), np.empty((v.size, 2))
+        _loop(fill_chances, v.size)(self.table, points, out)
+        return restore(out[:, 0], shape), restore(out[:, 1], shape)
+
+    def fold_speed(self, load: ArrayLike, p: float) -> Any:
+        """The ``p`` quantile of the fold speed at a load [m/s]; 0 where there is none."""
+        return self._quantile(FOLD, load, p)
+
+    def hopf_speed(self, load: ArrayLike, p: float) -> Any:
+        """The ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none."""
+        return self._quantile(HOPF, load, p)
+
+    def _quantile(self, which: int, load: ArrayLike, p: float) -> Any:
+        if not 0.0 < p < 1.0:
+            raise PhysicsError(f'p = {p:g} must be between 0 and 1')
+        z = float(ndtri(p))
+        if isinstance(load, float):
+            return boundary_speed(self._numbers, which, load, z)
+        shape, (n,) = flatten(load)
+        out = np.empty(n.size)
+        _loop(fill_speeds, n.size)(self.table, which, n, z, out)
+        return restore(out, shape)
+
+    def fold_margins(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
+        """5 % and 95 % quantile of the fold margin ``V/V_F - 1``; inputs broadcast.
+
+        ``inf`` where that share of the belief has no fold, ``nan`` without a probability.
+        """
+        shape, (v, n) = flatten(speed, load)
+        known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
+        margins = []
+        for p in (QUANTILES[2], QUANTILES[0]):
+            fold = np.asarray(self.fold_speed(np.where(known, n, 0.0), p))
+            margin = np.full(v.size, np.inf)
+            np.divide(np.abs(v), fold, out=margin, where=fold > 0.0)
+            margins.append(restore(np.where(known, margin - 1.0, np.nan), shape))
+        return margins[0], margins[1]
+
+    @property
+    def _total(self) -> FloatArray:
+        """The covariance with what is uncertain of the measured speed and load."""
+        return np.asarray(self.covariance) + np.diag([self.speed**2, self.load**2])
+
+    def _tabulated(self) -> FloatArray:
+        ln_v = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _COUNT)
+        (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
+        known = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
+        parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *known])]
+        for of in (boundaries.fold_load, boundaries.hopf_load):
+            rows = _rows_of(self._total, ln_v, _log_load(of, self.bearing, ln_v), self.straight)
+            parts.append(rows.ravel())
+        return np.concatenate(parts)
+
+
+def _log_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> FloatArray:
+    """``ln N`` from which on a boundary lies above a speed; at rising speeds, shape (n,)."""
+    with np.errstate(all='ignore'):
+        load = np.log(np.asarray(of(bearing, np.exp(ln_v)), float))
+    load = np.where(np.isnan(load), _NOWHERE, np.clip(load, -_NOWHERE, _NOWHERE))
+    # A law that falls again, or rises first: what is below its highest boundary counts as inside.
+    above: FloatArray = np.minimum.accumulate(load[::-1])[::-1]
+    return above
+
+
+def _rows_of(total: FloatArray, ln_v: FloatArray, load: FloatArray, straight: bool) -> FloatArray:
+    """The rows of one boundary, shape (speeds, :data:`_PER_BOUNDARY`)."""
+    (r, both), (_, q) = total
+    slope = np.gradient(load, ln_v)
+    width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * both + q, _LEAST**2))
+    columns = np.arange(-_WIDEST, _WIDEST + 1.0)
+    if straight:
+        return np.column_stack([load, width, np.zeros((load.size, _COLUMNS))])
+    log_load = load[:, None] + width[:, None] * columns
+    mean = both / r if r > 0.0 else 0.0
+    rest, kernel = max(q - mean * both, 0.0), _KERNEL**2 * r
+    nodes = np.linspace(-_REACH, _REACH, _NODES)
+    weight = np.exp(-0.5 * nodes**2 / (1.0 - _KERNEL**2))
+    p = np.zeros(log_load.shape)
+    for node, share in zip(nodes * math.sqrt(r), weight / weight.sum(), strict=True):
+        there, steep = np.interp(ln_v - node, ln_v, load), np.interp(ln_v - node, ln_v, slope)
+        spread = np.sqrt(rest + (mean + steep) ** 2 * kernel + _LEAST**2)
+        p += share * ndtr((log_load + mean * node - there[:, None]) / spread[:, None])
+    off = ndtri(np.clip(p, 1e-12, 1.0 - 1e-12)) - columns
+    return np.column_stack([load, width, np.clip(off, -_WIDEST, _WIDEST)])
+
+
+def probability_runs(can: FloatArray, will: FloatArray, before: float = 0.0) -> FloatArray:
+    """:func:`runs_after` each of some points in order of time, shape (n,); ``nan`` changes none.
+
+    ``before`` is the probability before the first.
+    """
+    result = np.empty(can.size)
+    _loop(fill_runs, can.size)(can, will, before, result)
+    return result
+
+
+def _loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
+    """A loop over points as it stands, or compiled where there are many."""
+    if size < _MANY_POINTS or not jit.has_compiler():
+        return plain
+    from stickslip_monitor.physics import probability  # this module
+
+    return jit.compiled(plain.__name__, probability)
+
+
+def probit(table: Sequence[float], which: int, log_speed: float, log_load: float) -> float:
+    """``z`` with ``P = Phi(z)``: whether a boundary lies above a speed [ln m/s] at a load [ln N].
+
+    ``table`` is :attr:`Belief.table`, or the same as a list; ``which`` :data:`FOLD` or
+    :data:`HOPF`.
+    """
+    rows = int(table[_ROWS])
+    place = min(max((log_speed - table[_FIRST]) * table[_PER_ROW], 0.0), rows - 1.000001)
+    row = int(place)
+    share = place - row
+    at = _TABLE + (which * rows + row) * _PER_BOUNDARY
+    after = at + _PER_BOUNDARY
+    rise = table[after + _LOAD] - table[at + _LOAD]
+    load = table[at + _LOAD] + rise * share
+    width = table[at + _WIDTH] + (table[after + _WIDTH] - table[at + _WIDTH]) * share
+    z = (log_load - load) / width
+    along = min(max(z + _WIDEST, 0.0), 2.0 * _WIDEST - 1e-9)
+    column = int(along)
+    part = along - column
+    at += _OFF + column
+    after += _OFF + column
+    low = table[at] + (table[at + 1] - table[at]) * part
+    high = table[after] + (table[after + 1] - table[after]) * part
+    z += low + (high - low) * share
+    off = max(table[_LOW] - log_load, log_load - table[_HIGH]) - _BEYOND
+    if off > 0.0:
+        beyond = min(_PER_OCTAVE * off / math.log(2.0), _MOST_BEYOND)
+        z /= math.hypot(1.0, rise * table[_PER_ROW] * beyond / width)
+    return z
+
+
+def boundary_speed(table: Sequence[float], which: int, load: float, z: float) -> float:
+    """The speed of a boundary that a share ``Phi(z)`` of the belief lies below [m/s]; 0 for none.
+
+    Args as of :func:`probit`; the load is in N.
+    """
+    if not load > 0.0:
+        return 0.0
+    log_load = math.log(load)
+    low = table[_FIRST]
+    high = low + (table[_ROWS] - 1.0) / table[_PER_ROW]
+    if probit(table, which, low, log_load) <= -z:
+        return 0.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if probit(table, which, middle, log_load) > -z:
+            low = middle
+        else:
+            high = middle
+    return math.exp(0.5 * (low + high))
+
+
+def chances(
+    table: Sequence[float], speed: float, load: float, share: float
+) -> tuple[float, float]:
+    """The probabilities that stick-slip can happen, and that it starts by itself.
+
+    Args:
+        table: :attr:`Belief.table`, or the same as a list.
+        speed: Magnitude of the surface speed [m/s].
+        load: Load [N].
+        share: Of the averaged fold in the one that counts, at most 1.
+
+    Returns:
+        Both ``nan`` at rest or where an input is not finite; 0 without a load.
+    """
+    if not (0.0 < speed < math.inf and math.isfinite(load)):
+        return math.nan, math.nan
+    if load <= 0.0:
+        return 0.0, 0.0
+    log_speed, log_load = math.log(speed), math.log(load)
+    can = _normal(probit(table, FOLD, log_speed + math.log(share), log_load))
+    return can, min(_normal(probit(table, HOPF, log_speed, log_load)), can)
+
+
+def _normal(z: float) -> float:
+    return 0.5 * math.erfc(-z * math.sqrt(0.5))
+
+
+def runs_after(before: float, can: float, will: float) -> float:
+    """The probability that stick-slip runs, by thresholds with the memory of the bistable range.
+
+    Whoever starts at a probability ``will`` and ends at ``can`` runs with
+    ``min(max(before, will), can)`` afterwards, if the points of the belief pass their boundaries
+    in one order. ``nan`` changes nothing.
+    """
+    after = before if math.isnan(will) else max(before, will)
+    return after if math.isnan(can) else min(after, can)
+
+
+def fill_chances(table: Any, points: Any, out: Any) -> None:
+    """:func:`chances` of rows of speed, load and share, shape (n, 3); ``out`` is (n, 2)."""
+    for k in range(points.shape[0]):
+        out[k, 0], out[k, 1] = chances(table, points[k, 0], points[k, 1], points[k, 2])
+
+
+def fill_speeds(table: Any, which: int, load: Any, z: float, out: Any) -> None:
+    """:func:`boundary_speed` of loads, shape (n,)."""
+    for k in range(load.shape[0]):
+        out[k] = boundary_speed(table, which, load[k], z)
+
+
+def fill_runs(can: Any, will: Any, before: float, out: Any) -> None:
+    """:func:`runs_after` of points in order of time, shape (n,)."""
+    for k in range(can.shape[0]):
+        before = runs_after(before, can[k], will[k])
+        out[k] = before
