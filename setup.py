@@ -45,6 +45,7 @@ setup(
     package_data={
         NAME: [
             'py.typed',
+            'bags/definitions.txt',
             'report/page.html',
             'report/page.css',
             'dashboard/page/*',

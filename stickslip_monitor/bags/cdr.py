@@ -33,12 +33,12 @@ from stickslip_monitor.fields import FieldPath, read_field
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
-_NUMBERS: Mapping[str, str] = {
+NUMBERS: Mapping[str, str] = {
     'bool': '?', 'byte': 'u1', 'char': 'i1', 'int8': 'i1', 'uint8': 'u1', 'int16': 'i2',
     'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
     'float32': 'f4', 'float64': 'f8',
 }  # fmt: skip
-_TEXTS = ('string', 'wstring')
+TEXTS = ('string', 'wstring')
 
 LONGEST_TEXT = 1 << 18
 """Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
@@ -155,7 +155,7 @@ def _field(line: str, package: str) -> Field:
     if match is None or not rest:
         raise SchemaError(f"its definition has the line '{line}', which is not a field")
     base, array = match['base'], match['array']
-    if base not in _NUMBERS and base not in _TEXTS and '/' not in base:
+    if base not in NUMBERS and base not in TEXTS and '/' not in base:
         base = f'{package}/{base}'
     if array is None:
         return Field(rest[0], base)
@@ -189,10 +189,10 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
         elif steps and isinstance(steps[0], int):
             raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
         current = member.base
-        if current in _TEXTS or (current in _NUMBERS and steps):
-            rest = '' if current in _TEXTS else f", which has no field '{steps[0]}'"
+        if current in TEXTS or (current in NUMBERS and steps):
+            rest = '' if current in TEXTS else f", which has no field '{steps[0]}'"
             raise SchemaError(f"'{step}' is a {current}{rest or ', not a number'}")
-    if current not in _NUMBERS:
+    if current not in NUMBERS:
         names = ', '.join(member.name for member in definitions[current])
         raise SchemaError(f'it ends at a {current}, not at a number: its fields are {names}')
     return current
@@ -257,15 +257,15 @@ def _tokens(
     for member in definitions[root]:
         path = (*prefix, member.name)
         is_sequence = member.is_array and member.size is None
-        if member.base in _NUMBERS:
+        if member.base in NUMBERS:
             count = None if is_sequence else member.size if member.is_array else 1
-            yield path, Token(_NUMBERS[member.base], count)
+            yield path, Token(NUMBERS[member.base], count)
         elif member.base == 'wstring' or is_sequence:
             yield path, None
         else:
             for index in range(member.size) if member.size is not None else ['']:
                 own = (*path, index) if member.is_array else path
-                if member.base in _TEXTS:
+                if member.base in TEXTS:
                     yield own, Token('u1', None)
                 else:
                     yield from _tokens(definitions, member.base, own)

@@ -38,7 +38,6 @@ from stickslip_monitor.bags.values import Cut, Findings
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 
-CONVERT = "convert it with 'ros2 bag convert' first"
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""
 
@@ -440,10 +439,6 @@ def scan_file(path: Path, findings: Findings) -> Contents:
         with open_file(path) as file:
             number = file.fileno()
             begin = os.pread(number, 16, 0)
-            if begin.startswith(b'SQLite format 3'):
-                raise BagError(
-                    f"bag file '{path}' is an SQLite recording (.db3), not MCAP: {CONVERT}"
-                )
             # A recorder stopped while it created the file leaves a part of the magic, or nothing.
             begin = begin[: len(MAGIC)]
             if not MAGIC.startswith(begin):

@@ -49,3 +49,11 @@ class StepClock:
             arrival = np.maximum.accumulate(np.append(start, shifted))[1:]
             self._latest = int(arrival[-1])
         return shifted, arrival
+
+    def sentence(self, whose: str) -> str:
+        """That the clock of somebody was set back, and what is made of it."""
+        times = 'once' if len(self.steps_ns) == 1 else f'{len(self.steps_ns)} times'
+        return (
+            f'the clock {whose} was set back {times}, by {max(self.steps_ns) * 1e-9:.6g} s at'
+            ' most: what follows is taken to go on behind what was before'
+        )

@@ -29,8 +29,15 @@ from stickslip_monitor.monitor.config import MonitorConfig
 class McapRecording:
     """See :class:`~stickslip_monitor.bags.recording.Recording`."""
 
-    def __init__(self, path: Path, files: Sequence[Contents], findings: Findings) -> None:
-        self.path = path
+    def __init__(
+        self,
+        path: Path,
+        files: Sequence[Contents],
+        findings: Findings,
+        kept: object = None,
+    ) -> None:
+        # Holds a folder of unpacked files for as long as the recording lives.
+        self.path, self._kept = path, kept
         self.topics: dict[str, TopicInfo] = _list_topics(files)
         self._contents = tuple(files)
         self._findings = findings

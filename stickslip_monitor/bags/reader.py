@@ -1,68 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a recording: one MCAP file, or a rosbag2 folder of them.
-
-Finds the recordings of an archive, finds whether one has changed, and takes one that is piped.
-"""
+"""Opens recordings of every format, finds those of an archive, and takes one that is piped."""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
-import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path, PurePosixPath
-from typing import IO, Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import IO
 
-import yaml
+import zstandard
 
 from stickslip_monitor.bags.blocks import MAGIC
-from stickslip_monitor.bags.contents import CONVERT, scan_file
+from stickslip_monitor.bags.contents import Contents, scan_file
+from stickslip_monitor.bags.folder import (
+    as_it_is_kept,
+    folder_files,
+    is_log,
+    is_recording,
+    is_sqlite,
+    natural,
+    stem_of,
+)
 from stickslip_monitor.bags.mcap_recording import McapRecording
-from stickslip_monitor.bags.recording import MOST_NAMED, Recording
+from stickslip_monitor.bags.recording import Recording
+from stickslip_monitor.bags.sqlite_recording import MAGIC as SQLITE
+from stickslip_monitor.bags.sqlite_recording import SqliteRecording
 from stickslip_monitor.bags.table_recording import TableRecording
-from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Findings
+from stickslip_monitor.bags.values import METADATA_NAME, Findings
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import near_name, open_file, read_file
-
-# Of metadata: ten thousand topics or files [bytes].
-_LARGEST = 8 << 20
-_DEEPEST = 30
-_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-_NOT_METADATA = (
-    yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError, OverflowError,
-    RecursionError,
-)  # fmt: skip
-
-
-def open_bag(path: str | Path) -> Recording:
-    """Open a recording.
-
-    Args:
-        path: An MCAP file, or a rosbag2 folder with or without its ``metadata.yaml``.
-
-    Returns:
-        The recording.  Files that are cut and topics that cannot be decoded are part of it, not
-        errors.
-
-    Raises:
-        BagError: There is no recording, or it is not MCAP.
-    """
-    path = Path(path)
-    if not path.exists():
-        raise BagError(f"bag '{path}' does not exist{near_name(path)}")
-    if not path.is_dir() and _is_table(path):
-        return TableRecording(path)
-    findings = Findings()
-    paths, expected = _folder_files(path, findings) if path.is_dir() else ([path], None)
-    bag = McapRecording(path, [scan_file(file, findings) for file in paths], findings)
-    if expected is not None and expected != bag.message_count:
-        findings.lose(
-            f"'{path / METADATA_NAME}' counts {expected} messages, the files hold"
-            f' {bag.message_count}'
-        )
-    return bag
-
+from stickslip_monitor.files import near_name, open_file
 
 # What is often brought and not read, by its first bytes, with the remedy.
 _FOREIGN = (
@@ -79,13 +48,75 @@ _FOREIGN = (
     (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
 )
 _LOOK = 4096
+_ZSTD = b'\x28\xb5\x2f\xfd'
+# What a packed file may grow to [bytes]: so much, and so much for each of its own.
+_FREE, _FOR_EACH = 160 << 20, 100
+_PIECE = 1 << 20
+# Parts of one recording lap over by less than that, and are not further apart [ns].
+_OVERLAP_NS, _APART_NS = 10**9, 3600 * 10**9
+
+Stamp = tuple[tuple[str, int, int], ...]
 
 
-def _is_table(path: Path) -> bool:
-    """Whether a file is text with cells, packed text, or Parquet.
+def open_bag(path: str | Path) -> Recording:
+    """Open a recording.
+
+    Args:
+        path: A file of MCAP or SQLite, a rosbag2 folder with or without its ``metadata.yaml``, or
+            a log: CSV and its kin, Parquet, NMEA 0183 or Signal K.
+
+    Returns:
+        The recording.  Files that are cut and topics that cannot be decoded are part of it, not
+        errors.
 
     Raises:
-        BagError: It is of a kind that is not read; the text has the remedy.
+        BagError: There is no recording, or it is of no kind that is read.
+    """
+    path = as_it_is_kept(Path(path))
+    if not path.exists():
+        raise BagError(f"bag '{path}' does not exist{near_name(path)}")
+    findings = Findings()
+    if not path.is_dir():
+        begin = _begin(path)
+        if _is_table(path, begin):
+            return TableRecording(path)
+        if (stem := stem_of(path.name)) and _has_other_parts(path):
+            findings.note(
+                f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own"
+            )
+        return _opened(path, [path], '', findings)
+    listed = folder_files(path, findings)
+    recording = _opened(path, listed.files, listed.packed, findings, listed.is_listed)
+    if listed.count is not None and listed.count != recording.message_count:
+        findings.lose(
+            f"'{path / METADATA_NAME}' counts {listed.count} messages, the files hold"
+            f' {recording.message_count}'
+        )
+    return recording
+
+
+def _opened(
+    path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
+) -> Recording:
+    """A recording of some files of one format, which stay where they are."""
+    kept = tempfile.TemporaryDirectory(prefix='stickslip-')
+    whole = [_unpacked(file, Path(kept.name)) for file in files]
+    if any(is_sqlite(file.name) or _begin(file).startswith(SQLITE) for file in whole):
+        return SqliteRecording(path, whole, packed == 'message', findings, kept)
+    contents = [scan_file(file, findings) for file in whole]
+    if not is_one and not _follow_on(contents):
+        raise BagError(
+            f"folder '{path}' holds {len(files)} recordings that lap over in time or lie more than"
+            ' an hour apart: name one of them'
+        )
+    return McapRecording(path, contents, findings, kept)
+
+
+def _begin(path: Path) -> bytes:
+    """The first bytes of a file.
+
+    Raises:
+        BagError: It cannot be read, or is of a kind that is not; the text has the remedy.
     """
     try:
         with open_file(path) as file:
@@ -95,113 +126,73 @@ def _is_table(path: Path) -> bool:
     for magic, what in _FOREIGN:
         if begin.startswith(magic):
             raise BagError(f"'{path}' is {what.format(path)}")
+    return begin
+
+
+def _is_table(path: Path, begin: bytes) -> bool:
+    """Whether a file is text with cells, packed text, or Parquet."""
+    if is_recording(path.name):
+        return False
     if begin.startswith((b'\x1f\x8b', b'PAR1', b'\xff\xfe', b'\xfe\xff')):
         return True
     # In UTF-16 without its mark every other byte is zero.
     text = begin.replace(b'\0', b'')
-    is_text = not any(byte < 9 or 13 < byte < 32 for byte in text[:_LOOK]) and text
-    return bool(is_text) and any(mark in text for mark in (b',', b';', b'\t', b'|', b' '))
+    is_text = bool(text) and not any(byte < 9 or 13 < byte < 32 for byte in text)
+    return is_text and any(mark in text for mark in (b',', b';', b'\t', b'|', b' '))
 
 
-def _folder_files(folder: Path, findings: Findings) -> tuple[list[Path], int | None]:
-    """Find the files of a folder, and the messages they should hold; report what is odd."""
-    try:
-        names = [path.name for path in folder.iterdir()]
-    except OSError as error:
-        raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
-    metadata = read_metadata(folder)
-    there = [folder / name for name in sorted(names, key=natural) if name.endswith('.mcap')]
-    if not there and any(name.endswith('.db3') for name in names):
-        raise BagError(f"bag '{folder}' is an SQLite recording (.db3), not MCAP: {CONVERT}")
-    if not there:
-        raise BagError(f"bag '{folder}' has no .mcap file")
-    if isinstance(metadata, str):
-        _refuse_several(folder, names)
-        findings.note(f'{metadata}: its .mcap files were read in the order of their names')
-        return there, None
-    listed, count = metadata
-    missing = [file for file in listed if file not in there]
-    for file in missing[:MOST_NAMED]:
-        findings.lose(f"file '{file.name}' is listed in {METADATA_NAME} but missing")
-    if len(missing) > MOST_NAMED:
-        findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
-    for file in there:
-        if file not in listed:
-            findings.lose(f"file '{file.name}' is not listed in {METADATA_NAME} and was not read")
-    found = [file for file in listed if file in there]
-    if not found:
-        raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
-    return found, count
-
-
-def _refuse_several(folder: Path, names: Iterable[str]) -> None:
-    apart = _recordings(folder, names)
-    if len(apart) > 1:
-        raise BagError(f"folder '{folder}' holds {len(apart)} recordings: name one of them")
-
-
-def read_metadata(folder: Path) -> tuple[dict[Path, None], int] | str:
-    """Read a rosbag2 folder's metadata.
-
-    Returns:
-        The files it lists and how many messages they hold, or a sentence saying why it cannot be
-        used.
+def _unpacked(path: Path, folder: Path) -> Path:
+    """A file, or what it holds where it is packed as a whole.
 
     Raises:
-        BagError: It describes a recording of a kind this package cannot read.
+        BagError: It cannot be unpacked, or grows to more than its size allows.
     """
-    path = folder / METADATA_NAME
+    if not _begin(path).startswith(_ZSTD):
+        return path
+    target = folder / path.name.rpartition('.')[0]
+    most = _FREE + _FOR_EACH * path.stat().st_size
     try:
-        information = _load(read_file(path, _LARGEST))[METADATA_ROOT]
-        storage = information.get('storage_identifier', 'mcap')
-        mode = str(information.get('compression_mode') or 'none').lower()
-        if storage != 'mcap':
-            raise BagError(f"bag '{folder}' is stored as '{storage}', not mcap: {CONVERT}")
-        if mode in ('file', 'message'):
-            raise BagError(
-                f"bag '{folder}' has compression_mode '{mode}', but only the compression inside"
-                f' MCAP can be read: {CONVERT}'
-            )
-        names = (PurePosixPath(name).name for name in information['relative_file_paths'])
-        return dict.fromkeys(folder / name for name in names), int(information['message_count'])
-    except FileNotFoundError:
-        return f"folder '{folder}' has no {METADATA_NAME}"
-    except OSError as error:
-        return f"'{path}' cannot be read: {error.strerror}"
-    except _NOT_METADATA:
-        return f"'{path}' is not rosbag2 metadata"
+        with open_file(path) as packed, target.open('wb') as file:
+            reader = zstandard.ZstdDecompressor().stream_reader(packed)
+            while piece := reader.read(_PIECE):
+                if file.tell() + len(piece) > most:
+                    raise BagError(
+                        f"bag file '{path}' grows to more than {most} bytes, the limit for its"
+                        ' size'
+                    )
+                file.write(piece)
+    except (OSError, zstandard.ZstdError) as error:
+        raise BagError(f"bag file '{path}' cannot be unpacked: {error}") from None
+    return target
 
 
-def _load(data: bytes) -> Any:
-    """YAML without aliases, which rosbag2 does not write, and without much nesting."""
-    depth = 0
-    for event in yaml.parse(data, _LOADER):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
-            raise ValueError('no metadata has this')
-    return yaml.load(data, _LOADER)
+def _follow_on(files: Sequence[Contents]) -> bool:
+    """Whether the spans of some files are those of parts of one recording."""
+    known = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
+    return all(
+        -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
+        for (_, end), (start, _) in itertools.pairwise(known)
+    )
 
 
-def natural(name: str) -> list[tuple[int, str]]:
-    """Sort key that puts file 10 after file 9."""
-    parts = re.split(r'(\d+)', name)
-    return [(int(part), '') if part.isdecimal() else (-1, part) for part in parts]
-
-
-Stamp = tuple[tuple[str, int, int], ...]
-_PIECE = 1 << 20
-# As rosbag2 numbers the files of a recording.
-_PART = re.compile(r'(?P<stem>.+)_\d+\.mcap')
+def _has_other_parts(path: Path) -> bool:
+    """Whether the folder of a file has others of its name, and nothing that lists them."""
+    try:
+        names = [each.name for each in path.parent.iterdir()]
+    except OSError:
+        return False
+    stem = stem_of(path.name)
+    return METADATA_NAME not in names and sum(stem_of(name) == stem for name in names) > 1
 
 
 def find_bags(paths: Iterable[str | Path]) -> list[Path]:
     """Find the recordings that are meant by some paths.
 
     Args:
-        paths: MCAP files, rosbag2 folders, and folders that hold such at any depth. Files of a
-            folder without ``metadata.yaml`` are recordings of their own, unless all are numbered
-            as rosbag2 numbers the files of one.
+        paths: Files, rosbag2 folders, and folders that hold such at any depth. Files of a folder
+            without ``metadata.yaml`` are recordings of their own, unless all are numbered as
+            rosbag2 numbers the files of one, and follow on in time. Logs are meant where a folder
+            has nothing else.
 
     Returns:
         Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
@@ -209,7 +200,7 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
         opening them says why.
     """
     found: dict[Path, Path] = {}
-    for path in map(Path, paths):
+    for path in map(as_it_is_kept, map(Path, paths)):
         for bag in _within(path) or [path]:
             found.setdefault(Path(os.path.realpath(bag)), bag)
     return list(found.values())
@@ -219,28 +210,43 @@ def _within(path: Path) -> list[Path]:
     # Path.is_dir raises where a link leads through a folder that is closed.
     if not os.path.isdir(path):  # noqa: PTH112
         return [path]
-    return sorted(_walk(path), key=lambda bag: [natural(part) for part in bag.parts])
+    found = list(_walk(path, is_recording)) or list(_walk(path, is_log))
+    return sorted(found, key=lambda bag: [natural(part) for part in bag.parts])
 
 
-def _walk(folder: Path) -> Iterator[Path]:
+def _walk(folder: Path, is_wanted: Callable[[str], bool]) -> Iterator[Path]:
     closed: list[OSError] = []
     for where, folders, files in os.walk(folder, onerror=closed.append):
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
-        yield from _recordings(Path(where), files)
+        yield from _recordings(Path(where), files, is_wanted)
     yield from (Path(error.filename) for error in closed)
 
 
-def _recordings(folder: Path, names: Iterable[str]) -> list[Path]:
+def _recordings(
+    folder: Path, names: Iterable[str], is_wanted: Callable[[str], bool]
+) -> list[Path]:
     """The folder, if its files are parts of one recording, or else each of its files."""
     # As Path.is_dir does, Path.is_file raises behind a closed folder.
     names = [name for name in names if os.path.isfile(folder / name)]  # noqa: PTH113
-    loose = [n for n in names if n.endswith('.mcap') and not n.startswith('.')]
-    parts = [_PART.fullmatch(name) for name in loose]
-    stems = {part and part['stem'] for part in parts}
-    if METADATA_NAME in names or (len(stems) == 1 and None not in stems):
+    loose = [name for name in names if is_wanted(name)]
+    stems = {stem_of(name) for name in loose}
+    if METADATA_NAME in names and is_wanted is is_recording:
+        return [folder]
+    if len(stems) == 1 and stems != {''} and (len(loose) == 1 or _are_parts(folder, loose)):
         return [folder]
     return [folder / name for name in loose]
+
+
+def _are_parts(folder: Path, names: Sequence[str]) -> bool:
+    """Whether numbered files follow on in time, as far as that can be known."""
+    try:
+        files = [folder / name for name in sorted(names, key=natural)]
+        if any(is_sqlite(file.name) or _begin(file).startswith(_ZSTD) for file in files):
+            return True
+        return _follow_on([scan_file(file, Findings()) for file in files])
+    except BagError:
+        return True
 
 
 def stamp_of(bag: Path) -> Stamp:
@@ -272,15 +278,26 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
     if stream.isatty():
         raise BagError("bag '-' is the terminal: pipe a recording into standard input")
     with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
-        path = Path(folder) / 'standard_input.mcap'
+        piece = stream.read(_PIECE)
+        ending = '.mcap' if MAGIC.startswith(piece[: len(MAGIC)]) else ''
+        path = Path(folder) / f'standard_input{ending}'
         try:
             with path.open('wb') as file:
-                is_mcap = True
-                while is_mcap and (piece := stream.read(_PIECE)):
-                    # What is no recording may have no end; its reader says what it is.
-                    is_mcap = file.tell() > 0 or piece.startswith(MAGIC)
+                while piece:
                     file.write(piece)
                     show('reading standard input', file.tell(), None)
+                    # What is no recording may have no end; its reader says what it is.
+                    is_known = ending or file.tell() > _PIECE or _is_known(file, path)
+                    piece = stream.read(_PIECE) if is_known else b''
         except OSError as error:
             raise BagError(f"bag '-' cannot be read: {error.strerror or error}") from None
         yield path
+
+
+def _is_known(file: IO[bytes], path: Path) -> bool:
+    """Whether the head of a file is that of a table."""
+    file.flush()
+    try:
+        return isinstance(open_bag(path), TableRecording)
+    except BagError:
+        return False

@@ -290,12 +290,7 @@ class TableReading:
                 Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock
             )
         if clock.steps_ns:
-            longest = max(clock.steps_ns) * 1e-9
-            times = 'once' if len(clock.steps_ns) == 1 else f'{len(clock.steps_ns)} times'
-            self._recording.note(
-                f'the clock of the lines was set back {times}, by {longest:.6g} s at most: what'
-                ' follows is taken to go on behind what was before'
-            )
+            self._recording.note(clock.sentence('of the lines'))
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """The words in place of numbers."""

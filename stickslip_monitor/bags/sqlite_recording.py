@@ -1,0 +1,404 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording that rosbag2 stored by SQLite, its default up to ROS 2 Humble.
+
+Files come in the order of their metadata; messages in the order in which they were written.
+Nothing is written to a file: one with a journal is read as a copy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import zstandard
+from mcap.records import Schema
+
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.binding import bound_to_topics
+from stickslip_monitor.bags.cdr import FieldReader, short_name
+from stickslip_monitor.bags.definitions import definition_of
+from stickslip_monitor.bags.event_order import StepClock
+from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
+from stickslip_monitor.bags.values import (
+    Cut,
+    Fault,
+    Findings,
+    Message,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+)
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.fields import FieldPath, parse_field
+from stickslip_monitor.monitor.config import MonitorConfig
+
+MAGIC = b'SQLite format 3\0'
+# Messages that are read together, and the largest one that is unpacked [bytes].
+_BATCH, _MOST_MESSAGE = 1 << 15, 128 << 20
+# Messages by so much later may come first: they are put in order [ns].
+_DISORDER_NS = 10**9
+# Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
+_SKIP, _MOST_SKIPS = 64, 40
+
+
+class _Row(NamedTuple):
+    """One message."""
+
+    time_ns: int
+    topic: str
+    data: bytes
+
+
+class SqliteRecording:
+    """See :class:`~stickslip_monitor.bags.recording.Recording`.
+
+    Args:
+        path: The file or folder.
+        files: The files in order.
+        is_packed: Whether each message is compressed.
+        findings: Takes what is wrong.
+        kept: A folder for what is unpacked, as long as the recording lives.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        files: Sequence[Path],
+        is_packed: bool,
+        findings: Findings,
+        kept: tempfile.TemporaryDirectory[str],
+    ) -> None:
+        self.path, self.files = path, tuple(files)
+        self.cuts: tuple[Cut, ...] = ()
+        self._is_packed, self._findings = is_packed, findings
+        self._texts: dict[str, str] = {}
+        self._counts: Counter[str] = Counter()
+        self._types: dict[str, tuple[str, str]] = {}
+        self._kept = kept
+        times = [time for file in files for time in self._look(file)]
+        self.start_ns = min(times, default=None)
+        self.end_ns = max(times, default=None)
+        self.topics: Mapping[str, TopicInfo] = {
+            name: self._info(name, *self._types[name]) for name in sorted(self._types)
+        }
+        self.message_count = self._counts.total()
+
+    def _info(self, name: str, kind: str, encoding: str) -> TopicInfo:
+        text = self._texts.get(kind) or definition_of(kind)
+        problem = ''
+        if encoding != 'cdr':
+            problem = f"message encoding '{encoding}' is not cdr"
+        elif text is None:
+            problem = (
+                f'the recording has no definition of {kind}: source the setup file of a ROS 2 that'
+                ' has it'
+            )
+        else:
+            self._texts[kind] = text
+        return TopicInfo(name, kind, self._counts[name], encoding, problem)
+
+    @contextlib.contextmanager
+    def _opened(self, file: Path) -> Iterator[sqlite3.Connection]:
+        """A connection that changes nothing.
+
+        Raises:
+            BagError: The file cannot be read.
+        """
+        try:
+            uri = f'{self._whole(file).absolute().as_uri()}?mode=ro&immutable=1'
+            with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
+                database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
+                yield database
+        except (sqlite3.Error, OSError, ValueError) as error:
+            raise BagError(f"bag file '{file}' cannot be read: {error}") from None
+
+    def _whole(self, file: Path) -> Path:
+        """The file, or its copy with what a crash has left in its journal."""
+        ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
+        if not any(end.is_file() and end.stat().st_size for end in ends):
+            return file
+        copy = Path(self._kept.name) / file.name
+        if not copy.exists():
+            for each in (file, *filter(Path.is_file, ends)):
+                shutil.copyfile(each, copy.with_name(each.name))
+            with contextlib.closing(sqlite3.connect(copy)) as database:
+                database.execute('SELECT count(*) FROM sqlite_master').fetchall()
+                with contextlib.suppress(sqlite3.Error):
+                    database.execute('PRAGMA journal_mode=DELETE').fetchall()
+            self._findings.note(
+                f"file '{file.name}' has a journal that its recorder left: read as a copy with it"
+            )
+        return copy
+
+    def _look(self, file: Path) -> list[int]:
+        """Take the topics, definitions and counts of a file; its first and last time [ns]."""
+        with self._opened(file) as database:
+            names: dict[int, str] = {}
+            for key, *row in database.execute(
+                'SELECT id, name, type, serialization_format FROM topics'
+            ):
+                name, kind, encoding = map(str, row)
+                names[key] = name
+                known = self._types.setdefault(name, (kind, encoding))
+                if known != (kind, encoding):
+                    self._findings.lose(f"topic '{name}' has several types: {known[0]}, {kind}")
+            # Not before ROS 2 Iron.
+            with contextlib.suppress(sqlite3.Error):
+                for kind, encoding, text in database.execute(
+                    'SELECT topic_type, encoding, encoded_message_definition'
+                    ' FROM message_definitions'
+                ):
+                    if encoding == 'ros2msg' and text:
+                        self._texts.setdefault(kind, text)
+            counts, times = self._count(file, database)
+            for key, count in counts.items():
+                if key in names:
+                    self._counts[names[key]] += count
+                else:
+                    self._findings.lose(
+                        f"file '{file.name}': {plural(count, 'message')} of topic {key}, which is"
+                        ' defined nowhere, were not read'
+                    )
+        return times
+
+    def _count(self, file: Path, database: sqlite3.Connection) -> tuple[Counter[int], list[int]]:
+        """Messages by the id of their topic, and first and last time [ns]."""
+        try:
+            counts = Counter(
+                dict(database.execute(
+                    'SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id'
+                ))
+            )  # fmt: skip
+            ends = database.execute(
+                'SELECT min(timestamp), max(timestamp) FROM messages NOT INDEXED'
+            ).fetchone()
+            return counts, [time for time in ends if isinstance(time, int)]
+        except sqlite3.Error:
+            counts, times = Counter(), []
+            for rows in self._rows(file, database, 'timestamp, topic_id'):
+                counts.update(row[2] for row in rows)
+                known = [row[1] for row in rows if isinstance(row[1], int)]
+                times += [min(known), max(known)] if known else []
+            return counts, [min(times), max(times)] if times else []
+
+    def _rows(
+        self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
+    ) -> Iterator[list[tuple[Any, ...]]]:
+        """Some columns behind the id in batches, in the order of writing; damaged pages are told.
+
+        The ids are looked for behind a damaged page in growing steps.
+        """
+        last, step, skips = -(1 << 62), _SKIP, 0
+        while True:
+            batch: list[tuple[Any, ...]] = []
+            try:
+                found = database.execute(
+                    f'SELECT id, {columns} FROM messages NOT INDEXED WHERE id > ? AND {where}'
+                    ' ORDER BY id',
+                    (last,),
+                )
+                while batch := list(islice(found, _BATCH)):
+                    last, step = batch[-1][0], _SKIP
+                    yield batch
+                return
+            except sqlite3.Error as error:
+                skips += 1
+                self._findings.lose(
+                    f"file '{file.name}' is damaged ({error}): messages of the damaged pages were"
+                    ' not read'
+                )
+                if skips > _MOST_SKIPS:
+                    return
+                last, step = max(last, 0) + step, 2 * step
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is odd about it."""
+        return self._findings.texts
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What of it was not read."""
+        return self._findings.losses
+
+    def bound(self, config: MonitorConfig) -> Bound:
+        """The configuration, and which inputs the recording lacks."""
+        return bound_to_topics(self.path, self.topics, config)
+
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` definition of a topic's messages."""
+        info = self.topics.get(topic)
+        if info is None:
+            raise BagError(missing_topic(self.topics, topic))
+        if info.problem:
+            raise BagError(f"topic '{topic}' ({info.type}) cannot be read: {info.problem}")
+        return self._texts[info.type]
+
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield messages in the order of time."""
+        names = list(self.topics if topics is None else topics)
+        for name in names:
+            if name not in self.topics:
+                raise BagError(missing_topic(self.topics, name))
+        for batch in self.batches(names):
+            for time_ns, topic, data in batch:
+                if spans is None or spans.overlap(time_ns, time_ns):
+                    yield Message(topic, self.topics[topic].type, time_ns, data)
+
+    def batches(self, topics: Collection[str]) -> Iterator[list[_Row]]:
+        """Messages of some topics in batches, in the order of events, with times to match."""
+        clock, waiting = StepClock(0), list[_Row]()
+        for batch in self._written(topics):
+            times, _ = clock.follow(np.array([row.time_ns for row in batch], np.int64))
+            waiting += [r._replace(time_ns=t) for r, t in zip(batch, times.tolist(), strict=True)]
+            waiting.sort(key=lambda row: row.time_ns)
+            edge = waiting[-1].time_ns - _DISORDER_NS
+            count = sum(row.time_ns < edge for row in waiting)
+            if count:
+                yield waiting[:count]
+                waiting = waiting[count:]
+        if waiting:
+            yield waiting
+        if clock.steps_ns:
+            self._findings.note(clock.sentence('of the recorder'))
+
+    def _written(self, topics: Collection[str]) -> Iterator[list[_Row]]:
+        """Messages in the order in which they were written."""
+        unpack, odd = zstandard.ZstdDecompressor(), 0
+        for file in self.files:
+            with self._opened(file) as database:
+                ids = {
+                    key: name
+                    for key, name in database.execute('SELECT id, name FROM topics')
+                    if name in topics
+                }
+                if not ids:
+                    continue
+                where = f'topic_id IN ({",".join(str(int(key)) for key in ids)})'
+                for rows in self._rows(file, database, 'timestamp, topic_id, data', where):
+                    batch = []
+                    for _, time_ns, key, data in rows:
+                        sound = isinstance(time_ns, int) and isinstance(data, bytes)
+                        if sound and self._is_packed:
+                            data = _unpacked(unpack, data)
+                        if sound and time_ns >= 0 and data is not None:
+                            batch.append(_Row(time_ns, ids[key], data))
+                    odd += len(rows) - len(batch)
+                    if batch:
+                        yield batch
+        if odd:
+            self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
+
+    def read(
+        self, requests: Iterable[Request], progress: Progress | None = None
+    ) -> dict[Request, Series]:
+        """Read numbers at once."""
+        return joined(self.reading(requests, progress))
+
+    def reading(
+        self, requests: Iterable[Request], progress: Progress | None = None
+    ) -> SqliteReading:
+        """Read numbers in blocks."""
+        asked: dict[str, dict[FieldPath, list[Request]]] = {}
+        for request in requests:
+            path, text = parse_field(request.field), self.definition(request.topic)
+            kind = self.topics[request.topic].type
+            if request.type is not None and short_name(request.type) != short_name(kind):
+                raise BagError(
+                    f"topic '{request.topic}' has type {kind} in the bag, not {request.type}"
+                )
+            del text
+            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
+        return SqliteReading(self, asked, progress)
+
+
+def _unpacked(unpack: zstandard.ZstdDecompressor, data: bytes) -> bytes | None:
+    try:
+        return unpack.decompress(data, max_output_size=_MOST_MESSAGE)
+    except zstandard.ZstdError:
+        return None
+
+
+class SqliteReading:
+    """A pass over the files for numbers of some topics."""
+
+    def __init__(
+        self,
+        recording: SqliteRecording,
+        asked: Mapping[str, Mapping[FieldPath, Sequence[Request]]],
+        progress: Progress | None,
+    ) -> None:
+        self._recording, self._asked, self._progress = recording, asked, progress
+        self._sequence = 0
+        self._counts: Counter[str] = Counter()
+        self._reasons: dict[str, Counter[str]] = {topic: Counter() for topic in asked}
+        self._short: Counter[Request] = Counter()
+        self._readers = {
+            topic: FieldReader(topic, _schema(recording, topic), list(paths))
+            for topic, paths in asked.items()
+        }
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series of one batch after the other."""
+        is_empty, total = True, sum(self._recording.topics[t].count for t in self._asked)
+        for batch in self._recording.batches(self._asked):
+            is_empty = False
+            yield self._series(batch)
+            if self._progress is not None:
+                self._progress(self._sequence, max(total, self._sequence))
+        if is_empty:
+            yield self._series([])
+
+    def _series(self, batch: Sequence[_Row]) -> dict[Request, Series]:
+        result: dict[Request, Series] = {}
+        for topic, paths in self._asked.items():
+            rows = np.array([k for k, row in enumerate(batch) if row.topic == topic], np.int64)
+            own = [batch[k] for k in rows.tolist()]
+            size = np.array([len(row.data) for row in own], np.int64)
+            data = b''.join(row.data for row in own)
+            numbers = self._readers[topic].read(data, np.cumsum(size) - size, size)
+            time: IntArray = np.array([row.time_ns for row in own], np.int64)
+            stamp = time
+            if numbers.stamp_ns is not None:
+                stamp = np.where(numbers.stamp_ns == 0, time, numbers.stamp_ns)
+            self._counts[topic] += rows.size
+            self._reasons[topic].update(numbers.faults)
+            place = rows + self._sequence
+            for number, (values, requests) in enumerate(
+                zip(numbers.values, paths.values(), strict=True)
+            ):
+                self._short.update(dict.fromkeys(requests, numbers.short[number]))
+                result.update(dict.fromkeys(requests, Series(time, stamp, place, values, ())))
+        self._sequence += len(batch)
+        return result
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """What was wrong with the messages read."""
+        found: dict[Request, tuple[Fault, ...]] = {}
+        for topic, paths in self._asked.items():
+            for request in (request for own in paths.values() for request in own):
+                short = f"have too few elements for field '{request.field}'"
+                reasons = {**self._reasons[topic], short: self._short[request]}
+                what = f"of {self._counts[topic]} messages of '{topic}'"
+                found[request] = tuple(
+                    Fault(count, f'{count} {what} {reason}')
+                    for reason, count in reasons.items()
+                    if count
+                )
+        return found
+
+
+def _schema(recording: SqliteRecording, topic: str) -> Schema:
+    text = recording.definition(topic).encode()
+    return Schema(id=1, data=text, encoding='ros2msg', name=recording.topics[topic].type)
