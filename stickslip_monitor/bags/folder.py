@@ -114,7 +114,8 @@ def folder_files(folder: Path, findings: Findings) -> FolderFiles:
     if isinstance(metadata, str):
         if len(there) > 1 and len({stem_of(name) or name for name in there}) > 1:
             raise BagError(f"folder '{folder}' holds {len(there)} recordings: name one of them")
-        findings.note(f'{metadata}: its files were read in the order of their names')
+        kind = '.db3' if is_sqlite(there[0]) else '.mcap'
+        findings.note(f'{metadata}: its {kind} files were read in the order of their names')
         return FolderFiles(tuple(folder / name for name in there), None, '', False)
     return _listed(folder, metadata, there, findings)
 

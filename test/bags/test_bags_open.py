@@ -250,7 +250,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
     ('make', 'text'),
     [
         (lambda path: None, "bag '{}' does not exist"),
-        (Path.mkdir, "bag '{}' has no .mcap file"),
+        (Path.mkdir, "bag '{}' has no .mcap and no .db3 file"),
         (
             lambda path: path.write_text('time,speed'),
             "log '{}' has no line with a time and a number",
@@ -259,16 +259,16 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             lambda path: path.write_bytes(b'\1\2\3\4'),
             "bag file '{}' is not an MCAP recording: it begins with bytes 01 02 03 04",
         ),
-        (make_sqlite, f"bag file '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
-        (make_sqlite_folder, f"bag '{{}}' is an SQLite recording (.db3), not MCAP: {CONVERT}"),
+        (make_sqlite, "bag file '{}' cannot be read: no such table: topics"),
+        (make_sqlite_folder, "bag file '{}/bag_0.db3' cannot be read: no such table: topics"),
         (
-            folder_with({}, storage_identifier='sqlite3', relative_file_paths=['a.db3']),
-            f"bag '{{}}' is stored as 'sqlite3', not mcap: {CONVERT}",
+            folder_with({'a.mcap': [1]}, storage_identifier='other'),
+            f"bag '{{}}' is stored as 'other': {CONVERT}",
         ),
         (
             folder_with({'a.mcap': [1]}, compression_mode='MESSAGE', compression_format='zstd'),
-            "bag '{}' has compression_mode 'message', but only the compression inside MCAP can be"
-            f' read: {CONVERT}',
+            "bag '{}' has compression_mode 'message' of 'zstd', which is not read from mcap:"
+            f' {CONVERT}',
         ),
         (
             folder_with({'a.mcap': [1]}, relative_file_paths=['b.mcap']),
