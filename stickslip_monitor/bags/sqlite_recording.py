@@ -206,12 +206,19 @@ class SqliteRecording:
                     ' ORDER BY id',
                     (last,),
                 )
-                while batch := list(islice(found, _BATCH)):
+                while True:
+                    # What comes before an error stays in the batch.
+                    batch.extend(islice(found, _BATCH))
+                    if not batch:
+                        return
                     last, step = batch[-1][0], _SKIP
                     yield batch
-                return
+                    batch = []
             except sqlite3.Error as error:
                 skips += 1
+                if batch:
+                    last, step = batch[-1][0], _SKIP
+                    yield batch
                 self._findings.lose(
                     f"file '{file.name}' is damaged ({error}): messages of the damaged pages were"
                     ' not read'
