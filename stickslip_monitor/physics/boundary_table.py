@@ -20,22 +20,15 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.averaging.quadrature import slope_table
-from stickslip_monitor.physics.cycle.cycles import exact_fold_speed
-from stickslip_monitor.physics.fold_curve import curve_speeds, last_speeds, slowest_speed
-from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
+from stickslip_monitor.physics.averaging import boundaries, closed_form
+from stickslip_monitor.physics.folds import fold_curve, last_speeds
+from stickslip_monitor.physics.orbits import law_edges, steepest_fall
+from stickslip_monitor.physics.oscillator import Bearing
 
-# Octaves of load from the onset, and points in one: measured, twice as many gain nothing. A steep
-# law, or a noisy table, has its onset at some newtons, far from Coulomb's 8 octaves above it.
-_OCTAVES, _SMOOTH, _BROKEN = 8, 100, 128
-# As far as the larger loads of ships [N], or until friction would move the lining by so much [m]:
-# beyond, its slip is so stiff that a table takes 119 s in place of 2 (50 kg, 3 Hz, 200 kN).
-_LARGE, _GIVES = 2e5, 0.1
-# Loads among which the onset is looked for [N], and how often the interval is divided by 64.
-_LEAST, _MOST, _ROUNDS = 1e-9, 1e15, 8
-# Share of the averaged slope at a higher speed below which a speed has no say.
-_MATTERS = 0.7
+# Points in an octave of load: measured, twice as many gain nothing.
+_SMOOTH, _BROKEN = 100, 128
+# Loads from which on whatever gains energy gains it at every load [N].
+_LEAST, _ENDLESS = 1e-9, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,74 +88,37 @@ def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
     """The averaged and the exact fold of a bearing over the load."""
-    broken = bool(getattr(bearing.friction, 'kinks', ()))
-
-    def averaged(load: FloatArray) -> FloatArray:
-        found = _read_from_curve(bearing, load) if broken else None
-        return np.asarray(boundaries.fold_speed(bearing, load)) if found is None else found
-
-    def exact(load: FloatArray) -> FloatArray:
-        return np.asarray(exact_fold_speed(bearing, load))
-
-    onset = _onset(bearing)
-    if onset == math.inf and not exact(np.array([_MOST]))[0] > 0.0:
-        return BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
-    if onset == math.inf:
-        # A law that falls at once, as Coulomb's, has a fold in proportion to every load.
-        onset = _LEAST
-    octaves = _OCTAVES
-    if onset > _LEAST:
-        most = _GIVES * bearing.stiffness / max(bearing.friction.static, _LEAST)
-        octaves = max(octaves, math.ceil(math.log2(min(_LARGE, most) / onset)))
-    points = octaves * (_BROKEN if broken else _SMOOTH) + 1
+    law = bearing.friction
+    if not steepest_fall(law) > 0.0:
+        return _NONE
+    if bearing.damping == 0.0:  # whatever gains energy gains it at every load
+        endless = np.zeros((2, _ENDLESS, 4))
+        endless[:, :, 0] = np.inf
+        return BoundaryTable(math.log(_LEAST), math.log(2.0), endless)
+    curve = fold_curve(bearing)
+    if curve is None:
+        return _NONE
+    broken = law_edges(law).size > 0
+    octaves = math.log2(curve.top / curve.onset)
+    points = round(octaves * (_BROKEN if broken else _SMOOTH)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
-    load = np.exp(math.log(onset) + grid)
+    load = np.exp(math.log(curve.onset) + grid)
+    exact = last_speeds(curve.speed, curve.exact, load, not broken)
     with np.errstate(all='ignore'):
-        columns = [np.asarray(each(load), float) for each in (averaged, exact)]
-    pieces = [_linear(column) if broken else _smooth(column) for column in columns]
-    return BoundaryTable(math.log(onset), float(grid[1]), np.stack(pieces))
+        if boundaries.averaged(law) is closed_form:
+            averaged = np.asarray(boundaries.fold_speed(bearing, load))
+        else:
+            averaged = last_speeds(curve.speed, curve.averaged, load, not broken)
+    # At its onset the fold of a law that falls most at rest is no speed yet.
+    begins = averaged[:1] < curve.speed[0]
+    exact[:1] = np.where(begins, averaged[:1], exact[:1])
+    pieces = [_linear(column) if broken else _smooth(column) for column in (averaged, exact)]
+    return BoundaryTable(math.log(curve.onset), float(grid[1]), np.stack(pieces))
 
 
+_NONE = BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
 known_table = lru_cache(maxsize=64)(boundary_table)
 """The two folds of a bearing, tabulated once."""
-
-
-def _onset(bearing: Bearing) -> float:
-    """The least load [N] with a fold by averaging, to the last bits; ``inf`` for none."""
-    law = bearing.friction
-    low, high = math.log(_LEAST), math.log(_MOST)
-    for _ in range(_ROUNDS):
-        grid = np.linspace(low, high, 65)
-        with np.errstate(all='ignore'):
-            q = damping_per_load(bearing.damping, np.exp(grid))
-            there = np.flatnonzero(boundaries.averaged(law).has_fold(law, q))
-        if not there.size:
-            return math.inf
-        k = int(there[0])
-        if k == 0:
-            return math.exp(low)
-        low, high = float(grid[k - 1]), float(grid[k])
-    return math.exp(high)
-
-
-def _read_from_curve(bearing: Bearing, load: FloatArray) -> FloatArray | None:
-    """The averaged folds of ascending loads; ``None`` where the largest has none.
-
-    Of a measured table each by itself would take seconds.
-    """
-    least, most = slowest_speed(bearing.friction), float(boundaries.fold_speed(bearing, load[-1]))
-    if not least < most < math.inf:
-        return None
-    speed = curve_speeds(least, most)
-    table = slope_table(bearing.friction)
-    # What has no cycle until far more load than a higher speed is nowhere the last.
-    height = np.interp(speed, table.speeds, table.peak)
-    above = np.maximum.accumulate(height[::-1])[::-1]
-    found, matters = np.full(speed.size, np.inf), height > _MATTERS * above
-    found[matters] = boundaries.fold_load(bearing, speed[matters])
-    found[-1] = load[-1]
-    found[np.isnan(found)] = np.inf
-    return last_speeds(speed, found, load, smooth=False)
 
 
 def _linear(speed: FloatArray) -> FloatArray:

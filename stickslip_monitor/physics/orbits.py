@@ -1,0 +1,543 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Orbits of the slipping lining, many at once, as arrays.
+
+Lengths are in units of ``V/omega`` and times of ``1/omega``, with the displacement ``e`` beyond a
+reference point and the relative speed ``z`` beyond a reference speed, so that small motions keep
+their digits:
+
+    e' = drift - z        z' = e + offset - 2 zeta z + N/(m omega V) (mu(reference) - mu)
+
+The law is asked with arrays, so any law will do. A lining turns where ``z`` passes ``drift``.
+Behind the belt it can meet it (``z`` = 0) only after two turns, and only before the displacement
+at which the belt could just hold it: there, with the law continued below ``z`` = 0, the sign of
+``z`` separates hit from miss, so no step can jump over a contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
+from stickslip_monitor.physics.oscillator import Bearing
+
+# How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, or
+# at rest or, back in time, from far outside.
+EXHAUSTED, TURNED, LANDED, MISSED, LEFT = range(5)
+# The smallest speed that is not rest [m/s].
+ALMOST_REST = 1e-300
+_A, _OUT = DOP853.A[:12, :12], np.stack([DOP853.B, DOP853.E5[:12], DOP853.E3[:12]])
+_LONGEST, _SHORTEST, _MOST_STEPS = 1.0, 1e-13, 20000
+# Share of the energy at the start below which an orbit has come to rest, and the growth of energy,
+# back in time, from which no orbit comes back; or way beyond the belt.
+_SETTLED, _ESCAPED, _THROUGH = 1e-12, 1e12, 1e-3
+# How far past an edge of a law a step is to end, relative to the belt's speed; and the error of
+# a step from which stopping there costs more than it saves: a table of 1,000 points has 2,000
+# edges in a turn, and at 1e-8 a step passes over dozens of them.
+_AT_EDGE, _OVER_EDGES = 1e-6, 1e-11
+# Trials for the end of a step, and how well it is to be known in units of the error of a step.
+_TRIALS, _SAME = 60, 1e-2
+# Rows of the state of orbits.
+_E, _Z, _RATE, _LENGTH, _TIME, _GAIN = range(6)
+
+Drop = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+
+
+def friction_drop(law: FrictionLaw) -> Drop:
+    """``mu(v) - mu(v + step)`` of sliding ahead, of arrays of ``v``, ``mu(v)`` and steps [m/s].
+
+    It is continued smoothly a little below ``v + step`` = 0, and for Stribeck's law free of
+    cancellation.
+    """
+    if computes_as(law, Stribeck):
+        gap, decay, rise = law.static - law.kinetic, law.decay, law.viscous
+
+        def closed(origin: FloatArray, top: FloatArray, step: FloatArray) -> FloatArray:
+            most = np.maximum(decay * step, -1.0 - decay * origin)
+            result: FloatArray = -gap * np.exp(-decay * origin) * np.expm1(-most) - rise * step
+            return result
+
+        return closed
+    begin = float(law.slope(ALMOST_REST))
+    begin = begin if np.isfinite(begin) else 0.0
+
+    def difference(origin: FloatArray, top: FloatArray, step: FloatArray) -> FloatArray:
+        v = origin + step
+        return top - law.coefficient(np.maximum(v, ALMOST_REST)) - begin * np.minimum(v, 0.0)
+
+    return difference
+
+
+@lru_cache(maxsize=64)
+def law_edges(law: FrictionLaw) -> FloatArray:
+    """The breakpoints of a law at which its second derivative jumps, ascending [m/s].
+
+    Those of a measured table do, where the breakpoints of a smooth law only tell its scales.
+    """
+    at, aside = np.array([v for v in law.breakpoints if v > 0.0]), 1e-4
+    slope = [np.asarray(law.slope(at * share)) for share in (1.0 - aside, 1.0, 1.0 + aside)]
+    before, after = slope[1] - slope[0], slope[2] - slope[1]
+    # From one side to the other a smooth slope differs in the square of the step.
+    jumps = np.abs(after - before) > 0.1 * np.maximum(np.abs(after), np.abs(before))
+    return at[jumps]
+
+
+def largest_coefficient(law: FrictionLaw) -> float:
+    """What sticking can carry: ``static``, or the friction of slow sliding where that is more."""
+    return max(law.static, float(law.coefficient(ALMOST_REST)))
+
+
+@lru_cache(maxsize=64)
+def steepest_fall(law: FrictionLaw) -> float:
+    """An upper bound of ``-d mu/d|v|`` [s/m]; ``inf`` for a law that falls at once."""
+    if law.static > float(law.coefficient(ALMOST_REST)) * (1.0 + 1e-15):
+        return np.inf
+    breaks = [v for v in law.breakpoints if v > 0.0]
+    if not breaks:
+        return 0.0
+    edges = np.array([ALMOST_REST, *breaks, 3.0 * breaks[-1]])
+    inner = edges[:-1, None] + np.diff(edges)[:, None] * np.linspace(0.0, 1.0, 33)
+    return max(float(np.max(-law.slope(inner))), 0.0) * (1.0 + 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class SlipField:
+    """What orbits slip in; of one number for each orbit from ``speed`` on.
+
+    Attributes:
+        law: The friction law.
+        drop: Its :func:`friction_drop`.
+        damping: ``2 zeta``.
+        drift: 1 behind the belt, -1 ahead of it, 0 about steady sliding.
+        speed: ``V`` > 0, shape (n,) [m/s].
+        force: ``N/(m omega V)``.
+        offset: What the belt holds beyond slow sliding.
+        origin: Reference speed [m/s].
+        top: ``mu`` there.
+    """
+
+    law: FrictionLaw
+    drop: Drop
+    damping: float
+    drift: float
+    speed: FloatArray
+    force: FloatArray
+    offset: FloatArray
+    origin: FloatArray
+    top: FloatArray
+
+    def take(self, rows: Any) -> SlipField:
+        """That of some orbits."""
+        names = [f.name for f in fields(self)[4:]]
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def acceleration(self, e: FloatArray, z: FloatArray) -> FloatArray:
+        """``z'``, the rate of the relative speed."""
+        drop = self.drop(self.origin, self.top, self.speed * z)
+        return e + self.offset - self.damping * z + self.force * drop
+
+    def friction_damping(self, z: FloatArray) -> FloatArray:
+        """What friction adds to ``2 zeta`` for a small disturbance; negative where it falls."""
+        v = np.maximum(np.abs(self.origin + self.speed * z), ALMOST_REST)
+        return self.force * self.speed * self.law.slope(v)
+
+    def rest(self) -> FloatArray:
+        """Displacement of steady sliding."""
+        if self.drift == 0.0:
+            return np.zeros(self.speed.size)
+        drop = self.drop(self.origin, self.top, self.speed)
+        return self.damping - self.offset - self.force * drop
+
+    def ahead_of_belt(self) -> SlipField:
+        """The same for the mirror image of a lining that overtook the belt."""
+        return replace(self, drift=-1.0)
+
+    def about_steady_sliding(self) -> SlipField:
+        """The same motion, with displacement and relative speed counted from steady sliding."""
+        top = np.asarray(self.law.coefficient(self.speed))
+        nothing = np.zeros(self.speed.size)
+        return replace(self, drift=0.0, offset=nothing, origin=self.speed, top=top)
+
+
+def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipField:
+    """What linings slip in behind the belt, seen from breakaway.
+
+    Args:
+        bearing: The bearing.
+        speed: ``V`` > 0, shape (n,) [m/s].
+        load: ``N`` > 0, shape (n,) [N].
+    """
+    law = bearing.friction
+    momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
+    force = load / (momentum * speed)
+    top = float(law.coefficient(ALMOST_REST))
+    offset = force * (largest_coefficient(law) - top)
+    nothing = np.zeros(speed.size)
+    return SlipField(
+        law,
+        friction_drop(law),
+        bearing.damping / momentum,
+        1.0,
+        speed,
+        force,
+        offset,
+        nothing,
+        nothing + top,
+    )
+
+
+class Stepped(NamedTuple):
+    """What a step ends with.
+
+    Attributes:
+        e: Displacement.
+        z: Relative speed.
+        rate: ``z'``.
+        error: Error of the step.
+        gain: Integral of the flow's divergence over it; 0 if it is not weighed.
+    """
+
+    e: FloatArray
+    z: FloatArray
+    rate: FloatArray
+    error: FloatArray
+    gain: FloatArray
+
+
+def orbit_steps(
+    field: SlipField, begin: FloatArray, length: FloatArray, weigh: bool = False
+) -> Stepped:
+    """One step of each orbit by Dormand and Prince's method of order 8 with a 5-3 error.
+
+    E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition,
+    Springer, 1993, section II.5. Sums run term by term, so no orbit sees its neighbours.
+
+    Args:
+        field: What they slip in.
+        begin: Displacement, relative speed and its rate, shape (3 or more, n).
+        length: Shape (n,), negative to go back in time.
+        weigh: Whether to integrate the divergence.
+    """
+    e0, z0, r0 = begin[:3]
+    n = e0.size
+    rates = np.empty((12, 2 * n))
+    rates[0, :n], rates[0, n:] = field.drift - z0, r0
+    start, h = np.concatenate([e0, z0]), np.concatenate([length, length])
+    flow = np.empty((12, n if weigh else 0))
+    if weigh:
+        flow[0] = field.friction_damping(z0)
+    for i in range(1, 12):
+        y = np.einsum('i,ij->j', _A[i, :i], rates[:i])
+        y *= h
+        y += start
+        rates[i, :n] = field.drift - y[n:]
+        rates[i, n:] = field.acceleration(y[:n], y[n:])
+        if weigh:
+            flow[i] = field.friction_damping(y[n:])
+    out = np.einsum('ki,ij->kj', _OUT, rates)
+    y = start + h * out[0]
+    np.abs(out, out=out)
+    fifth, third = (np.maximum(row[:n], row[n:]) for row in out[1:])
+    error = np.abs(length) * fifth * fifth / (np.hypot(fifth, 0.1 * third) + ALMOST_REST)
+    gain = np.zeros(n)
+    if weigh:
+        gain = -length * (np.einsum('i,ij->j', _OUT[0], flow) + field.damping)
+    return Stepped(y[:n], y[n:], field.acceleration(y[:n], y[n:]), error, gain)
+
+
+class Course(NamedTuple):
+    """How orbits are followed.
+
+    Attributes:
+        last: Number of turns that ends them, one number or one each; 0 for none.
+        error: Of a step in units of the motion.
+        direction: In time, 1 or -1, one number or one each.
+        contact: Whether contact with the belt ends them.
+        weigh: Whether to integrate the divergence.
+        most: Steps.
+    """
+
+    last: Any
+    error: float
+    direction: Any = 1.0
+    contact: bool = False
+    weigh: bool = False
+    most: int = _MOST_STEPS
+
+
+@dataclass(frozen=True, slots=True)
+class Orbits:
+    """How orbits ended, each of shape (n,).
+
+    Attributes:
+        end: ``EXHAUSTED``, ``TURNED``, ``LANDED``, ``MISSED`` or ``LEFT``.
+        time: When.
+        place: Displacement there.
+        turns: Displacement at the first two turns, shape (2, n).
+        divergence: Integral of the flow's divergence.
+    """
+
+    end: IndexArray
+    time: FloatArray
+    place: FloatArray
+    turns: FloatArray
+    divergence: FloatArray
+
+
+def follow(field: SlipField, e: FloatArray, z: FloatArray, course: Course) -> Orbits:
+    """Follow orbits from displacements and relative speeds to their ends, all at once."""
+    run = _Run(field, e, z, course)
+    for _ in range(course.most if e.size else 0):
+        run.advance()
+        if not run.live.size:
+            break
+    return run.orbits()
+
+
+class _Events(NamedTuple):
+    """What happens in the next steps: a turn, contact with the belt, none any more."""
+
+    turns: BoolArray
+    meets: BoolArray
+    misses: BoolArray
+
+
+class _Run:
+    """Orbits under way: the state of those that go on, and the steps in which events lie."""
+
+    def __init__(self, field: SlipField, e: FloatArray, z: FloatArray, course: Course) -> None:
+        n = e.size
+        self.whole = self.field = field
+        self.course = course
+        self.edges = law_edges(field.law) if course.error < _OVER_EDGES else np.zeros(0)
+        self.last = np.broadcast_to(course.last, n)
+        self.direction = np.broadcast_to(course.direction, n).astype(float)
+        self.live, self.stage = np.arange(n), np.zeros(n, int)
+        rate = field.acceleration(e, z)
+        stiffness = np.minimum(np.abs(field.friction_damping(z)), 1e6)
+        length = self.direction * 0.1 / (1.0 + field.damping + stiffness)
+        nothing = np.zeros(n)
+        self.state = np.stack([e, z, rate, length, nothing, nothing])
+        self.energy = self._energy(e, z)
+        self.end = np.zeros(n, int)
+        self.turn, self.final = np.full((2, 6, n), np.nan), np.full((6, n), np.nan)
+
+    def _energy(self, e: FloatArray, z: FloatArray) -> FloatArray:
+        """Twice the energy about steady sliding."""
+        energy: FloatArray = (e - self.field.rest()) ** 2 + (z - self.field.drift) ** 2
+        return energy
+
+    def advance(self) -> None:
+        """One step of every orbit that goes on, or a shorter one next time."""
+        e, z, rate, wanted = self.state[:_TIME].copy()
+        length = self._until_edge()
+        after = orbit_steps(self.field, self.state, length, self.course.weigh)
+        allowed = np.abs(e) + np.abs(z)
+        allowed += np.abs(length) * (abs(self.field.drift) + np.abs(rate))
+        allowed *= self.course.error
+        good = after.error <= allowed
+        events = self._events(after)
+        good &= ~(events.meets & events.turns)  # first to the turn, then to the belt
+        share = np.clip(0.9 * (allowed / (after.error + ALMOST_REST)) ** 0.125, 0.2, 5.0)
+        share = np.where(good, share, np.minimum(np.nan_to_num(share, nan=0.2), 0.5))
+        self.state[_LENGTH] = length
+        ended = self._record(events, good)
+        after_length = np.clip(length * share, -_LONGEST, _LONGEST)
+        # A step that was short for the edge's sake tells nothing of the next.
+        short = good & (np.abs(after_length) < np.abs(wanted)) & (length != wanted)
+        now = self.state.copy()
+        now[_TIME], now[_GAIN] = now[_TIME] + length, now[_GAIN] + after.gain
+        now[_E], now[_Z], now[_RATE] = after.e, after.z, after.rate
+        self.state = np.where(good, now, self.state)
+        self.state[_LENGTH] = np.where(short, wanted, after_length)
+        self._keep(ended, events)
+
+    def _until_edge(self) -> FloatArray:
+        """Lengths of steps, cut where the relative speed comes to an edge of the law.
+
+        A step over such an edge would be refused. The speed is foreseen to second order, and a
+        little beyond the edge does no harm.
+        """
+        _, z, rate, length, _, _ = self.state
+        if not self.edges.size:
+            return length
+        f, toward = self.field, np.sign(length)
+        v = f.origin + f.speed * z
+        bend = f.drift - z - (f.damping + f.friction_damping(z)) * rate
+        heading = toward * rate
+        # What has come so close to an edge is taken to have passed it.
+        i = np.searchsorted(self.edges, v + np.copysign(_AT_EDGE, heading) * f.speed, 'right')
+        bounds = np.concatenate([[-np.inf], self.edges, [np.inf]])
+        up = (bounds[i + 1] - v) / f.speed + _AT_EDGE
+        down = (v - bounds[i]) / f.speed + _AT_EDGE
+        until = np.minimum(_time_to_rise(heading, bend, up), _time_to_rise(-heading, -bend, down))
+        return toward * np.minimum(np.abs(length), until)
+
+    def _events(self, after: Stepped) -> _Events:
+        z, drift = self.state[_Z], self.field.drift
+        turns = ((z - drift) * (after.z - drift) <= 0.0) & (z != drift) & (drift >= 0.0)
+        nothing = np.zeros(z.size, bool)
+        if not self.course.contact:
+            return _Events(turns, nothing, nothing)
+        hold = -self.field.offset
+        meets = (after.z < 0.0) | ((drift > 0.0) & (after.e > hold))
+        meets &= (self.stage + turns == 2) | (drift < 0.0)
+        misses = meets & (drift > 0.0) & (self.state[_E] > hold)
+        return _Events(turns, meets & ~misses, misses)
+
+    def _record(self, events: _Events, good: BoolArray) -> BoolArray:
+        """Keep the steps in which orbits turn or end; which of them have ended."""
+        turns, meets = good & events.turns, good & events.meets
+        for k in (0, 1):
+            rows = np.flatnonzero(turns & (self.stage == k))
+            if rows.size:
+                self.turn[k][:, self.live[rows]] = self.state[:, rows]
+        self.stage = self.stage + turns
+        ended = (turns & ~events.misses & (self.stage >= self.last) & (self.last > 0)) | meets
+        rows = np.flatnonzero(ended)
+        if rows.size:
+            self.final[:, self.live[rows]] = self.state[:, rows]
+            self.end[self.live[rows]] = np.where(meets[rows], LANDED, TURNED)
+        return ended
+
+    def _keep(self, ended: BoolArray, events: _Events) -> None:
+        """Go on with the orbits that have not ended."""
+        e, z, _, length, _, _ = self.state
+        missed = events.misses & ~ended
+        self.end[self.live[missed]] = MISSED
+        over = ended | missed | (np.abs(length) < _SHORTEST)
+        f = self.field
+        if f.drift >= 0.0:
+            energy, back = self._energy(e, z), self.direction < 0.0
+            left = back & (f.origin + f.speed * z < -_THROUGH * f.speed)
+            left |= back & (energy > _ESCAPED * (1.0 + self.energy))
+            left |= ~back & (energy < _SETTLED * self.energy)
+            self.end[self.live[left & ~over]] = LEFT
+            over |= left
+        if not over.any():
+            return
+        rows = np.flatnonzero(~over)
+        self.field, self.state = f.take(rows), self.state[:, rows]
+        self.live, self.stage, self.last = self.live[rows], self.stage[rows], self.last[rows]
+        self.direction, self.energy = self.direction[rows], self.energy[rows]
+
+    def orbits(self) -> Orbits:
+        """Where the orbits turned and ended, found within the steps that were kept."""
+        n = self.end.size
+        nothing = np.full((2, n), np.nan)
+        found = Orbits(self.end, nothing[0], nothing[1].copy(), nothing.copy(), np.zeros(n))
+        for k in (0, 1):
+            rows = np.flatnonzero(np.isfinite(self.turn[k][_E]))
+            if not rows.size:
+                continue
+            begin = self.turn[k][:, rows]
+            found.turns[k][rows], length, gain = self._at_turn(rows, begin)
+            last = (self.end[rows] == TURNED) & (begin[_TIME] == self.final[_TIME, rows])
+            found.place[rows[last]] = found.turns[k][rows[last]]
+            found.time[rows[last]] = (begin[_TIME] + length)[last]
+            found.divergence[rows[last]] = (begin[_GAIN] + gain)[last]
+        rows = np.flatnonzero(self.end == LANDED)
+        if rows.size:
+            begin = self.final[:, rows]
+            met, length, place, gain = self._at_belt(rows, begin)
+            found.end[rows[~met]] = MISSED
+            found.time[rows], found.place[rows] = begin[_TIME] + length, place
+            found.divergence[rows] = begin[_GAIN] + gain
+        return found
+
+    def _at_turn(
+        self, rows: IndexArray, begin: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Displacement, length and divergence of steps up to the turns in them."""
+        field, drift = self.whole.take(rows), self.whole.drift
+        length = _first_length(drift, begin, orbit_steps(field, begin, begin[_LENGTH]))
+        for _ in range(2):
+            now = orbit_steps(field, begin, length, self.course.weigh)
+            more = (drift - now.z) / np.where(now.rate != 0.0, now.rate, 1.0)
+            length = length + more
+        # The displacement is stationary there: what is left of the miss enters squared.
+        place = now.e + (drift - now.z) * more - 0.5 * now.rate * more * more
+        return place, length, now.gain
+
+    def _at_belt(
+        self, rows: IndexArray, begin: FloatArray
+    ) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
+        """Whether steps meet the belt before it could not hold, and length, place, divergence."""
+        field, length = self.whole.take(rows), begin[_LENGTH].copy()
+        end = orbit_steps(field, begin, length)
+        z, rate = end.z.copy(), end.rate.copy()
+        beyond = np.flatnonzero((field.drift > 0.0) & (end.e > -field.offset))
+        if beyond.size:
+            part = field.take(beyond)
+            first = length[beyond] * np.clip(-part.offset - begin[_E, beyond], 0.0, None)
+            first /= end.e[beyond] - begin[_E, beyond]
+            some = begin[:, beyond]
+            length[beyond] = self._until(part, some, length[beyond], first, of_place=True)
+            cut = orbit_steps(part, begin[:, beyond], length[beyond])
+            z[beyond], rate[beyond] = cut.z, cut.rate
+        met = z < 0.0
+        first = _first_length(0.0, begin, Stepped(end.e, z, rate, end.error, end.gain), length)
+        length = np.where(met, self._until(field, begin, length, first, of_place=False), length)
+        now = orbit_steps(field, begin, length, self.course.weigh)
+        return met, length, now.e, now.gain
+
+    def _until(
+        self,
+        field: SlipField,
+        begin: FloatArray,
+        most: FloatArray,
+        first: FloatArray,
+        of_place: bool,
+    ) -> FloatArray:
+        """Lengths of steps that end where ``z`` falls below 0, or at the place that just holds.
+
+        Newton's method, kept between a length before and one behind.
+        """
+        result = np.where((first > 0.0) & (first < most), first, 0.5 * most)
+        rows, low, high = np.arange(most.size), np.zeros(most.size), most
+        for _ in range(_TRIALS):
+            length = result[rows]
+            now = orbit_steps(field, begin, length)
+            miss = now.e + field.offset if of_place else -now.z
+            rate = field.drift - now.z if of_place else -now.rate
+            high, low = np.where(miss > 0.0, length, high), np.where(miss > 0.0, low, length)
+            new = length - miss / np.where(rate != 0.0, rate, 1.0)
+            new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
+            still = np.flatnonzero(
+                np.abs(new - length) > _SAME * self.course.error * (1.0 + length)
+            )
+            result[rows[still]] = new[still]
+            if not still.size:
+                break
+            rows, low, high = rows[still], low[still], high[still]
+            field, begin = field.take(still), begin[:, still]
+        return result
+
+
+def _time_to_rise(rate: FloatArray, bend: FloatArray, gap: FloatArray) -> FloatArray:
+    """When ``rate t + bend t^2/2`` first reaches a gap > 0; ``inf`` for never."""
+    square = rate * rate + 2.0 * bend * gap
+    fastest = rate + np.sqrt(np.maximum(square, 0.0))
+    reaches = (square > 0.0) & (fastest > 0.0) & (gap < np.inf)
+    return np.where(reaches, 2.0 * gap / np.where(reaches, fastest, 1.0), np.inf)
+
+
+def _first_length(
+    level: float, begin: FloatArray, end: Stepped, length: FloatArray | None = None
+) -> FloatArray:
+    """Where the cubic of ``z`` over a step passes a level."""
+    z, h = begin[_Z], begin[_LENGTH] if length is None else length
+    rise, first, last = end.z - z, h * begin[_RATE], h * end.rate
+    square, cube = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+    t = np.clip((level - z) / np.where(rise != 0.0, rise, 1.0), 0.0, 1.0)
+    for _ in range(3):
+        value = z + t * (first + t * (square + t * cube)) - level
+        slope = first + t * (2.0 * square + 3.0 * t * cube)
+        t = np.clip(t - value / np.where(slope != 0.0, slope, 1.0), 0.0, 1.0)
+    return t * h
