@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.folds import fold_curve, last_speeds
-from stickslip_monitor.physics.orbits import law_edges, steepest_fall
+from stickslip_monitor.physics.orbits import law_in_use
 from stickslip_monitor.physics.oscillator import Bearing
 
 # Points in an octave of load: measured, twice as many gain nothing.
@@ -89,7 +89,7 @@ def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
 def boundary_table(bearing: Bearing) -> BoundaryTable:
     """The averaged and the exact fold of a bearing over the load."""
     law = bearing.friction
-    if not steepest_fall(law) > 0.0:
+    if not law_in_use(law).fall > 0.0:
         return _NONE
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
         endless = np.zeros((2, _ENDLESS, 4))
@@ -98,7 +98,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     curve = fold_curve(bearing)
     if curve is None:
         return _NONE
-    broken = law_edges(law).size > 0
+    broken = len(law_in_use(law).kinks) > 0
     octaves = math.log2(curve.top / curve.onset)
     points = round(octaves * (_BROKEN if broken else _SMOOTH)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)

@@ -31,19 +31,20 @@ from stickslip_monitor.physics.averaging.quadrature import slope_surface
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.orbits import (
     ALMOST_REST,
+    LANDED,
     TURNED,
     Course,
     SlipField,
     follow,
-    largest_coefficient,
-    law_edges,
+    law_in_use,
     slip_field,
-    steepest_fall,
 )
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import newton_on_bracket
 
-_MOST_ROUNDS, _MOST_STEPS, _WIDEST = 25, 1500, 0.7
+_MOST_ROUNDS, _MOST_STEPS, _WIDEST, _HALVINGS = 25, 1500, 0.7, 40
+# Friction in units of m omega V beyond which no bearing is, and an orbit has no steps left.
+_STRONG = 1e3
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
 # averaging has the fold to 1e-10, and orbits gain too little to improve it.
 _WEAKLY, _SLIGHT = 1.003, 1e-6
@@ -77,8 +78,8 @@ class Grazing:
         # What a turn of the free vibration takes of the logarithm of its amplitude.
         self.rate = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
         top = float(self.law.coefficient(ALMOST_REST))
-        self.lasting = self.lasting_speed(largest_coefficient(self.law) - top, 0.0)
-        self.in_pieces = law_edges(self.law).size > 0
+        self.lasting = self.lasting_speed(law_in_use(self.law).hold - top, 0.0)
+        self.in_pieces = len(law_in_use(self.law).kinks) > 0
         # Of a step: the margin has to be known to a share of the change that it makes. A law in
         # pieces is known to no more than so many digits between them.
         self.error = min(max(1e-10 * self.rate, 1e-13), _FINE)
@@ -165,7 +166,8 @@ class Grazing:
         def margin(x: FloatArray, rows: IndexArray) -> FloatArray:
             return self.margin(speed[rows], np.exp(x), self.rough)
 
-        return np.exp(_solved(margin, np.log(guess), np.full(guess.size, self.rate), close))
+        found = np.exp(_solved(margin, np.log(guess), np.full(guess.size, self.rate), close))
+        return np.where(np.isnan(found), guess, found)
 
     def speeds(
         self, load: FloatArray, guess: FloatArray, close: float, error: float | None = None
@@ -204,6 +206,9 @@ def _solved(
         guess: Shape (n,).
         rate: About the slope of the margins, all of one sign, shape (n,).
         close: How well a place is to be known.
+
+    Returns:
+        The places, ``nan`` where they were not found, shape (n,).
     """
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
@@ -235,6 +240,7 @@ def _solved(
         live = live[~done]
         if not live.size:
             break
+    x[live] = np.nan
     return x
 
 
@@ -252,7 +258,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     loads, back = np.unique(load, return_inverse=True)
     out = np.full(loads.size, np.nan)
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-    falls = loads * steepest_fall(law) > bearing.damping
+    falls = loads * law_in_use(law).fall > bearing.damping
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
         out[falls & (np.asarray(boundaries.fold_speed(bearing, loads)) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
@@ -273,12 +279,32 @@ def _of_one_range(bearing: Bearing, law: Stribeck | Coulomb, load: FloatArray) -
         averaged = np.asarray(boundaries.fold_speed(bearing, load))
         coulomb = load * grazing.lasting_speed(drop, rise * load / bearing.momentum)
         guess = np.fmax(averaged, coulomb)
-        slight = load * steepest_fall(law) < _WEAKLY * bearing.damping
+        slight = load * law_in_use(law).fall < _WEAKLY * bearing.damping
         slight |= drop * load / bearing.momentum < _SLIGHT * averaged
     out = np.where(slight, averaged, guess)
     rows = np.flatnonzero(~slight & (guess > 0.0) & (guess < np.inf))
-    out[rows] = grazing.speeds(load[rows], guess[rows], 1e-10)
+    found = grazing.speeds(load[rows], guess[rows], 1e-10)
+    out[rows] = np.where(np.isnan(found), guess[rows], found)
+    strong = load * law.static > _STRONG * bearing.momentum * guess
+    lost = rows[np.isnan(found) & ~strong[rows] & (rise > 0.0)]
+    out[lost] = _by_contact(bearing, load[lost], guess[lost])
     return out
+
+
+def _by_contact(bearing: Bearing, load: FloatArray, guess: FloatArray) -> FloatArray:
+    """The last speeds at which slip meets the belt, by bisection [m/s].
+
+    For where friction that rises damps a motion so much that it does not turn twice.
+    """
+    low, high = guess * 0.01, guess * 2.0
+    course = Course(3, _FINE, contact=True, most=_MOST_STEPS)
+    for _ in range(_HALVINGS if load.size else 0):
+        middle = np.sqrt(low * high)
+        field, nothing = slip_field(bearing, middle, load), np.zeros(load.size)
+        with np.errstate(all='ignore'):
+            meets = follow(field, nothing, nothing, course).end == LANDED
+        low, high = np.where(meets, middle, low), np.where(meets, high, middle)
+    return np.sqrt(low * high)
 
 
 def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -378,7 +404,7 @@ def _range(grazing: Grazing) -> _Range | None:
         most = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
         octaves = max(octaves, math.ceil(math.log2(max(most / onset, 1.0))))
     top, low = onset * 2.0**octaves, float(scan[max(k - 1, 0)])
-    fall = largest_coefficient(law) - float(np.min(law.coefficient(scan)))
+    fall = law_in_use(law).hold - float(np.min(law.coefficient(scan)))
     limit = 1.0 / float(grazing.lasting_speed(max(fall, 1e-300), 0.0))
     below = np.flatnonzero(near <= top)
     high = float(scan[below[-1]]) if below.size else low

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,12 +25,11 @@ from scipy.integrate import DOP853
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, scalar_law
 
 # How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, or
 # at rest or, back in time, from far outside.
 EXHAUSTED, TURNED, LANDED, MISSED, LEFT = range(5)
-# The smallest speed that is not rest [m/s].
-ALMOST_REST = 1e-300
 _A, _OUT = DOP853.A[:12, :12], np.stack([DOP853.B, DOP853.E5[:12], DOP853.E3[:12]])
 _LONGEST, _SHORTEST, _MOST_STEPS = 1.0, 1e-13, 20000
 # Share of the energy at the start below which an orbit has come to rest, and the growth of energy,
@@ -74,36 +72,9 @@ def friction_drop(law: FrictionLaw) -> Drop:
     return difference
 
 
-@lru_cache(maxsize=64)
-def law_edges(law: FrictionLaw) -> FloatArray:
-    """The breakpoints of a law at which its second derivative jumps, ascending [m/s].
-
-    Those of a measured table do, where the breakpoints of a smooth law only tell its scales.
-    """
-    at, aside = np.array([v for v in law.breakpoints if v > 0.0]), 1e-4
-    slope = [np.asarray(law.slope(at * share)) for share in (1.0 - aside, 1.0, 1.0 + aside)]
-    before, after = slope[1] - slope[0], slope[2] - slope[1]
-    # From one side to the other a smooth slope differs in the square of the step.
-    jumps = np.abs(after - before) > 0.1 * np.maximum(np.abs(after), np.abs(before))
-    return at[jumps]
-
-
-def largest_coefficient(law: FrictionLaw) -> float:
-    """What sticking can carry: ``static``, or the friction of slow sliding where that is more."""
-    return max(law.static, float(law.coefficient(ALMOST_REST)))
-
-
-@lru_cache(maxsize=64)
-def steepest_fall(law: FrictionLaw) -> float:
-    """An upper bound of ``-d mu/d|v|`` [s/m]; ``inf`` for a law that falls at once."""
-    if law.static > float(law.coefficient(ALMOST_REST)) * (1.0 + 1e-15):
-        return np.inf
-    breaks = [v for v in law.breakpoints if v > 0.0]
-    if not breaks:
-        return 0.0
-    edges = np.array([ALMOST_REST, *breaks, 3.0 * breaks[-1]])
-    inner = edges[:-1, None] + np.diff(edges)[:, None] * np.linspace(0.0, 1.0, 33)
-    return max(float(np.max(-law.slope(inner))), 0.0) * (1.0 + 1e-9)
+def law_in_use(law: FrictionLaw) -> LawInUse:
+    """Bounds and kinks of a law."""
+    return scalar_law(law).plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +147,8 @@ def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipFie
     law = bearing.friction
     momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
     force = load / (momentum * speed)
-    top = float(law.coefficient(ALMOST_REST))
-    offset = force * (largest_coefficient(law) - top)
+    top, hold = law_in_use(law).top, law_in_use(law).hold
+    offset = force * (hold - top)
     nothing = np.zeros(speed.size)
     return SlipField(
         law,
@@ -315,7 +286,7 @@ class _Run:
         n = e.size
         self.whole = self.field = field
         self.course = course
-        self.edges = law_edges(field.law) if course.error < _OVER_EDGES else np.zeros(0)
+        self.edges = np.array(law_in_use(field.law).kinks if course.error < _OVER_EDGES else ())
         self.last = np.broadcast_to(course.last, n)
         self.direction = np.broadcast_to(course.direction, n).astype(float)
         self.live, self.stage = np.arange(n), np.zeros(n, int)

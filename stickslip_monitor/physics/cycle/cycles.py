@@ -29,18 +29,19 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
-from stickslip_monitor.physics import law_numbers as law_module
-from stickslip_monitor.physics import roots
-from stickslip_monitor.physics.cycle import slip, step
+from stickslip_monitor.physics import roots, scalar_law
+from stickslip_monitor.physics.cycle import slip
 from stickslip_monitor.physics.cycle.many_cycles import (
     FoundCycles,
     amplitudes_together,
     cycles_together,
+    may_vibrate,
+    put_cycles,
 )
 from stickslip_monitor.physics.folds import exact_fold
-from stickslip_monitor.physics.law_numbers import law_numbers
+from stickslip_monitor.physics.motion import slip_step
 from stickslip_monitor.physics.motion.integrator import Drive, MotionState, Phase, integrate
-from stickslip_monitor.physics.orbits import largest_coefficient, slip_field
+from stickslip_monitor.physics.orbits import slip_field
 from stickslip_monitor.physics.oscillator import Bearing
 
 
@@ -73,7 +74,7 @@ class CycleKind(IntEnum):
 # cycle and 13 ms for an unstable one, arrays 12 and 75 ms whatever they hold.
 _MANY_STABLE, _MANY_UNSTABLE = 24, 8
 # Modules that are compiled together.
-_MODULES = (law_module, roots, step, slip)
+_MODULES = (scalar_law, roots, slip_step, slip)
 # Exponent beyond which a Floquet multiplier is as good as infinite.
 _LARGEST = 700.0
 
@@ -133,7 +134,7 @@ def _beginning(
 ) -> MotionState:
     """The state in which a cycle begins, from the place in :class:`.FoundCycles`."""
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
-    place = float(field.force[0]) * largest_coefficient(bearing.friction) - field.damping
+    place = float(field.force[0]) * scalar_law.highest_static(bearing.friction) - field.damping
     place += float(field.rest()[0]) - start if slips else start
     displacement = math.copysign(1.0, speed) * place * abs(speed) / bearing.natural_frequency
     phase = Phase(int(math.copysign(1.0, speed)))
@@ -144,16 +145,25 @@ def _found(bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool) 
     """What is found at points, each shape (n,): one after another where there are few."""
     if speed.size >= (_MANY_STABLE if stable else _MANY_UNSTABLE):
         return cycles_together(bearing, speed, load, stable)
-    numbers, wanted = law_numbers(bearing.friction), slip.SMALLEST_UNSTABLE
-    if stable:
-        wanted = slip.LARGEST_STABLE
+    wanted = slip.LARGEST_STABLE if stable else slip.SMALLEST_UNSTABLE
+    found = _one_by_one(bearing, speed, load, wanted)
+    rows = np.flatnonzero(stable & (found.kind == CycleKind.NONE))
+    rows = rows[may_vibrate(bearing, speed[rows], load[rows])]
+    put_cycles(found, rows, _one_by_one(bearing, speed[rows], load[rows], slip.BESIDE_STABLE))
+    return found
+
+
+def _one_by_one(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, wanted: float
+) -> FoundCycles:
+    law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
     columns = np.full((7, speed.size), np.nan).tolist()
-    slip.cycles_of_points(numbers, _body(bearing), speed.tolist(), load.tolist(), wanted, columns)
+    slip.cycles_of_points(law.plain, body, speed.tolist(), load.tolist(), wanted, columns)
     return FoundCycles(*np.array(columns).reshape(7, -1))
 
 
-def _body(bearing: Bearing) -> tuple[float, float, float]:
-    return float(bearing.mass), float(bearing.damping), float(bearing.stiffness)
+def _body(bearing: Bearing) -> slip.Oscillator:
+    return slip.Oscillator(float(bearing.mass), float(bearing.damping), float(bearing.stiffness))
 
 
 def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
@@ -216,11 +226,17 @@ def exact_amplitude(
         many: Whether many more numbers follow, so that it pays to compile.
     """
     if isinstance(speed, float) and isinstance(load, float):
-        numbers, body = law_numbers(bearing.friction), _body(bearing)
-        if many and jit.has_compiler():
-            loop = jit.compiled('amplitude_of_cycle', *_MODULES, inline=False)
-            return loop(np.array(numbers), body, speed, load)
-        return slip.amplitude_of_cycle(numbers, body, speed, load)
+        law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
+        loop: Any = slip.amplitude_of_cycle
+        own: Any = law.plain
+        if many and law.module and jit.has_compiler():
+            own = law.compiled
+            loop = jit.compiled('amplitude_of_cycle', *_MODULES, law=law.module, inline=False)
+        amplitude = loop(own, body, speed, load, slip.LARGEST_STABLE)
+        none = amplitude != amplitude
+        if none and may_vibrate(bearing, np.array([speed]), np.array([load]))[0]:
+            return loop(own, body, speed, load, slip.BESIDE_STABLE)
+        return amplitude
     shape, (v, n) = flatten(speed, load)
     if v.size >= _MANY_STABLE:
         return restore(amplitudes_together(bearing, v, n), shape)

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics.averaging.boundaries import fold_load
+from stickslip_monitor.physics.averaging.boundaries import averaged
+from stickslip_monitor.physics.averaging.quadrature import slope_surface
 from stickslip_monitor.physics.cycle.slip import (
     AT_REST,
     NO_CONTACT,
@@ -24,6 +25,7 @@ from stickslip_monitor.physics.cycle.slip import (
     STICK_SLIP,
     UNRESOLVED,
 )
+from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
@@ -31,9 +33,8 @@ from stickslip_monitor.physics.orbits import (
     Course,
     SlipField,
     follow,
-    largest_coefficient,
+    law_in_use,
     slip_field,
-    steepest_fall,
 )
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import root_on_bracket
@@ -48,6 +49,8 @@ _GREATEST_FORCE = 1e150
 # How much less than the least load with a cycle by averaging a vibration that never sticks may
 # need: averaging is right to a tenth up to eta = 20.
 _LESS = 0.9
+# How much lower, as a share, rho has to be at the sliding limit than at its highest.
+_SAME = 1e-4
 # Orbits that are followed together: they stay in the cache.
 _BLOCK = 4096
 
@@ -79,7 +82,8 @@ def absent_cycles(kind: IndexArray) -> FoundCycles:
     return FoundCycles(kind.astype(float), *np.full((6, kind.size), np.nan))
 
 
-def _put(found: FoundCycles, rows: IndexArray | BoolArray, part: FoundCycles) -> None:
+def put_cycles(found: FoundCycles, rows: IndexArray | BoolArray, part: FoundCycles) -> None:
+    """Write what is found of some points to their places."""
     for column, values in zip(found, part, strict=True):
         column[rows] = values
 
@@ -95,7 +99,7 @@ def why_no_cycles(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Inde
     with np.errstate(all='ignore'):
         kind[~(load / np.abs(speed) < _GREATEST_FORCE * momentum)] = UNRESOLVED
         # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-        kind[~(load * steepest_fall(bearing.friction) > bearing.damping)] = NO_CYCLE
+        kind[~(load * law_in_use(bearing.friction).fall > bearing.damping)] = NO_CYCLE
     kind[load <= 0.0] = NO_CONTACT
     kind[speed == 0.0] = AT_REST
     kind[~(np.isfinite(speed) & np.isfinite(load))] = NOT_FINITE
@@ -120,7 +124,7 @@ def cycles_together(
         part = rows[first : first + _BLOCK]
         with np.errstate(all='ignore'):
             field = slip_field(bearing, np.abs(speed[part]), load[part])
-            _put(found, part, _in_fields(bearing, field, load[part], (stable, weigh)))
+            put_cycles(found, part, _in_fields(bearing, field, load[part], (stable, weigh)))
     return found
 
 
@@ -132,15 +136,40 @@ def _in_fields(
     if not stable:
         rows = np.flatnonzero(slides_steadily(field))
         found = absent_cycles(np.full(n, NO_CYCLE))
-        _put(found, rows, _pure_slip(field.take(rows), stable, weigh))
+        put_cycles(found, rows, _pure_slip(field.take(rows), stable, weigh))
         return found
     found = _through_belt(field, weigh)
     rest = np.flatnonzero(found.kind == NO_CYCLE)
     asked = ~slides_steadily(field.take(rest))
-    asked |= load[rest] > _LESS * fold_load(bearing, field.speed[rest])
+    asked |= may_vibrate(bearing, field.speed[rest], load[rest])
     rows = rest[asked]
-    _put(found, rows, _pure_slip(field.take(rows), stable, weigh))
+    put_cycles(found, rows, _pure_slip(field.take(rows), stable, weigh))
     return found
+
+
+def may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
+    """Where a vibration that never sticks may go on beside stable sliding.
+
+    Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
+    it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere.
+
+    Args:
+        bearing: The bearing.
+        speed: Shape (n,) [m/s].
+        load: Shape (n,) [N].
+    """
+    law, size = bearing.friction, np.abs(speed)
+    result = np.zeros(size.shape, bool)
+    if computes_as(law, Stribeck):
+        return result
+    with np.errstate(all='ignore'):
+        rows = np.flatnonzero((load > 0.0) & (size > 0.0) & np.isfinite(size + load))
+        peak = np.asarray(averaged(law).peak_slope(law, size[rows]))
+        near = load[rows] * peak > _LESS * bearing.damping
+        rows, peak = rows[near], peak[near]
+        cusp = slope_surface(law, np.ones(rows.size), size[rows])
+        result[rows] = cusp < (1.0 - _SAME) * peak
+    return result
 
 
 def slides_steadily(field: SlipField) -> BoolArray:
@@ -171,7 +200,7 @@ class _Round(NamedTuple):
 
 def _stroke(field: SlipField) -> FloatArray:
     """From one stick limit to the other."""
-    return -2.0 * field.force * largest_coefficient(field.law)
+    return -2.0 * field.force * law_in_use(field.law).hold
 
 
 def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> _Round:
@@ -211,10 +240,10 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
         nothing,
         nothing - np.inf,
     )
-    _put(found, sticks, _some(stuck, sticks))
+    put_cycles(found, sticks, _some(stuck, sticks))
     rows = np.flatnonzero(landed & ~sticks)
     if rows.size:
-        _put(found, rows, _overtaking(field.take(rows), one.place[rows], weigh))
+        put_cycles(found, rows, _overtaking(field.take(rows), one.place[rows], weigh))
     return found
 
 
@@ -247,7 +276,7 @@ def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles
         nothing + OVERTAKING, one.turns[0], one.turns[1], one.time, nothing, start, exponent
     )
     lost = np.flatnonzero((one.end != LANDED) | np.isnan(one.over))
-    _put(found, lost, absent_cycles(np.full(lost.size, UNRESOLVED)))
+    put_cycles(found, lost, absent_cycles(np.full(lost.size, UNRESOLVED)))
     return found
 
 
@@ -290,7 +319,7 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     turn = follow(around.take(some), -a, nothing, course)
     kind = np.where(turn.end == TURNED, float(PURE_SLIP), float(UNRESOLVED))
     cycles = FoundCycles(kind, turn.turns[0], -a, -turn.time, nothing, a, -turn.divergence)
-    _put(found, rows[some], cycles)
+    put_cycles(found, rows[some], cycles)
     return found
 
 

@@ -138,7 +138,8 @@ BEHIND, AHEAD = Orbit(0.0, 3.0, 1.0, CONTACT, 1e-13), Orbit(0.0, 9.0, 1.0, CONTA
 AROUND, BACKWARD = Orbit(1.0, 3.0, -1.0, TURNS, 1e-13), Orbit(0.0, 1.0, -1.0, TURNS, 1e-13)
 GRAZING, ROUGHLY = Orbit(0.0, 3.0, 1.0, LEVEL, 1e-13), Orbit(0.0, 3.0, 1.0, LEVEL, 1e-9)
 ONLY, WEIGHED = 0.0, 1.0
-SMALLEST_UNSTABLE, LARGEST_STABLE = -1.0, 1.0
+# Of stable cycles without stick one about an unstable steady sliding, or about any.
+SMALLEST_UNSTABLE, LARGEST_STABLE, BESIDE_STABLE = -1.0, 1.0, 2.0
 # What a cycle is; the numbers of cycles.CycleKind.
 STICK_SLIP, OVERTAKING, PURE_SLIP, NO_CYCLE, AT_REST, NO_CONTACT, NOT_FINITE, UNRESOLVED = range(8)
 
@@ -397,11 +398,11 @@ def energy_gain(law: LawInUse, around: Medium, amplitude: float) -> float:
 def pure_slip(law: LawInUse, medium: Medium, wanted: float, weigh: float) -> FoundCycle:
     """A cycle about steady sliding whose lining never reaches the belt's speed.
 
-    ``LARGEST_STABLE`` is wanted about an unstable steady sliding; ``SMALLEST_UNSTABLE`` bounds the
-    basin of a stable one.
+    ``LARGEST_STABLE`` is wanted about an unstable steady sliding, ``BESIDE_STABLE`` about any;
+    ``SMALLEST_UNSTABLE`` bounds the basin of a stable one.
     """
     growth = -medium.force * medium.speed * friction_slope(law.own, medium.speed)
-    if (growth < medium.damping) == (wanted > 0.0):
+    if wanted != BESIDE_STABLE and (growth < medium.damping) == (wanted > 0.0):
         return absent_cycle(NO_CYCLE)
     largest = outermost_turn(law, medium)
     if not largest > 0.0:
@@ -457,9 +458,13 @@ def gain_bracket(law: LawInUse, around: Medium, largest: float, wanted: float) -
 
 
 def stable_cycle(
-    law: LawInUse, body: Oscillator, speed: float, load: float, weigh: float
+    law: LawInUse, body: Oscillator, speed: float, load: float, wanted: float, weigh: float
 ) -> FoundCycle:
-    """The stable cycle at any numbers: through the belt's speed or, without one, slower."""
+    """The stable cycle at any numbers: through the belt's speed or, without one, slower.
+
+    The slower one is ``wanted`` about unstable steady sliding, ``LARGEST_STABLE``, or about any,
+    ``BESIDE_STABLE``.
+    """
     kind = why_no_cycle(law, body, speed, load)
     if kind != STICK_SLIP:
         return absent_cycle(kind)
@@ -467,7 +472,7 @@ def stable_cycle(
     found = through_belt(law, medium, weigh)
     if found.kind != NO_CYCLE:
         return found
-    return pure_slip(law, medium, LARGEST_STABLE, weigh)
+    return pure_slip(law, medium, wanted, weigh)
 
 
 def unstable_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> FoundCycle:
@@ -495,9 +500,11 @@ def why_no_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> 
     return STICK_SLIP
 
 
-def amplitude_of_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> float:
+def amplitude_of_cycle(
+    law: LawInUse, body: Oscillator, speed: float, load: float, wanted: float
+) -> float:
     """Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` where there is none."""
-    found = stable_cycle(law, body, speed, load, ONLY)
+    found = stable_cycle(law, body, speed, load, wanted, ONLY)
     omega = math.sqrt(body.stiffness / body.mass)
     return 0.5 * (found.crest - found.trough) * abs(speed) / omega
 
@@ -529,7 +536,7 @@ def cycles_of_points(
     """Write what :func:`stable_cycle` or :func:`unstable_cycle` finds, its numbers in columns."""
     for i in range(len(speeds)):
         if wanted > 0.0:
-            found = stable_cycle(law, body, speeds[i], loads[i], WEIGHED)
+            found = stable_cycle(law, body, speeds[i], loads[i], wanted, WEIGHED)
         else:
             found = unstable_cycle(law, body, speeds[i], loads[i])
         out[0][i], out[1][i], out[2][i] = found.kind, found.crest, found.trough

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vibrations that never stick beside stable sliding, against direct integration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from stickslip_monitor import Bearing, CycleKind, Tabulated, assess, exact_cycle, fold_speed
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched
+
+RISES_FIRST = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.15, 0.25, 0.3, 0.2, 0.12, 0.1])
+PLATEAU = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.3, 0.3, 0.3, 0.2, 0.12, 0.1])
+RPM = np.pi * 0.1 / 60.0
+
+
+def bench(law: FrictionLaw) -> Bearing:
+    return Bearing(50.0, 400.0, 2.0e6, law, 0.1)
+
+
+def integrated(bearing: Bearing, speed: float, load: float, start: float) -> float:
+    """Amplitude [m] after 150 turns that begin at a share of the sliding limit."""
+    turn, law = 2.0 * np.pi / bearing.natural_frequency, bearing.friction
+
+    def rates(_, y):
+        assert y[1] < speed  # it never sticks
+        push = load * float(law.coefficient(speed - y[1]))
+        force = push - bearing.damping * y[1] - bearing.stiffness * y[0]
+        return y[1], force / bearing.mass
+
+    begin = [float(bearing.equilibrium(speed, load)), -start * speed]
+    last = np.linspace(148.0, 150.0, 2001) * turn
+    options = {'method': 'DOP853', 'rtol': 1e-9, 'atol': 1e-13, 'max_step': turn / 30.0}
+    motion = solve_ivp(rates, (0.0, last[-1]), begin, t_eval=last, **options).y
+    return float(np.ptp(motion[0])) / 2.0
+
+
+@pytest.mark.parametrize(('law', 'rpm'), [(RISES_FIRST, 45.0), (PLATEAU, 49.5)])
+@pytest.mark.parametrize('points', [1, 40])  # one after another, and together as arrays
+def test_the_vibration_is_that_of_direct_integration(law, rpm, points):
+    bearing, speed = bench(law), np.full(points, rpm * RPM)
+    cycle = exact_cycle(bearing, speed, 1000.0)
+    expected = integrated(bearing, rpm * RPM, 1000.0, 0.95)
+    assert np.all(cycle.kind == CycleKind.PURE_SLIP)
+    np.testing.assert_allclose(cycle.amplitude, expected, rtol=1e-4)
+    np.testing.assert_allclose(assess(bearing, speed, 1000.0).amplitude_exact, expected, rtol=1e-4)
+    # Steady sliding is stable beside it: a small start dies out.
+    assert integrated(bearing, rpm * RPM, 1000.0, 0.2) < 0.2 * expected
+
+
+@pytest.mark.parametrize('law', [RISES_FIRST, PLATEAU, Stretched(0.3, 0.1, 10.0, 0.0, 4.0)])
+def test_a_vibration_goes_on_up_to_about_the_averaged_fold(law):
+    """First order averaging has a pure slip's end to the order of eta squared."""
+    bearing = bench(law)
+    end = fold_speed(bearing, 1000.0)
+    exists = np.isfinite(exact_cycle(bearing, end * np.array([0.99, 1.01]), 1000.0).amplitude)
+    assert exists.tolist() == [True, False]
