@@ -30,7 +30,6 @@ from stickslip_monitor.physics.averaging.peaks import highest_slopes
 from stickslip_monitor.physics.averaging.quadrature import slope_surface
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.orbits import (
-    ALMOST_REST,
     LANDED,
     TURNED,
     Course,
@@ -41,6 +40,7 @@ from stickslip_monitor.physics.orbits import (
 )
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import newton_on_bracket
+from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
 _MOST_ROUNDS, _MOST_STEPS, _WIDEST, _HALVINGS = 25, 1500, 0.7, 40
 # Friction in units of m omega V beyond which no bearing is, and an orbit has no steps left.

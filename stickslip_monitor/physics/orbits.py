@@ -20,9 +20,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.physics import dop853
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, scalar_law
@@ -30,7 +30,6 @@ from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, scalar_l
 # How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, or
 # at rest or, back in time, from far outside.
 EXHAUSTED, TURNED, LANDED, MISSED, LEFT = range(5)
-_A, _OUT = DOP853.A[:12, :12], np.stack([DOP853.B, DOP853.E5[:12], DOP853.E3[:12]])
 _LONGEST, _SHORTEST, _MOST_STEPS = 1.0, 1e-13, 20000
 # Share of the energy at the start below which an orbit has come to rest, and the growth of energy,
 # back in time, from which no orbit comes back; or way beyond the belt.
@@ -44,6 +43,21 @@ _TRIALS, _SAME = 60, 1e-2
 # Rows of the state of orbits.
 _E, _Z, _RATE, _LENGTH, _TIME, _GAIN = range(6)
 
+
+def _coefficients() -> tuple[FloatArray, FloatArray]:
+    """Those of DOP853: of the stages, shape (12, 12); of step and two errors, shape (3, 12)."""
+    stages, out = np.zeros((12, 12)), np.zeros((3, 12))
+    rows = (getattr(dop853, f'A{i}') for i in range(1, 12))
+    for i, (used, row) in enumerate(zip(dop853.USED, rows, strict=True), 1):
+        stages[i, list(used)] = row
+    weighed = list(dop853.WEIGHED)
+    out[0, weighed], out[1, weighed] = dop853.B, dop853.E5
+    out[2, weighed] = dop853.B
+    out[2, list(dop853.THIRD)] -= dop853.E3
+    return stages, out
+
+
+_A, _OUT = _coefficients()
 Drop = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 

@@ -44,7 +44,7 @@ class Orbit(NamedTuple):
         stage: At the start; in even stages the lining moves with the belt, in odd ones against it.
         last: The stage that ends it.
         direction: In time, 1 or -1.
-        mode: What is looked for: ``TURNS``, ``CONTACT`` or ``LEVEL``.
+        mode: What is looked for: ``TURNS`` or ``CONTACT``.
         tolerance: Error of a step in units of the motion.
     """
 
@@ -131,12 +131,11 @@ class FoundCycle(NamedTuple):
 
 # How an orbit ended, or what a step ended with.
 EXHAUSTED, LANDED, MISSED, RETURNED, SETTLED, ESCAPED, GOES_ON, TURNED = range(8)
-# What is looked for: nothing but turning points, the contact, or the level that decides on it.
-TURNS, CONTACT, LEVEL = 0.0, 1.0, 2.0
+# What is looked for: nothing but turning points, or the contact.
+TURNS, CONTACT = 0.0, 1.0
 # (All as floats: numba would compile a copy of a function for each value of a constant flag.)
 BEHIND, AHEAD = Orbit(0.0, 3.0, 1.0, CONTACT, 1e-13), Orbit(0.0, 9.0, 1.0, CONTACT, 1e-13)
 AROUND, BACKWARD = Orbit(1.0, 3.0, -1.0, TURNS, 1e-13), Orbit(0.0, 1.0, -1.0, TURNS, 1e-13)
-GRAZING, ROUGHLY = Orbit(0.0, 3.0, 1.0, LEVEL, 1e-13), Orbit(0.0, 3.0, 1.0, LEVEL, 1e-9)
 ONLY, WEIGHED = 0.0, 1.0
 # Of stable cycles without stick one about an unstable steady sliding, or about any.
 SMALLEST_UNSTABLE, LARGEST_STABLE, BESIDE_STABLE = -1.0, 1.0, 2.0
@@ -150,8 +149,6 @@ _SETTLED_SHARE, _ESCAPED_SHARE, _THROUGH = 1e-12, 1e12, 1e-3
 # Beyond this friction force, in units of m omega V, the numbers run out.
 _GREATEST_FORCE = 1e150
 _LARGEST_EXPONENT = 700.0
-# Relative speed below which an orbit has certainly met the belt.
-_DEEP = -0.1
 # Gauss's nodes and weights on [0, 1].
 _GAUSS_NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262)
 _GAUSS_WEIGHTS = (0.17392742256872692, 0.3260725774312731, 0.3260725774312731, 0.17392742256872692)
@@ -231,8 +228,6 @@ def slip_event(
     if landing and after.z < 0.0 and orbit.mode == CONTACT:
         length, after = cut_step(law.own, medium, begin, length, RELATIVE_SPEED, 0.0)
         event = LANDED
-    elif landing and after.z < _DEEP:
-        event = LANDED
     elif event == GOES_ON and drift >= 0.0 and has_turned(after.z, drift, stage):
         length, after = cut_step(law.own, medium, begin, length, RELATIVE_SPEED, drift)
         event = TURNED
@@ -268,7 +263,7 @@ def follow_slip(
         medium: What the motion takes place in.
         e: Displacement.
         z: Relative speed.
-        orbit: ``BEHIND``, ``AHEAD``, ``GRAZING``, ``AROUND`` or ``BACKWARD``.
+        orbit: ``BEHIND``, ``AHEAD``, ``AROUND`` or ``BACKWARD``.
         weigh: ``WEIGHED`` to integrate the divergence, at five times the cost, or ``ONLY``.
     """
     drift, stage, direction = medium.drift, orbit.stage, orbit.direction
@@ -507,22 +502,6 @@ def amplitude_of_cycle(
     found = stable_cycle(law, body, speed, load, wanted, ONLY)
     omega = math.sqrt(body.stiffness / body.mass)
     return 0.5 * (found.crest - found.trough) * abs(speed) / omega
-
-
-def grazing_margin(
-    law: LawInUse, body: Oscillator, speed: float, load: float, orbit: Orbit
-) -> float:
-    """Signed distance of the slip phase from grazing, > 0 where it meets the belt.
-
-    It is smooth where it vanishes: minus the relative speed at the displacement at which the belt
-    could just hold the lining; -1 for a lining that never comes back to there.
-    """
-    if why_no_cycle(law, body, speed, load) != STICK_SLIP:
-        return -1.0
-    medium = slip_medium(law, body, speed, load)
-    slip = follow_slip(law, medium, 0.0, 0.0, orbit, ONLY)
-    meets = slip.end == LANDED or (slip.end == MISSED and slip.z < 1.0)
-    return -slip.z if meets else -1.0
 
 
 def cycles_of_points(
