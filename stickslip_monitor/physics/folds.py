@@ -32,7 +32,7 @@ from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.orbits import (
     LANDED,
     TURNED,
-    Course,
+    Route,
     SlipField,
     follow,
     law_in_use,
@@ -110,7 +110,7 @@ class Grazing:
         e, z = np.concatenate([nothing, place]), np.concatenate([nothing, z])
         last, direction = np.repeat([2, 1], n), np.repeat([1.0, -1.0], n)
         with np.errstate(all='ignore'):
-            orbits = follow(both, e, z, Course(last, error, direction, most=_MOST_STEPS))
+            orbits = follow(both, e, z, Route(last, error, direction, most=_MOST_STEPS))
             size = both.rest() - orbits.place
             size[orbits.end != TURNED] = np.nan
             return np.log(size[:n] / size[n:])
@@ -297,12 +297,12 @@ def _by_contact(bearing: Bearing, load: FloatArray, guess: FloatArray) -> FloatA
     For where friction that rises damps a motion so much that it does not turn twice.
     """
     low, high = guess * 0.01, guess * 2.0
-    course = Course(3, _FINE, contact=True, most=_MOST_STEPS)
+    route = Route(3, _FINE, contact=True, most=_MOST_STEPS)
     for _ in range(_HALVINGS if load.size else 0):
         middle = np.sqrt(low * high)
         field, nothing = slip_field(bearing, middle, load), np.zeros(load.size)
         with np.errstate(all='ignore'):
-            meets = follow(field, nothing, nothing, course).end == LANDED
+            meets = follow(field, nothing, nothing, route).end == LANDED
         low, high = np.where(meets, middle, low), np.where(meets, high, middle)
     return np.sqrt(low * high)
 

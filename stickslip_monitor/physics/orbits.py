@@ -236,7 +236,7 @@ def orbit_steps(
     return Stepped(y[:n], y[n:], field.acceleration(y[:n], y[n:]), error, gain)
 
 
-class Course(NamedTuple):
+class Route(NamedTuple):
     """How orbits are followed.
 
     Attributes:
@@ -275,10 +275,10 @@ class Orbits:
     divergence: FloatArray
 
 
-def follow(field: SlipField, e: FloatArray, z: FloatArray, course: Course) -> Orbits:
+def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbits:
     """Follow orbits from displacements and relative speeds to their ends, all at once."""
-    run = _Run(field, e, z, course)
-    for _ in range(course.most if e.size else 0):
+    run = _Run(field, e, z, route)
+    for _ in range(route.most if e.size else 0):
         run.advance()
         if not run.live.size:
             break
@@ -296,13 +296,13 @@ class _Events(NamedTuple):
 class _Run:
     """Orbits under way: the state of those that go on, and the steps in which events lie."""
 
-    def __init__(self, field: SlipField, e: FloatArray, z: FloatArray, course: Course) -> None:
+    def __init__(self, field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> None:
         n = e.size
         self.whole = self.field = field
-        self.course = course
-        self.edges = np.array(law_in_use(field.law).kinks if course.error < _OVER_EDGES else ())
-        self.last = np.broadcast_to(course.last, n)
-        self.direction = np.broadcast_to(course.direction, n).astype(float)
+        self.route = route
+        self.edges = np.array(law_in_use(field.law).kinks if route.error < _OVER_EDGES else ())
+        self.last = np.broadcast_to(route.last, n)
+        self.direction = np.broadcast_to(route.direction, n).astype(float)
         self.live, self.stage = np.arange(n), np.zeros(n, int)
         rate = field.acceleration(e, z)
         stiffness = np.minimum(np.abs(field.friction_damping(z)), 1e6)
@@ -322,10 +322,10 @@ class _Run:
         """One step of every orbit that goes on, or a shorter one next time."""
         e, z, rate, wanted = self.state[:_TIME].copy()
         length = self._until_edge()
-        after = orbit_steps(self.field, self.state, length, self.course.weigh)
+        after = orbit_steps(self.field, self.state, length, self.route.weigh)
         allowed = np.abs(e) + np.abs(z)
         allowed += np.abs(length) * (abs(self.field.drift) + np.abs(rate))
-        allowed *= self.course.error
+        allowed *= self.route.error
         good = after.error <= allowed
         events = self._events(after)
         good &= ~(events.meets & events.turns)  # first to the turn, then to the belt
@@ -368,7 +368,7 @@ class _Run:
         z, drift = self.state[_Z], self.field.drift
         turns = ((z - drift) * (after.z - drift) <= 0.0) & (z != drift) & (drift >= 0.0)
         nothing = np.zeros(z.size, bool)
-        if not self.course.contact:
+        if not self.route.contact:
             return _Events(turns, nothing, nothing)
         hold = -self.field.offset
         meets = (after.z < 0.0) | ((drift > 0.0) & (after.e > hold))
@@ -443,7 +443,7 @@ class _Run:
         field, drift = self.whole.take(rows), self.whole.drift
         length = _first_length(drift, begin, orbit_steps(field, begin, begin[_LENGTH]))
         for _ in range(2):
-            now = orbit_steps(field, begin, length, self.course.weigh)
+            now = orbit_steps(field, begin, length, self.route.weigh)
             more = (drift - now.z) / np.where(now.rate != 0.0, now.rate, 1.0)
             length = length + more
         # The displacement is stationary there: what is left of the miss enters squared.
@@ -469,7 +469,7 @@ class _Run:
         met = z < 0.0
         first = _first_length(0.0, begin, Stepped(end.e, z, rate, end.error, end.gain), length)
         length = np.where(met, self._until(field, begin, length, first, of_place=False), length)
-        now = orbit_steps(field, begin, length, self.course.weigh)
+        now = orbit_steps(field, begin, length, self.route.weigh)
         return met, length, now.e, now.gain
 
     def _until(
@@ -495,7 +495,7 @@ class _Run:
             new = length - miss / np.where(rate != 0.0, rate, 1.0)
             new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
             still = np.flatnonzero(
-                np.abs(new - length) > _SAME * self.course.error * (1.0 + length)
+                np.abs(new - length) > _SAME * self.route.error * (1.0 + length)
             )
             result[rows[still]] = new[still]
             if not still.size:

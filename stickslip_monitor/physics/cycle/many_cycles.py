@@ -30,7 +30,7 @@ from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
     TURNED,
-    Course,
+    Route,
     SlipField,
     follow,
     law_in_use,
@@ -204,8 +204,8 @@ def _stroke(field: SlipField) -> FloatArray:
 
 
 def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> _Round:
-    course = Course(3, _ERROR, contact=True, weigh=weigh)
-    behind = follow(field, start, np.zeros(start.size), course)
+    route = Route(3, _ERROR, contact=True, weigh=weigh)
+    behind = follow(field, start, np.zeros(start.size), route)
     end, place, time = behind.end.copy(), behind.place.copy(), behind.time.copy()
     divergence, stroke = behind.divergence.copy(), _stroke(field)
     over = np.full(start.size, np.nan)
@@ -214,8 +214,8 @@ def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> _Round:
         over[rows] = place[rows]
         # Ahead of the belt the motion is the mirror image about the middle of the stick limits.
         begin = stroke[rows] - place[rows]
-        course = Course(0, _ERROR, contact=True, weigh=weigh)
-        ahead = follow(field.take(rows).ahead_of_belt(), begin, np.zeros(rows.size), course)
+        route = Route(0, _ERROR, contact=True, weigh=weigh)
+        ahead = follow(field.take(rows).ahead_of_belt(), begin, np.zeros(rows.size), route)
         end[rows], place[rows] = ahead.end, stroke[rows] - ahead.place
         time[rows] += ahead.time
         divergence[rows] += ahead.divergence
@@ -287,7 +287,7 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     """
     found = absent_cycles(np.full(field.speed.size, NO_CYCLE))
     # The amplitude of the orbit that grazes the belt, by going back in time from there.
-    outer = follow(field, -field.offset, np.zeros(field.speed.size), Course(1, _ERROR, -1.0))
+    outer = follow(field, -field.offset, np.zeros(field.speed.size), Route(1, _ERROR, -1.0))
     found.kind[outer.end == EXHAUSTED] = UNRESOLVED
     largest = field.rest() - outer.turns[0]
     rows = np.flatnonzero((outer.end == TURNED) & (largest > 0.0))
@@ -297,7 +297,7 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
 
     def gain(a: FloatArray, which: IndexArray) -> FloatArray:
         """Relative gain of energy in a turn, > 0 outward."""
-        turn = follow(around.take(which), -a, np.zeros(a.size), Course(2, _ERROR, -1.0))
+        turn = follow(around.take(which), -a, np.zeros(a.size), Route(2, _ERROR, -1.0))
         # An orbit that came from far outside has lost energy on the way.
         change = (1.0 + turn.place / a) * (1.0 - turn.place / a)
         return np.where(turn.end == TURNED, change, -1.0)
@@ -315,8 +315,8 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     k = last if stable else first
     ends = gains[some, k], gains[some, k + 1]
     a = root_on_bracket(gain, grid[some, k], grid[some, k + 1], ends, (some,))
-    course, nothing = Course(2, _ERROR, -1.0, weigh=weigh), np.zeros(a.size)
-    turn = follow(around.take(some), -a, nothing, course)
+    route, nothing = Route(2, _ERROR, -1.0, weigh=weigh), np.zeros(a.size)
+    turn = follow(around.take(some), -a, nothing, route)
     kind = np.where(turn.end == TURNED, float(PURE_SLIP), float(UNRESOLVED))
     cycles = FoundCycles(kind, turn.turns[0], -a, -turn.time, nothing, a, -turn.divergence)
     put_cycles(found, rows[some], cycles)
