@@ -49,6 +49,51 @@ def oddly_stamped(case: Sent, random: np.random.Generator, off: float, share: fl
     return replace(case, stream=replace(stream, time_ns=stamp))
 
 
+def unevenly(case: Sent, gaps: Callable[[int], FloatArray]) -> Sent:
+    """Speed and load are sent at uneven times, some of their values only."""
+    own = case.stream
+    kept = own.inputs == LEVEL
+    for place in range(LEVEL):
+        rows = np.flatnonzero(own.inputs == place)
+        time = (own.arrival_ns[rows] - own.arrival_ns[0]) / SECOND
+        sent = np.cumsum(gaps(rows.size))
+        kept[np.unique(rows[np.searchsorted(time, sent[sent < time[-1]])])] = True
+    return _kept(case, kept)
+
+
+def without_values(case: Sent, random: np.random.Generator) -> Sent:
+    """For two to ten seconds at a time both inputs say that they have no value."""
+    own = case.stream
+    begin, end = _times(case, random, (20.0, 100.0), (2.0, 10.0))
+    time = (own.arrival_ns - own.arrival_ns[0]) / SECOND
+    which = np.searchsorted(begin, time, 'right') - 1
+    none = (which >= 0) & (time < end[which]) & (own.inputs != LEVEL)
+    means = random.choice([-999.25, -9999.0, 3276.7, 65535.0], begin.size)
+    return replace(case, stream=replace(own, value=np.where(none, means[which], own.value)))
+
+
+def stopping(case: Sent, random: np.random.Generator) -> Sent:
+    """All senders are away for five to sixty seconds at a time."""
+    begin, end = _times(case, random, (100.0, 500.0), (5.0, 60.0))
+    time = (case.stream.arrival_ns - case.stream.arrival_ns[0]) / SECOND
+    which = np.searchsorted(begin, time, 'right') - 1
+    return _kept(case, (which < 0) | (time >= end[which]))
+
+
+def _times(
+    case: Sent,
+    random: np.random.Generator,
+    apart: tuple[float, float],
+    lasting: tuple[float, float],
+) -> tuple[FloatArray, FloatArray]:
+    """Begin and end of stretches that are so far apart and last so long, at random [s]."""
+    seconds = float(case.stream.arrival_ns[-1] - case.stream.arrival_ns[0]) / SECOND
+    count = int(seconds / apart[0]) + 1
+    pause, long = random.uniform(*apart, count), random.uniform(*lasting, count)
+    end = np.cumsum(pause + long)
+    return end - long, end
+
+
 def with_threshold(case: Sent, _: np.random.Generator, factor: float) -> Sent:
     """The threshold is another one; nan: it is left out and learned."""
     level = case.config.level
@@ -122,6 +167,16 @@ STAMPS: Mapping[str, Spoil] = {
     'one stamp in twenty off by an hour': lambda case, r: oddly_stamped(
         without_level(case, r), r, 3600.0, 0.05
     ),
+    'sent on change, after 0.2 or 4 s': lambda case, r: unevenly(
+        without_level(case, r), lambda count: r.choice([0.2, 4.0], count)
+    ),
+    'at random, once a second': lambda case, r: unevenly(
+        without_level(case, r), lambda count: r.exponential(1.0, count)
+    ),
+    '"no value" for a tenth of the time': lambda case, r: without_values(
+        without_level(case, r), r
+    ),
+    'senders that stop and start': lambda case, r: stopping(without_level(case, r), r),
 }
 
 

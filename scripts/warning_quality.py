@@ -75,7 +75,8 @@ _SHOWN = (
 )  # fmt: skip
 # Of voyages with spoilt sensors.
 _OF_SPOILT = (
-    'newly_given', 'missed', 'detected', 'told', 'false_per_100h', 'unfounded_hours', 'far_warned',
+    'newly_given', 'missed', 'detected', 'told', 'false_per_100h', 'wrong_hours',
+    'unfounded_hours', 'far_warned',
 )  # fmt: skip
 
 

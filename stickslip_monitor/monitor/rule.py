@@ -246,7 +246,10 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     exists = exists or s.median_rate > 0.0
     s.course = IDLE if not sliding else WITHIN if exists else BEYOND
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
-    judge_lining(s, c, measured_now(s, c), sliding and (wide if s.sticking else inside), fresh)
+    may_tell = sliding and (wide if s.sticking else inside)
+    # What the latest values end, the medians do not begin.
+    inside_now = c.has_belief == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
+    judge_lining(s, c, measured_now(s, c) if may_tell else UNKNOWN, turns(s) and inside_now, fresh)
     running = s.sticking == 1
     coming = running or (sliding and comes(s, c, speed, limit))
     near, wide = coming or (sliding and near), coming or (sliding and wide)
@@ -325,6 +328,11 @@ def amplitude_due(s: State, c: RuleNumbers) -> bool:
     return needed and (s.sized == NEVER or s.now - s.sized >= SIZED)
 
 
+def turns(s: State) -> bool:
+    """Whether by the latest values the shaft turns under load."""
+    return s.value[SPEED] != 0.0 and s.value[LOAD] > 0.0
+
+
 def median_point(s: State) -> tuple[float, float]:
     """Speed [m/s] and load [N] by which the alarm is decided: medians of three values."""
     speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
@@ -358,27 +366,27 @@ def grow(s: State, passed: int) -> None:
     s.borne = max(0.0, s.borne + s.median_rate * passed * 1e-9)
 
 
-def judge_lining(s: State, c: RuleNumbers, said: int, near: bool, fresh: bool) -> None:
+def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bool) -> None:
     """Decide whether stick-slip runs.
 
     Args:
         s: The memory.
         c: The numbers of the configuration.
-        said: What the level says.
-        near: Whether the point is where a level may say that stick-slip runs.
+        said: What the level says, if it counts here.
+        may_begin: Whether stick-slip may begin with this point.
         fresh: Whether it is the first point after a gap, which decides at once.
     """
     # Half of an onset must be borne out by the medians of three values.
     starts = s.median_rate > 0.0 and s.borne >= 0.5 * c.onset_growth
     starts = starts and s.growth >= c.onset_growth
-    if said == VIBRATING and near:
+    if said == VIBRATING:
         s.course, starts = WITHIN, True
     elif said == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
         s.course = IDLE
     if not s.sticking:
         if s.course == BEYOND:
             s.known = 1
-        if starts:
+        if starts and may_begin:
             # What is back before its alarm could clear is no new onset.
             raised = s.raised & (1 << STICK_SLIP)
             s.onsets += int(not raised or s.count[STICK_SLIP] >= off_delay(s, c))
@@ -406,6 +414,8 @@ def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
     """Change the rungs that have been asked for long enough; after a gap clear them at once."""
     for rung in range(RUNGS):
         bit = 1 << rung
+        if not s.raised & bit and rung > VIBRATION and not turns(s):
+            continue
         if s.asks & bit and (s.count[rung] >= due(s, c, rung) or (fresh and s.raised & bit)):
             s.raised ^= bit
             s.asks ^= bit
