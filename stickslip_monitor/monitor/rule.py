@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.rule_level import (
     take_level,
 )
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
-from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
+from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Input, Status
 from stickslip_monitor.physics.boundary_table import boundary_at
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
@@ -123,11 +123,12 @@ def arrive(
 
 def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
     """Whether a number, which is ``si`` in SI units, can be a value of its input."""
-    if not (math.isfinite(number) and math.isfinite(si)):
+    size = abs(si)
+    if not size < math.inf:
         return NOT_FINITE
-    if number in NO_VALUES or abs(number) >= NO_VALUES[0]:
+    if abs(number) >= LEAST_NO_VALUE and (number in NO_VALUES or abs(number) >= NO_VALUES[0]):
         return NO_VALUE
-    if abs(si) > c.maximum[place]:
+    if size > c.maximum[place]:
         return IMPLAUSIBLE
     return ACCEPTED if si >= c.minimum[place] else BELOW_MINIMUM
 
@@ -412,11 +413,14 @@ def asked(s: State, rung: int, holds: bool, clear: bool) -> int:
 
 def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
     """Change the rungs that have been asked for long enough; after a gap clear them at once."""
+    if not s.asks:
+        return
+    resting = not turns(s)
     for rung in range(RUNGS):
         bit = 1 << rung
-        if not s.raised & bit and rung > VIBRATION and not turns(s):
+        if not s.asks & bit or (resting and rung > VIBRATION and not s.raised & bit):
             continue
-        if s.asks & bit and (s.count[rung] >= due(s, c, rung) or (fresh and s.raised & bit)):
+        if s.count[rung] >= due(s, c, rung) or (fresh and s.raised & bit):
             s.raised ^= bit
             s.asks ^= bit
             s.count[rung] = 0

@@ -167,6 +167,7 @@ NO_VALUES = (
     16383.5,
 )
 """Numbers by which senders say that there is no value, as they stand in messages."""
+LEAST_NO_VALUE = min(map(abs, NO_VALUES))
 
 
 def to_si(config: InputConfig, value: Any) -> Any:
