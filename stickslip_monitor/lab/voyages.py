@@ -315,6 +315,6 @@ def _has_wrong_source(sent: Sent) -> bool:
         own = stream.inputs == place
         si = to_si(source, stream.value[own])
         watch = SourceWatch(least_gap(config, place))
-        if watch.see_many(stream.arrival_ns[own], stream.time_ns[own], si):
+        if watch.see_column(stream.arrival_ns[own], si):
             return True
     return False

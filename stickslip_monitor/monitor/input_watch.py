@@ -11,10 +11,11 @@ import math
 import re
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.rule import NEAR
 from stickslip_monitor.monitor.signals import (
     INPUTS,
     LEVEL,
@@ -62,8 +63,7 @@ class InputFacts:
     share: float = 0.0  # of the samples of the last while that were refused
     reason: Status | None = None  # why most of these were
     without_clock: bool = False  # time follows /clock, which is silent so far
-    behind: float = 0.0  # how far its stamps are behind the other input's [s]
-    other: str = ''  # the other input's topic
+    behind: float = 0.0  # how far its stamps are behind their arrival [s]
     stuck: bool = False  # its value has not changed for minutes, which only a level may not
     source: str = ''  # what its samples show of their source, see .source_faults
 
@@ -75,11 +75,6 @@ def input_fault(facts: InputFacts) -> str:
         return 'use_sim_time is set, but nothing comes on /clock: no sample can be used.'
     if facts.lost and (fault := _sender_fault(facts)):
         return fault
-    if facts.receiving and facts.behind > facts.timeout:
-        return (
-            f'Stamps on {topic} are {facts.behind:.3g} s behind those on {facts.other},'
-            f" which is more than the timeout of {facts.timeout:g} s: the senders' clocks differ."
-        )
     if facts.share >= MOSTLY and facts.reason is not None:
         return (
             f'{facts.share:.0%} of the samples on {topic} are refused, most because:'
@@ -94,7 +89,15 @@ def input_fault(facts: InputFacts) -> str:
     if publishers and len(publishers) > 1:
         names = ', '.join(sorted({publisher.node for publisher in publishers}))
         return f'{len(publishers)} publishers send on {topic} ({names}): their values are mixed.'
-    return f'On {topic}, {facts.source}.' if facts.source else ''
+    if facts.source:
+        return f'On {topic}, {facts.source}.'
+    if facts.receiving and abs(facts.behind) > NEAR * 1e-9:
+        way = 'behind' if facts.behind > 0.0 else 'ahead of'
+        return (
+            f'Stamps on {topic} are {abs(facts.behind):.3g} s {way} their arrival, which counts in'
+            ' their place: late messages, or another clock.'
+        )
+    return ''
 
 
 def _sender_fault(facts: InputFacts) -> str:
@@ -148,6 +151,7 @@ class _Track:
 
     source: SourceWatch
     arrived_ns: int | None = None
+    behind_ns: int = 0  # how far the latest stamp was behind its arrival
     last: Counts = ()  # at the last look
     refused: Counts = ()  # at the last look that found a new valid sample
     marks: deque[tuple[int, Counts]] = field(default_factory=lambda: deque(maxlen=2))
@@ -197,16 +201,16 @@ class InputWatch:
         self._lost = False
 
     def take(
-        self, bearing: str, place: int, time_ns: int, value: float, valid: bool, now_ns: int
+        self, bearing: str, place: int, value: float, valid: bool, now_ns: int, behind_ns: int
     ) -> None:
         """Take note of a sample that came at a time of the steady clock, valid or not."""
         track, config = self._tracks[bearing][place], self._bearings[bearing].config
         if valid:
-            track.arrived_ns = now_ns
+            track.arrived_ns, track.behind_ns = now_ns, behind_ns
         # A level that jumps between two values is what is looked for, and no fault.
         source = config.inputs[INPUTS[place]]
         si = math.nan if place == LEVEL else to_si(source, value)
-        track.source.see(now_ns, time_ns, si)
+        track.source.see(now_ns, si)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """The inputs of a bearing by quantity."""
@@ -220,8 +224,7 @@ class InputWatch:
         self._publishers.clear()
         lost = self._bearings[bearing].lost()
         found = (
-            # Stamps that have just jumped are not yet stamps of another clock.
-            input_fault(replace(self._facts(bearing, place, now_ns, without_clock), behind=0.0))
+            input_fault(self._facts(bearing, place, now_ns, without_clock))
             for place, name in enumerate(QUANTITIES)
             if name in lost
         )
@@ -262,16 +265,10 @@ class InputWatch:
 
     def _facts(self, bearing: str, place: int, now_ns: int, without_clock: bool) -> InputFacts:
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
-        sources = list(monitor.config.inputs.values())
-        beside = 0 if place else 1  # the input that its clock is compared with
-        source, other = sources[place], sources[beside]
-        own_ns, other_ns = monitor.last_ns(place), monitor.last_ns(beside)
-        behind = 0.0
-        if own_ns is not None and other_ns is not None and source.topic != other.topic:
-            behind = (other_ns - own_ns) * 1e-9
-        lost = own_ns is None or monitor.is_lost(place)
+        source = monitor.config.inputs[INPUTS[place]]
+        lost = monitor.last_ns(place) is None or monitor.is_lost(place)
         self._lost |= lost
-        timeout = source.timeout_ns * 1e-9
+        timeout, odd = source.timeout_ns * 1e-9, track.source.standing(now_ns)
         lately = _grown(track.last, track.marks[0][1]) if track.marks else ()
         if source.topic not in self._publishers:
             self._publishers[source.topic] = self._graph.publishers(source.topic)
@@ -286,10 +283,9 @@ class InputWatch:
             share=1.0 - _valid(lately) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
             reason=_worst(lately),
             without_clock=without_clock,
-            behind=behind,
-            other=other.topic,
+            behind=track.behind_ns * 1e-9,
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
-            source=', '.join(fault_text(fault, source) for fault in track.source.standing(now_ns)),
+            source='' if odd is None else fault_text(odd, source),
         )
 
 

@@ -246,7 +246,9 @@ class Session:
         arrival = now.time_ns or None
         update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
         if self._inputs is not None:
-            self._inputs.take(name, place, time_ns, value, update.status.valid, now.steady_ns)
+            behind_ns = 0 if arrival is None else arrival - time_ns
+            valid = update.status.valid
+            self._inputs.take(name, place, value, valid, now.steady_ns, behind_ns)
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:

@@ -257,8 +257,6 @@ class _BearingCheck:
         if self._end.unknown is not None:
             asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
-        # Each input is held against the load, and the load against the speed.
-        others = [self._inputs[int(k != 1)] for k in range(len(self._inputs))]
         return BearingReport(
             self.config.name,
             self._events,
@@ -269,9 +267,8 @@ class _BearingCheck:
                 each.report(
                     () if request is None else faults[request],
                     tuple(asked.get(each.quantity, ())),
-                    other,
                 )
-                for each, request, other in zip(self._inputs, self.requests, others, strict=True)
+                for each, request in zip(self._inputs, self.requests, strict=True)
             ),
             None if self.config.level is None else dict(measured),
             None if self._outliner is None else self._outliner.outline(),

@@ -131,7 +131,7 @@ class InputCheck:
         # A level that jumps between two values is what is looked for, and no fault.
         is_level = self._place == LEVEL
         si = np.full(series.value.size, np.nan) if is_level else to_si(self._source, series.value)
-        self._sources += self._watch.see_many(series.log_time_ns, series.stamp_ns, si)
+        self._sources += self._watch.see_column(series.log_time_ns, si)
         self._counts += scan.counts[self._place]
         refused, value = scan.status != Status.ACCEPTED, series.value
         if refused.any():
@@ -139,8 +139,8 @@ class InputCheck:
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 
-    def _fault(self, other: InputCheck) -> str:
-        """Why the input brings nothing, or what its clock differs from the other's by."""
+    def _fault(self) -> str:
+        """Why the input brings nothing, or by how much its clock differs."""
         if self._absent:
             return f'{self._absent}.'
         facts = _facts(self._source)
@@ -150,16 +150,10 @@ class InputCheck:
             worst = max(Status, key=lambda status: int(self._counts[status]))
             sender = (Publisher('', self._source.type),)
             return input_fault(replace(facts, publishers=sender, refused=worst))
-        if not other._messages or self._source.topic == other._source.topic:
-            return ''
-        # By how the last stamps of both lie in the recording, whichever came later.
-        behind = (self._delay_ns - other._delay_ns) * 1e-9
-        known = replace(facts, lost=False, receiving=True, other=other._source.topic)
-        return input_fault(replace(known, behind=behind))
+        behind = self._delay_ns * 1e-9
+        return input_fault(replace(facts, lost=False, receiving=True, behind=behind))
 
-    def report(
-        self, faults: tuple[Fault, ...], asked: tuple[str, ...], other: InputCheck
-    ) -> InputReport:
+    def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...]) -> InputReport:
         """What came of the input, by its messages' faults, and questions."""
         used = int(self._counts[Status.ACCEPTED])
         if self._source.is_assumed:
@@ -186,7 +180,7 @@ class InputCheck:
             si_span=(low, high),
             sources=tuple(self._sources),
             questions=asked,
-            fault=self._fault(other),
+            fault=self._fault(),
         )
 
 

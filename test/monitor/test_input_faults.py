@@ -10,7 +10,7 @@ from stickslip_monitor.monitor.signals import Status
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)
-FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], receiving=True, other='/load')
+FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], receiving=True)
 LOST = replace(FINE, lost=True, receiving=False)
 
 
@@ -18,7 +18,7 @@ LOST = replace(FINE, lost=True, receiving=False)
     ('facts', 'sentence'),
     [
         (FINE, ''),
-        (replace(FINE, behind=4.9), ''),
+        (replace(FINE, behind=1.0), ''),
         (
             replace(LOST, without_clock=True, publishers=[]),
             'use_sim_time is set, but nothing comes on /clock: no sample can be used.',
@@ -37,9 +37,14 @@ LOST = replace(FINE, lost=True, receiving=False)
             'Every sample on /speed is refused: beyond the largest plausible magnitude.',
         ),
         (
-            replace(FINE, lost=True, behind=10.0),
-            'Stamps on /speed are 10 s behind those on /load, which is more than the timeout of'
-            " 5 s: the senders' clocks differ.",
+            replace(FINE, behind=10.0),
+            'Stamps on /speed are 10 s behind their arrival, which counts in their place: late'
+            ' messages, or another clock.',
+        ),
+        (
+            replace(FINE, behind=-3600.0),
+            'Stamps on /speed are 3.6e+03 s ahead of their arrival, which counts in their place:'
+            ' late messages, or another clock.',
         ),
         (LOST, '/plc publishes on /speed, but nothing arrives.'),
         (
