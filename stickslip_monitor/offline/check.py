@@ -35,6 +35,7 @@ from stickslip_monitor.offline.input_check import (
     Plausibility,
     bound_to,
 )
+from stickslip_monitor.offline.log_times import LogTimes
 from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
 
 _NONE = np.empty(0, np.int64)
@@ -157,7 +158,7 @@ def check_recording(
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     bound = bound_to(bag, config)
-    config, span = bound.config, SampleSpan(bag)
+    config, span, times = bound.config, SampleSpan(bag), LogTimes()
     checks = {own.name: _BearingCheck(own, bound, outlined, long) for own in config.bearings}
     reading = bag.reading({r for each in checks.values() for r in each.requests if r}, progress)
 
@@ -169,10 +170,10 @@ def check_recording(
     # read before is scanned while the next is read.
     with ThreadPoolExecutor(min(len(checks), os.cpu_count() or 1)) as pool:
         end_ns, running = None, dict[str, Future[Heard]]()
-        for part in reading:
+        for part in times.of(reading):
             if end_ns is not None:
                 hand_on(end_ns, {name: each.result() for name, each in running.items()})
-            span.extend(part.values())
+            span.extend(part.values(), times.replaced)
             if end_ns is None:
                 for sink in sinks:
                     sink.begin(bag, config, span.start_ns)
@@ -182,11 +183,12 @@ def check_recording(
                 name: pool.submit(own.take, part, span.start_ns) for name, own in checks.items()
             }
         hand_on(end_ns or 0, {name: each.result() for name, each in running.items()})
-    hand_on(bag.end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
+    end_ns = span.end_ns if times.replaced else bag.end_ns
+    hand_on(end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
     for sink in sinks:
         sink.finish()
     faults = reading.faults()
-    reports = {name: own.report(span, faults) for name, own in checks.items()}
+    reports = {name: own.report(span, faults, times.text) for name, own in checks.items()}
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 
@@ -247,9 +249,9 @@ class _BearingCheck:
             self._outliner.take(scan)
 
     def report(
-        self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]]
+        self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]], clock: str
     ) -> BearingReport:
-        """The complaints about the whole recording, with the faults of its messages."""
+        """The complaints about the whole recording, with the faults of messages and clock."""
         seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
         silent_ns = max(0, span.length_ns - int(self._lasting_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
@@ -267,6 +269,7 @@ class _BearingCheck:
                 each.report(
                     () if request is None else faults[request],
                     tuple(asked.get(each.quantity, ())),
+                    clock,
                 )
                 for each, request in zip(self._inputs, self.requests, strict=True)
             ),
@@ -317,12 +320,16 @@ class SampleSpan:
 
     def __init__(self, bag: Recording) -> None:
         self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
+        self._begun = False
 
-    def extend(self, series: Iterable[Series]) -> None:
-        """Take the messages of a stretch."""
+    def extend(self, series: Iterable[Series], replaced: bool) -> None:
+        """Take the messages of a stretch; with other times it begins with the first of them."""
         known = [each for each in series if each.sequence.size]
         if self.start_ns is None or self.end_ns is None or not known:
             return
+        if replaced and not self._begun:
+            self.start_ns = self.end_ns = min(int(each.log_time_ns[0]) for each in known)
+        self._begun = True
         self.end_ns = max(self.end_ns, *(int(each.log_time_ns.max()) for each in known))
 
     @property

@@ -153,8 +153,8 @@ class InputCheck:
         behind = self._delay_ns * 1e-9
         return input_fault(replace(facts, lost=False, receiving=True, behind=behind))
 
-    def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...]) -> InputReport:
-        """What came of the input, by its messages' faults, and questions."""
+    def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...], clock: str) -> InputReport:
+        """What came of the input, by the faults of its messages and clock, and questions."""
         used = int(self._counts[Status.ACCEPTED])
         if self._source.is_assumed:
             # It comes with the speed, and what is wrong with that is said there.
@@ -180,7 +180,7 @@ class InputCheck:
             si_span=(low, high),
             sources=tuple(self._sources),
             questions=asked,
-            fault=self._fault(),
+            fault=clock or self._fault(),
         )
 
 
