@@ -143,7 +143,6 @@ class BearingScan:
         self.settings = settings_of(config)
         self.state = State()
         self._long = long
-        self._compiled = False
         self._taken = self._jumps = self._sized = 0
         self._now = NEVER
         self._held: dict[str, NDArray[Any]] = {}
@@ -239,6 +238,7 @@ class BearingScan:
         notes, points = self._room(stream)
         kept: list[State] = []
         self._run(stream, notes, points, ends, kept)
+        self._taken += stream.time_ns.size
         made = np.flatnonzero(notes[:, rule.POINT])
         latest = np.searchsorted(made, ends) - 1
         before = self._last
@@ -271,8 +271,9 @@ class BearingScan:
         size = stream.time_ns.size
         long = self._long
         if long is None:
-            # What has once run compiled goes on so, however short its last block.
-            long = self._compiled = self._compiled or (size >= LONG and jit.has_compiler())
+            # However short a block of a long recording is: compiled code is there already.
+            begun = self._taken + size >= LONG and jit.is_loaded()
+            long = begun or (size >= LONG and jit.has_compiler())
         compiled = settings.law.compiled if long else None
         long = compiled is not None  # a law without functions of its own runs as it stands
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
