@@ -280,6 +280,15 @@ class BagWriter:
                 (self._draft / METADATA_NAME).write_text(self._metadata(), 'utf-8')
         self._file.close()
         self._refuse_existing()
+        if self._is_file:
+            # A link, unlike a rename, never replaces what another process has put there meanwhile.
+            try:
+                os.link(self._draft, self.path)
+                return
+            except FileExistsError:
+                self._refuse_existing()
+            except OSError:
+                pass  # a file system without links
         self._draft.rename(self.path)
 
     @contextlib.contextmanager
