@@ -73,11 +73,16 @@ class Outcome(SentenceEnum):
     )
     AT_REST = 'at_rest', Regime.UNDETERMINED, 'The shaft is at rest: nothing slides.'
     NOT_FINITE = 'not_finite', Regime.UNDETERMINED, 'Speed or load is not a finite number.'
+    BELOW = (
+        'below_the_range',
+        Regime.STABLE,
+        'Below the range of stick-slip: friction still rises with the speed, no cycle exists.',
+    )
 
 
 REGIMES, OUTCOMES = tuple(Regime), tuple(Outcome)
 _REGIME_CODES = np.array([REGIMES.index(outcome.regime) for outcome in OUTCOMES], np.int8)
-NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE = map(
+NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE, BELOW = map(
     np.int8, range(len(OUTCOMES))
 )
 BELIEFS = (
@@ -257,6 +262,11 @@ class Assessment:
         return limit if np.ndim(limit) else float(limit)
 
     @property
+    def lower_end(self) -> Any:
+        """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none."""
+        return known_table(self._bearing).lower_end(self.load)
+
+    @property
     def amplitude_error(self) -> Any:
         """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
         return self.amplitude / self.amplitude_exact - 1.0
@@ -348,6 +358,8 @@ def _judge(
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
     # A law with several ranges of speed is quiet between them, as averaging finds.
     cycle = solver.has_cycle(law, size, q, fold) | ((size < exact) & ~(size < fold))
+    below = (code == NO_CYCLE) & (size < np.fmax(fold, exact))
+    code = np.where(below, BELOW, code)
     code = np.where(cycle, BISTABLE, code)
     code = np.where(solver.is_unstable(law, size, q, hopf), STICK_SLIP, code)
     # 0, or nan where an input is not finite.

@@ -40,6 +40,7 @@ from stickslip_monitor.monitor.config import (
     parameters_of,
 )
 from stickslip_monitor.monitor.parameter import REQUIRED, filled
+from stickslip_monitor.monitor.questions import note_on_table
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import Belief, Tolerance
@@ -170,14 +171,17 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     """
     node = {row.name: row.checked(row.name, values) for row in NODE_PARAMETERS}
     names = bearing_names(values)
-    notes = _notes(values, names)
+    notes = list(_notes(values, names))
+    bearings = tuple(_build_bearing(name, values) for name in names)
+    tables = ((each.name, note_on_table(each.bearing)) for each in bearings)
+    notes += [f'{name}: {note}' for name, note in tables if note]
     return filled(
         MonitorConfig,
         '',
         node,
-        bearings=tuple(_build_bearing(name, values) for name in names),
+        bearings=bearings,
         clips=filled(ClipConfig, 'clips.', node),
-        notes=notes,
+        notes=tuple(notes),
     )
 
 

@@ -15,6 +15,8 @@ import numpy as np
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.friction import Tabulated
+from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.scalar_law import scalar_law
 
 THICKEST = 1.0
 """Journal diameter from which on it may be in another unit [m]."""
@@ -26,6 +28,8 @@ LOWEST_TONE, HIGHEST_TONE = 1.0, 20_000.0
 """Natural frequencies of linings: chatter from some hertz on, squeal up to some kilohertz [Hz]."""
 FACTOR = 5.0
 """Of the load: a bearing whose law is at fault has no boundary at so many times it either."""
+ENDS_EARLY = 0.2
+"""Share of a curve's steepest fall above which it ends in the midst of it."""
 BREAKAWAY = 0.5
 """A breakaway coefficient below this share of the next value is no measured one."""
 
@@ -87,6 +91,7 @@ def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:
             f'has a law that begins with {law.values[0]:g}, far below its next value'
             f' {law.values[1]:g}: is the first of friction.coefficient a measured breakaway?'
         )
+    yield from end_of_table(config.bearing, load)
     at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
     sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
     if load > 0.0 and at_rest <= sliding and _fold(config, FACTOR * load) == math.inf:
@@ -94,6 +99,50 @@ def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:
             f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the least'
             f' of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
         )
+
+
+def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
+    """What of a verdict at a load rests on speeds at which friction was not measured."""
+    law = bearing.friction
+    if not isinstance(law, Tabulated) or not load > 0.0:
+        return
+    last, enough, fall = law.speed[-1], bearing.damping / load, _last_fall(law)
+    rpm = float(bearing.speed.from_surface(last, 'rpm'))
+    if fall > enough:
+        yield (
+            f'has a law that still falls at its highest measured speed, {last:g} m/s'
+            f' ({rpm:.3g} rpm), by {fall:.3g} s/m, and {enough:.3g} s/m are enough for stick-slip'
+            ' at this load: can friction be measured at higher speeds?'
+        )
+        return
+    # The relative speed in a cycle reaches twice the shaft's, and the end has to be still falling.
+    reach = 2.0 * float(fold_speed(bearing, load))
+    if last < reach < math.inf and fall > 0.0:
+        yield (
+            f'has a law whose highest measured speed is {last:g} m/s ({rpm:.3g} rpm), and cycles'
+            f' at the fold slide at up to {reach:.3g} m/s: can friction be measured there?'
+        )
+
+
+def note_on_table(bearing: Bearing) -> str:
+    """A clause on a measured curve that ends in the midst of its fall; '' of any other."""
+    law = bearing.friction
+    if not isinstance(law, Tabulated) or bearing.damping == 0.0:
+        return ''
+    fall = _last_fall(law)
+    if not fall > ENDS_EARLY * scalar_law(law).plain.fall:
+        return ''
+    return (
+        f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g}'
+        f' m/s: above {bearing.damping / fall:.3g} N verdicts at higher speeds rest on nothing'
+        ' measured'
+    )
+
+
+def _last_fall(law: Tabulated) -> float:
+    """How fast a measured curve falls at its end, by its last two points or its slope [s/m]."""
+    chord = (law.values[-2] - law.values[-1]) / (law.speed[-1] - law.speed[-2])
+    return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
 
 
 def _fold(config: BearingConfig, load: float) -> float:

@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.rule_level import (
 )
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Input, Status
-from stickslip_monitor.physics.boundary_table import boundary_at
+from stickslip_monitor.physics.boundary_table import boundary_at, lower_end_at
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
 
@@ -242,17 +242,22 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
         # Of fewer than three speeds there is no median that could bear a growth out.
         s.median_rate = min(s.median_rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
+    lower = lower_end_at(model[1][2], c.table_first, c.table_step, load)
     limit, near, wide, inside, held, exists = reach(s, c, model, abs(speed), load)
+    below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
+    if below:
+        inside = held = exists = False
+        near, wide = abs(speed) * c.caution_on > lower, abs(speed) * c.caution_off > lower
     # The probability follows the load by a lag; where sliding is unstable a cycle exists.
     exists = exists or s.median_rate > 0.0
-    s.course = IDLE if not sliding else WITHIN if exists else BEYOND
+    s.course = WITHIN if sliding and exists else BEYOND if sliding and not below else IDLE
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = sliding and (wide if s.sticking else inside)
     # What the latest values end, the medians do not begin.
     inside_now = c.has_belief == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
     judge_lining(s, c, measured_now(s, c) if may_tell else UNKNOWN, turns(s) and inside_now, fresh)
     running = s.sticking == 1
-    coming = running or (sliding and comes(s, c, speed, limit))
+    coming = running or (sliding and comes(s, c, speed, (lower, limit)))
     near, wide = coming or (sliding and near), coming or (sliding and wide)
     inside, held = running or (sliding and inside), running or (sliding and held)
     # A rise of the level raises it, and it stays for as long as the level is high.
@@ -348,11 +353,12 @@ def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float) -> floa
     return (drive - c.damping) * c.per_mass
 
 
-def comes(s: State, c: RuleNumbers, speed: float, limit: float) -> bool:
-    """Whether the slope of the speed leads below the fold within the time looked ahead."""
+def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> bool:
+    """Whether the slope of the speed leads into the range within the time looked ahead."""
     slope = (s.fast - s.slow) / (SLOW_LAG - FAST_LAG)
     future = speed + slope * c.look_ahead
-    return limit > 0.0 and (future if speed > 0.0 else -future) < limit
+    lower, limit = ends
+    return limit > 0.0 and lower <= (future if speed > 0.0 else -future) < limit
 
 
 def grow(s: State, passed: int) -> None:

@@ -288,6 +288,9 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     text = f'{config.name}: {what}{_way_out(b, point)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
+    if point.outcome is Outcome.BELOW:
+        ends = (_speed_text(config, point, v) for v in (point.lower_end, point.stability_limit))
+        return f'{text}. {point.outcome.sentence} Stay below {" or go above ".join(ends)}.'
     if b.sticking and math.isfinite(point.amplitude_exact):
         text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
     text += f', fold margin {point.stability_margin:+.0%}.'
@@ -448,4 +451,6 @@ def warns(config: BearingConfig, point: Assessment) -> bool:
         return False
     if point.has_belief:
         return bool(point.probability_can > config.alarm.caution_probability)
+    if point.outcome is Outcome.BELOW:
+        return bool(abs(point.speed) * (1.0 + config.alarm.caution_margin) > point.lower_end)
     return bool(point.stability_margin < config.alarm.caution_margin)

@@ -17,11 +17,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics.averaging import boundaries, closed_form
-from stickslip_monitor.physics.folds import fold_curve, last_speeds
+from stickslip_monitor.physics.folds import fold_curve, last_speeds, lower_ends
 from stickslip_monitor.physics.orbits import law_in_use
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -38,8 +39,9 @@ class BoundaryTable:
     Attributes:
         first: ``ln N`` of the first point; ``inf`` where no load has a boundary.
         step: Distance of two points in ``ln N``.
-        pieces: Of the averaged and the exact fold the coefficients of the polynomials in the share
-            of a step, lowest order first, shape (2, points - 1, 4) [m/s].
+        pieces: Of the averaged fold, the exact fold and the lower end of stick-slip the
+            coefficients of the polynomials in the share of a step, lowest order first, shape
+            (3, points - 1, 4) [m/s].
     """
 
     first: float
@@ -58,6 +60,21 @@ class BoundaryTable:
         speed = c0 + share * (c1 + share * (c2 + share * c3))
         speed = np.where(place > most, speed * np.exp((place - most) * self.step), speed)
         return np.where((place >= 0.0) & (speed > 0.0), speed, np.nan)
+
+    def lower_end(self, load: ArrayLike) -> Any:
+        """The lower end of stick-slip at loads [N]; 0 for none [m/s]."""
+        shape, (n,) = flatten(load)
+        rows = self.pieces[2].tolist()
+        found = [lower_end_at(rows, self.first, self.step, each) for each in n.tolist()]
+        return restore(np.array(found), shape)
+
+
+def lower_end_at(pieces: Any, first: float, step: float, load: float) -> float:
+    """The lower end of stick-slip at a load [m/s], args as of :func:`boundary_at`; 0 for none.
+
+    Beyond the last point it stays where it is.
+    """
+    return boundary_at(pieces, first, step, min(load, math.exp(first + step * len(pieces))))
 
 
 def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
@@ -87,13 +104,13 @@ def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
 
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
-    """The averaged and the exact fold of a bearing over the load."""
+    """The averaged and the exact fold of a bearing over the load, and its lower end."""
     law = bearing.friction
     if not law_in_use(law).fall > 0.0:
         return _NONE
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
-        endless = np.zeros((2, _ENDLESS, 4))
-        endless[:, :, 0] = np.inf
+        endless = np.zeros((3, _ENDLESS, 4))
+        endless[:2, :, 0] = np.inf
         return BoundaryTable(math.log(_LEAST), math.log(2.0), endless)
     curve = fold_curve(bearing)
     if curve is None:
@@ -113,10 +130,11 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     begins = averaged[:1] < curve.speed[0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
     pieces = [_linear(column) if broken else _smooth(column) for column in (averaged, exact)]
+    pieces.append(_linear(lower_ends(bearing, load)))
     return BoundaryTable(math.log(curve.onset), float(grid[1]), np.stack(pieces))
 
 
-_NONE = BoundaryTable(math.inf, 1.0, np.zeros((2, 1, 4)))
+_NONE = BoundaryTable(math.inf, 1.0, np.zeros((3, 1, 4)))
 known_table = lru_cache(maxsize=64)(boundary_table)
 """The two folds of a bearing, tabulated once."""
 

@@ -57,6 +57,8 @@ _LARGE, _GIVES, _OCTAVES = 2e5, 0.1, 8
 # that are read from their series; of a law in pieces speeds of the curve, and of which each
 # so-many-th is solved.
 _SCAN, _FEWEST, _MOST, _READ, _BROKEN, _EVERY = 161, 32, 128, 1200, 1024, 8
+# The slowest speed at which a lower end is looked for, in units of the law's slowest, and speeds.
+_CREEP, _SLOW = 1e-5, 600
 # Last coefficients of a series that is long enough, and errors in ln N.
 _SHORT, _CLOSE, _CLOSE_IN_PIECES = 1e-9, 1e-9, 1e-6
 # Loads in units of the least at any higher speed, up to which a speed can be the last.
@@ -470,6 +472,34 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     exact = np.where(matters, averaged * np.exp(joined), np.inf)
     least = _least(grazing.bearing, speed, _EVERY)
     return FoldCurve(speed, least, exact, span.onset, span.top)
+
+
+def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
+    """The lower end of stick-slip by averaging: below this speed no cycle exists.
+
+    It lies where friction first rises with the speed: there slow sliding is stable, and what
+    leaves a stick settles to it.
+
+    Args:
+        bearing: The bearing, with damping.
+        load: ``N`` > 0, shape (n,) [N].
+
+    Returns:
+        0 where there are cycles down to rest, or none at any speed, shape (n,) [m/s].
+    """
+    breaks = _scales(bearing)
+    speed = np.geomspace(_CREEP * breaks[0], breaks[-1], _SLOW)
+    with np.errstate(all='ignore'):
+        least = np.minimum.accumulate(_least(bearing, speed))
+        x, y, level = np.log(speed), np.log(least), np.log(load)
+        i = np.searchsorted(-y, -level, side='left')
+        rows = np.flatnonzero((i > 0) & (i < speed.size))
+        before, after = y[i[rows] - 1], y[i[rows]]
+        share = np.where(np.isfinite(before), (before - level[rows]) / (before - after), 1.0)
+    out = np.zeros(load.size)
+    step = x[1] - x[0]
+    out[rows] = np.exp(x[i[rows] - 1] + share * step)
+    return out
 
 
 def _chebyshev_series(values: FloatArray) -> FloatArray:

@@ -287,3 +287,22 @@ def test_scan_leaves_the_monitor_alone(configure: Configure) -> None:
     assert monitor.bearings['aft'].now_ns == 0
     with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
         monitor.scan({'bow': stream})
+
+
+RISES_FIRST = {
+    'friction__law': 'tabulated',
+    'friction__speed': [0.0, 0.02, 0.05, 0.1, 0.2, 0.4],
+    'friction__coefficient': [0.15, 0.25, 0.3, 0.2, 0.12, 0.1],
+}
+
+
+def test_below_the_range_stick_slip_ends(configure: Configure) -> None:
+    """Unstable from 9.96 rpm on: at 5 rpm friction rises, and the lining is still."""
+    monitor = Monitor(configure(alarm__on_delay=1.0, alarm__off_delay=5.0, **RISES_FIRST))
+    speeds = [5.0, UNSTABLE, 5.0]
+    events = [e for k in range(900) for e in _point(monitor, k / 5.0, speeds[k // 300])]
+    assert [after for _, _, after in events] == ['stick_slip', 'normal']
+    text = monitor.bearings['aft'].text()
+    assert 'Stay below 9.9' in text
+    assert 'or go above 49.9 rpm' in text
+    assert 'fold margin' not in text

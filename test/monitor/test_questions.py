@@ -56,6 +56,15 @@ def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
             },
             'begins with 0.01, far below its next value 0.25',
         ),
+        (
+            {
+                'friction__law': 'tabulated',
+                'friction__speed': [0.0, 0.05, 0.1],
+                'friction__coefficient': [0.3, 0.25, 0.2],
+            },
+            # 0.05/0.05 s/m; c/N = 400/1000 s/m; 0.1 m/s of a 0.1 m journal are 19.1 rpm.
+            'highest measured speed, 0.1 m/s (19.1 rpm), by 1 s/m, and 0.4 s/m are enough',
+        ),
     ],
 )
 def test_a_slip_is_asked_about(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from stickslip_monitor import (
     Bearing,
@@ -170,3 +171,23 @@ def test_without_damping_a_measured_table_has_no_last_speed():
     bearing = bench(measured(13, 0.01, 2), damping=0.0)
     assert np.all(exact_fold_speed(bearing, np.geomspace(1e-3, 1e4, 20)) == np.inf)
     assert np.all(boundary_table(bearing).exact(np.array([1.0, 1000.0])) == np.inf)
+
+
+def test_the_lower_end_of_a_law_that_first_rises_is_its_lowest_unstable_speed():
+    """Of the Gaussian law ``2 N Delta beta^2 V exp(-(beta V)^2) = c`` there."""
+    bearing, load = bench(Stretched(0.3, 0.1, 10.0, 0.0, 2.0)), 1000.0
+
+    def excess(speed: float) -> float:
+        return load * 0.2 * 2.0 * 100.0 * speed * np.exp(-((10.0 * speed) ** 2)) - 400.0
+
+    lowest = brentq(excess, 0.0, 0.05)
+    lower = boundary_table(bearing).lower_end(load)
+    assert lower == pytest.approx(lowest, rel=5e-3)
+    speed = lower * np.array([0.3, 0.97, 1.03, 2.0])
+    exists = np.isfinite(exact_cycle(bearing, speed, load).amplitude)
+    assert exists.tolist() == [False, False, True, True]
+
+
+@pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0), Coulomb(0.3, 0.1), TABLE])
+def test_a_law_that_falls_from_rest_has_no_lower_end(law):
+    assert np.all(boundary_table(bench(law)).lower_end([1.0, 300.0, 1e4, 1e9]) == 0.0)
