@@ -52,6 +52,8 @@ _BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
 _DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 _BEGIN = HEAD.size + CHUNK_HEAD.size
 _FOOTER = HEAD.size + 20
+# Of an entry of the index of chunks, to the end of where its chunk begins [bytes].
+_INDEXED = HEAD.size + 24
 
 
 class Contents:
@@ -173,6 +175,11 @@ class Contents:
             self.findings.note(
                 f"file '{name}' has messages behind the end of its data; they were read too"
             )
+        for begin, end in heads.holes:
+            self.findings.lose(
+                f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
+                ' behind was found by the index of chunks'
+            )
         last = self._count(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
@@ -234,21 +241,36 @@ class Contents:
         is_known = all(self.define(None, 0, r) for r in heads.definitions)
         if counts is None or not is_known or self._ambiguous:
             return False
-        stated, end = counts.channel_message_counts, counts.message_end_time
+        stated = counts.channel_message_counts
         if not stated.keys() <= self.channels.keys() or counts.channel_count != len(self.channels):
             return False
         if any(c.schema_id and c.schema_id not in self.schemas for c in self.channels.values()):
             return False
-        self.has_zero = bool(counts.message_count) and counts.message_start_time == 0
-        if end >= 1 << 63 or (self.has_zero and end >= DATED):
+        if heads.indexed and +Counter(stated) != +heads.indexed:
             return False
-        if +Counter(stated) != +heads.indexed:
-            # Then no index says truly what a chunk is without.
+        if not heads.indexed:
+            # Then nothing says what a chunk is without.
             for block in heads.blocks:
                 block.channels = None
         self.blocks, self.counts, self.is_stated = heads.blocks, Counter(stated), True
-        if counts.message_count:
-            self.start_ns, self.end_ns = counts.message_start_time, end
+        return not counts.message_count or self._take_spans(counts)
+
+    def _take_spans(self, counts: Statistics) -> bool:
+        """Take first and last time from the chunks; whether they can be those of messages."""
+        held = [block for block in self.blocks if block.channels != 0]
+        start = min((block.start_ns for block in held), default=0)
+        end = max((block.end_ns for block in held), default=0)
+        if end >= 1 << 63 or any(block.end_ns < block.start_ns for block in held):
+            return False
+        self.has_zero = start == 0
+        if self.has_zero and end >= DATED:
+            return False
+        if (start, end) != (counts.message_start_time, counts.message_end_time):
+            self.findings.note(
+                f"file '{self.path.name}': its statistics give other times than its chunks, which"
+                ' count'
+            )
+        self.start_ns, self.end_ns = start, end
         return True
 
     def _cut(self, heads: _Heads, last: int) -> Cut:
@@ -330,8 +352,9 @@ class FilePass:
 class _Heads:
     """The heads of the records of a file, as far as it was walked.
 
-    To ``offset``, behind the last whole record. ``statistics`` and ``definitions`` are those of
-    the summary, ``indexed`` counts the messages of each channel after the message indexes.
+    To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
+    ``statistics`` and ``definitions`` are those of the summary, ``indexed`` counts the messages of
+    each channel after the message indexes.
     """
 
     def __init__(self, file: int, path: Path, size: int) -> None:
@@ -340,6 +363,8 @@ class _Heads:
         self.blocks: list[Block] = []
         self.has_ended = self.is_finished = self.behind = False
         self.strange = 0
+        self.holes: list[tuple[int, int]] = []
+        self._places: list[int] | None = None
         self.statistics: Statistics | None = None
         self.definitions: list[bytes] = []
         self.indexed: Counter[int] = Counter()
@@ -354,6 +379,8 @@ class _Heads:
             offset, length = self.offset, length + HEAD.size
             # A crash often leaves a tail of zeros, which are no records.
             if (kind == 0 and length == HEAD.size) or length > self._size - offset:
+                if self._leap():
+                    continue
                 break
             self.offset += length
             if kind == Opcode.FOOTER:
@@ -373,6 +400,35 @@ class _Heads:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
             block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
             self.blocks.append(block)
+
+    def _leap(self) -> bool:
+        """Go on behind damage, where the index of chunks leads on; whether it does."""
+        if self._places is None:
+            self._places = self._read_places()
+        place = next((place for place in self._places if place > self.offset), None)
+        if place is None:
+            return False
+        self.holes.append((self.offset, place))
+        self.offset = place
+        if place == self._places[-1]:
+            self.has_ended, self._summary_start = True, place
+        return True
+
+    def _read_places(self) -> list[int]:
+        """Where the chunks begin after their index, and where the summary does."""
+        end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
+        if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
+            return []
+        start = int.from_bytes(end[HEAD.size : HEAD.size + 8], 'little')
+        if not 0 < start < self._size:
+            return []
+        data, at, places = os.pread(self._file, _MOST_SUMMARY, start), 0, []
+        while at + _INDEXED <= len(data):
+            kind, length = HEAD.unpack_from(data, at)
+            if kind == Opcode.CHUNK_INDEX:
+                places.append(int.from_bytes(data[at + _INDEXED - 8 : at + _INDEXED], 'little'))
+            at += HEAD.size + length
+        return [*sorted(place for place in places if place < start), start]
 
     def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
         """Put a record of the data into a block: the last one, if it may join that."""
@@ -419,7 +475,7 @@ class _Heads:
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False
-        if self.behind or self._has_bare or self.strange:
+        if self.behind or self._has_bare or self.strange or self.holes:
             return False
         footer = Footer.read(ReadDataStream(BytesIO(self._footer[HEAD.size :])))
         length = self.offset - len(MAGIC) - 4 - self._summary_start

@@ -11,6 +11,25 @@ from stickslip_monitor.arrays import IntArray
 # lines that came late.
 _STEP_GAPS, _STEP_NS = 2.5, 10**9
 
+# The years 2001 to 2099 [ns].
+_DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
+# Messages of a topic a second that no telemetry has.
+_TOO_MANY = 1000.0
+
+
+def question_of_unit(start_ns: int | None, end_ns: int | None, most: int) -> str:
+    """Whether log times look like dates in another unit, where a topic has so many messages."""
+    if start_ns is None or end_ns is None or end_ns <= start_ns:
+        return ''
+    rate = most / ((end_ns - start_ns) * 1e-9)
+    for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds')):
+        if rate > _TOO_MANY and _DATES[0] <= start_ns * factor and end_ns * factor <= _DATES[1]:
+            return (
+                f'log times are of January 1970, and one topic has {rate:.4g} messages a second:'
+                f' are they in {unit}, not in nanoseconds?'
+            )
+    return ''
+
 
 class StepClock:
     """Makes the times of lines go on where the clock of their writer was set back.

@@ -10,6 +10,7 @@ from pathlib import Path
 from stickslip_monitor.bags.binding import bound_to_topics
 from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.contents import DATED, Contents
+from stickslip_monitor.bags.event_order import question_of_unit
 from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
 from stickslip_monitor.bags.series import McapReading, Wanted, merged_messages
 from stickslip_monitor.bags.values import (
@@ -57,6 +58,9 @@ class McapRecording:
         """Earliest log time [ns], None in a recording without messages."""
         self.end_ns: int | None = max(ends, default=self.start_ns)
         """Latest log time [ns], None in a recording without messages."""
+        most = max((topic.count for topic in self.topics.values()), default=0)
+        if question := question_of_unit(self.start_ns, self.end_ns, most):
+            findings.note(question)
 
     @property
     def warnings(self) -> tuple[str, ...]:
