@@ -1,49 +1,102 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Paths to one number inside a message: ``data``, ``velocity[0]``, ``wrench.force.z``."""
+"""Paths to one number inside a message: ``data``, ``velocity[shaft]``, ``wrench.force.z``.
+
+An element of a list is chosen by its place, ``velocity[0]``, or in messages of parallel lists, as
+``sensor_msgs/JointState``, by what the list ``name`` calls it: ``velocity[shaft]``.
+"""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError
 
-FieldPath = tuple[str | int, ...]
+NAMES = 'name'
+"""The list that names the elements of those beside it."""
 
-_STEP = re.compile(r'([A-Za-z][A-Za-z0-9_]*)((?:\[\d+\])*)')
+
+@dataclass(frozen=True, slots=True)
+class ByName:
+    """A step to the element of a list that has a name in the list beside it."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+FieldPath = tuple[str | int | ByName, ...]
+
+_STEP = re.compile(r'([A-Za-z][A-Za-z0-9_]*)((?:\[[^\[\]]+\])*)')
+_INDEX = re.compile(r'\[([^\[\]]+)\]')
 
 
 def parse_field(text: str) -> FieldPath:
     """Split a field path such as ``'wrench.force.z'`` or ``'velocity[0]'`` into its steps.
 
     Returns:
-        Attribute names and array indices in order, e.g. ``('velocity', 0)``.
+        Attribute names, array indices and names of elements in order, e.g. ``('velocity', 0)``.
 
     Raises:
         ConfigurationError: The text is not a path.
     """
-    steps: list[str | int] = []
-    for part in text.split('.'):
+    steps: list[str | int | ByName] = []
+    # A name in brackets may have dots.
+    for part in re.split(r'\.(?![^\[]*\])', text):
         match = _STEP.fullmatch(part)
         if match is None:
             raise ConfigurationError(
                 f"field '{text}' is not a path to a number: write names joined by dots, an array"
-                " index in brackets, e.g. 'data', 'velocity[0]' or 'wrench.force.z'"
+                " index or the name of an element in brackets, e.g. 'data', 'velocity[0]',"
+                " 'velocity[shaft]' or 'wrench.force.z'"
             )
         steps.append(match.group(1))
-        steps.extend(int(index) for index in re.findall(r'\d+', match.group(2)))
+        chosen = _INDEX.findall(match.group(2))
+        steps += [int(c) if c.isdecimal() else ByName(c.strip()) for c in chosen]
     return tuple(steps)
 
 
-def read_field(message: Any, path: FieldPath) -> float:
-    """Follow the steps of a path through any decoded ROS message to the number at its end.
+class NumberField:
+    """Reads the number at a path in decoded messages, one after the other."""
 
-    Raises:
-        LookupError: An array is shorter than the index asks for (a fault of this one message).
-        AttributeError, TypeError, ValueError: The path does not lead to a number.
-    """
-    value = message
-    for step in path:
-        value = value[step] if isinstance(step, int) else getattr(value, step)
-    # rclpy gives an octet as bytes.
-    return float(value[0] if isinstance(value, bytes) else value)
+    def __init__(self, path: FieldPath) -> None:
+        self._path = path
+        # What the message that came first called each place that is chosen by its index.
+        self._called: dict[int, str] = {}
+
+    def read(self, message: Any) -> float:
+        """Follow the steps of the path through any decoded ROS message to the number at its end.
+
+        Raises:
+            LookupError: An array is shorter than the index asks for, has no element of the name,
+                or another name at the place than the first message (a fault of this message).
+            AttributeError, TypeError, ValueError: The path does not lead to a number.
+        """
+        value = message
+        parent: Any = None
+        for number, step in enumerate(self._path):
+            if isinstance(step, str):
+                parent, value = value, getattr(value, step)
+                continue
+            place = step if isinstance(step, int) else _place(parent, step)
+            if isinstance(step, int):
+                self._check_name(number, parent, place)
+            value = value[place]
+        # rclpy gives an octet as bytes.
+        return float(value[0] if isinstance(value, bytes) else value)
+
+    def _check_name(self, number: int, parent: Any, place: int) -> None:
+        names = getattr(parent, NAMES, None)
+        if not isinstance(names, list) or place >= len(names):
+            return
+        if self._called.setdefault(number, names[place]) != names[place]:
+            raise LookupError(f'element {place} is another one')
+
+
+def _place(parent: Any, step: ByName) -> int:
+    names = getattr(parent, NAMES)
+    if step.name not in names:
+        raise LookupError(f'no element is called {step.name}')
+    return int(list(names).index(step.name))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.fields import parse_field, read_field
+from stickslip_monitor.fields import ByName, NumberField, parse_field
 
 MESSAGE = SimpleNamespace(
     data=2,
@@ -36,7 +36,7 @@ MESSAGE = SimpleNamespace(
 )
 def test_paths(text: str, path: tuple[str | int, ...], value: float) -> None:
     assert parse_field(text) == path
-    read = read_field(MESSAGE, path)
+    read = NumberField(path).read(MESSAGE)
     assert type(read) is float
     assert read == value
 
@@ -65,4 +65,26 @@ def test_texts_that_are_no_path() -> None:
 )
 def test_a_path_that_leads_to_no_number(path: Any, error: type[Exception]) -> None:
     with pytest.raises(error):
-        read_field(MESSAGE, path)
+        NumberField(path).read(MESSAGE)
+
+
+def joints(names: list[str], speeds: list[float]) -> SimpleNamespace:
+    return SimpleNamespace(name=names, velocity=speeds)
+
+
+def test_an_element_is_chosen_by_its_name_wherever_it_stands() -> None:
+    path = parse_field('velocity[port/shaft.1]')
+    assert path == ('velocity', ByName('port/shaft.1'))
+    field = NumberField(path)
+    assert field.read(joints(['port/shaft.1', 'rudder'], [6.0, 0.1])) == 6.0
+    assert field.read(joints(['rudder', 'port/shaft.1'], [0.1, 7.0])) == 7.0
+    with pytest.raises(LookupError):
+        field.read(joints(['rudder'], [0.1]))
+
+
+def test_a_place_that_becomes_another_element_is_a_fault() -> None:
+    field = NumberField(parse_field('velocity[0]'))
+    assert field.read(joints(['shaft', 'rudder'], [6.0, 0.1])) == 6.0
+    with pytest.raises(LookupError):
+        field.read(joints(['rudder', 'shaft'], [0.1, 6.0]))
+    assert field.read(joints(['shaft', 'rudder'], [7.0, 0.1])) == 7.0

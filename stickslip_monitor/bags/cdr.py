@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.bags.blocks import view
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.fields import FieldPath, read_field
+from stickslip_monitor.fields import NAMES, ByName, FieldPath, NumberField
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
@@ -180,13 +180,13 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
     while steps:
         step = steps.pop(0)
         members = {member.name: member for member in definitions[current]}
-        if isinstance(step, int) or step not in members:
+        if not isinstance(step, str) or step not in members:
             names = ', '.join(members) or 'none'
             raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
         member = members[step]
         if member.is_array:
-            _check_element(member, steps)
-        elif steps and isinstance(steps[0], int):
+            _check_element(member, steps, members)
+        elif steps and not isinstance(steps[0], str):
             raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
         current = member.base
         if current in TEXTS or (current in NUMBERS and steps):
@@ -198,10 +198,19 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
     return current
 
 
-def _check_element(member: Field, steps: list[str | int]) -> None:
-    """Take the index of an array's element off a path."""
+def _check_element(
+    member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]
+) -> None:
+    """Take the index of an array's element, or its name, off a path."""
     index = steps.pop(0) if steps else None
     name, text = member.name, member.text
+    if isinstance(index, ByName):
+        names = members.get(NAMES)
+        if names is None or names.base != 'string' or not names.is_array:
+            raise SchemaError(
+                f"'{name}' has no list '{NAMES}' beside it to choose [{index}] by: give a number"
+            )
+        return
     if not isinstance(index, int):
         raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
     limits = (member.size, member.bound, _LONGEST_SEQUENCE)
@@ -230,6 +239,8 @@ def compile_layout(
 
     None is returned for a type whose messages must be decoded one by one.
     """
+    if any(isinstance(step, ByName) for path in paths for step in path):
+        return None
     tokens: list[Token] = []
     numbers: dict[FieldPath, int] = {}
     for path, token in _tokens(definitions, short_name(root), ()):
@@ -362,6 +373,7 @@ class FieldReader:
 
     def __init__(self, topic: str, schema: Schema, paths: Sequence[FieldPath]) -> None:
         self._paths = tuple(paths)
+        self._fields = [NumberField(path) for path in paths]
         self._undecoded = f'cannot be decoded as {schema.name}'
         try:
             definitions = parse_schema(schema.name, schema.data)
@@ -378,7 +390,7 @@ class FieldReader:
             try:
                 number_at(definitions, type_name, path)
             except SchemaError as error:
-                steps = (f'[{s}]' if isinstance(s, int) else f'.{s}' for s in path)
+                steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
                 raise BagError(
                     f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
                     f' is no number: {error}'
@@ -438,9 +450,9 @@ class FieldReader:
         except _DECODE_ERRORS:
             numbers.faults[self._undecoded] += 1
         else:
-            for row, path in enumerate(self._paths):
+            for row, field in enumerate(self._fields):
                 try:
-                    numbers.values[row, place] = read_field(message, path)
+                    numbers.values[row, place] = field.read(message)
                 except LookupError:
                     numbers.short[row] += 1
             if self._stamped:

@@ -241,7 +241,7 @@ class Wanted:
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
         """What was wrong, for each request."""
         for row, requests in enumerate(self.requests.values()):
-            short = f"have too few elements for field '{requests[0].field}'"
+            short = f"lack the element of field '{requests[0].field}'"
             faults = tuple(
                 Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
                 for reason, count in ({**self.reasons, short: self.short[row]}).items()

@@ -395,7 +395,7 @@ class SqliteReading:
         found: dict[Request, tuple[Fault, ...]] = {}
         for topic, paths in self._asked.items():
             for request in (request for own in paths.values() for request in own):
-                short = f"have too few elements for field '{request.field}'"
+                short = f"lack the element of field '{request.field}'"
                 reasons = {**self._reasons[topic], short: self._short[request]}
                 what = f"of {self._counts[topic]} messages of '{topic}'"
                 found[request] = tuple(

@@ -12,7 +12,7 @@ from typing import Any
 from rclpy.exceptions import NameValidationException
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.fields import FieldPath, read_field
+from stickslip_monitor.fields import ByName, FieldPath, NumberField
 from stickslip_monitor.monitor.config import InputConfig
 
 ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)
@@ -98,13 +98,13 @@ def check_field(name: str, config: InputConfig) -> None:
         raise RosError(f'{what} of {config.type} is a {current}, not a number')
 
 
-def _follow(what: str, current: str, step: str | int) -> str:
+def _follow(what: str, current: str, step: str | int | ByName) -> str:
     """The type to which a step leads from another."""
-    if isinstance(step, int):
+    if not isinstance(step, str):
         match = _SEQUENCE.fullmatch(current) or _ARRAY.fullmatch(current)
         if match is None:
             raise RosError(f'{what}: [{step}] needs an array, but there is a {current}')
-        if step >= int(match.groupdict().get('size') or step + 1):
+        if isinstance(step, int) and step >= int(match.groupdict().get('size') or step + 1):
             raise RosError(f'{what}: index {step} is outside {current}')
         return match['item']
     fields = _fields(current) if '/' in current else {}
@@ -126,11 +126,15 @@ def stamp_reader(type_name: str) -> Callable[[Any], int]:
 
 
 def number_reader(path: FieldPath) -> Callable[[Any], float]:
-    """A function that reads the number at a path; ``nan`` where an array is too short."""
+    """A function that reads the number at a path.
+
+    It is ``nan`` where an array is too short, or its element is not the one that is meant.
+    """
+    field = NumberField(path)
 
     def read(message: Any) -> float:
         try:
-            return read_field(message, path)
+            return field.read(message)
         except LookupError:
             return math.nan
 

@@ -21,7 +21,7 @@ from mcap_ros2.decoder import DecoderFactory
 from stickslip_monitor.bags.cdr import FieldNumbers, FieldReader, compile_layout, parse_schema
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.values import Request
-from stickslip_monitor.fields import parse_field, read_field
+from stickslip_monitor.fields import NumberField, parse_field
 
 HEADER = """\
 ================================================================================
@@ -212,7 +212,7 @@ def expected(
             if hasattr(decoded, 'header'):
                 stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
             try:
-                value = read_field(decoded, parse_field(request.field))
+                value = NumberField(parse_field(request.field)).read(decoded)
             except LookupError:
                 short += 1
         rows.append((message.log_time_ns, stamp or message.log_time_ns, sequence, value))

@@ -237,6 +237,6 @@ def test_we_read_what_rosbags_writes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series[asked[1]].value, np.arange(20.0))
     (fault,) = series[asked[0]].faults
     assert (fault.count, fault.text) == (
-        14, "14 of 20 messages of '/joints' have too few elements for field 'velocity[1]'"
+        14, "14 of 20 messages of '/joints' lack the element of field 'velocity[1]'"
     )  # fmt: skip
     assert bag.warnings == bag.cuts == ()
