@@ -29,7 +29,7 @@ class ByName:
 
 FieldPath = tuple[str | int | ByName, ...]
 
-_STEP = re.compile(r'([A-Za-z][A-Za-z0-9_]*)((?:\[[^\[\]]+\])*)')
+_STEP = re.compile(r'([A-Za-z][A-Za-z0-9_]*)((?:\[(?:\d+|[A-Za-z_/][^\[\]\n]*)\])*)')
 _INDEX = re.compile(r'\[([^\[\]]+)\]')
 
 

@@ -262,7 +262,7 @@ def test_reads_what_the_reference_decodes(
             np.testing.assert_array_equal(got.value, value)
             counts = {fault.text.split("' ")[1][:6]: fault.count for fault in got.faults}
             assert counts.get('cannot', 0) == undecoded
-            assert counts.get('have t', 0) == short
+            assert counts.get('lack t', 0) == short
         found = [(m.topic, m.type, m.log_time_ns, m.data) for m in bag.messages()]
         assert found == [(m.topic, m.type, m.log_time_ns, m.data) for m in ordered]
 
