@@ -29,6 +29,7 @@ from stickslip_monitor.files import read_file
 
 _LARGEST_TOKEN = 4096
 COOKIE = 'stickslip_session'
+"""Begin of a cookie's name; the last version's was no longer."""
 SHORTEST_TOKEN = 16
 _MOST_ENDED = 1000
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
@@ -75,18 +76,22 @@ class Access:
 
     def end(self, request: web.Request) -> None:
         """End the session of a request."""
-        if self.signed_in(request):
-            self.ended.append(request.cookies[COOKIE])
+        self.ended.extend(self._sessions(request))
 
     def signed_in(self, request: web.Request) -> bool:
         """Whether a request belongs to a session."""
-        cookie = request.cookies.get(COOKIE, '')
-        number = cookie.partition('.')[0]
-        known = hmac.compare_digest(
-            cookie.encode('utf-8', 'replace'),
-            self.session(number or '-').encode('utf-8', 'replace'),
+        return bool(self._sessions(request))
+
+    def _sessions(self, request: web.Request) -> list[str]:
+        """The sessions that a request shows; the page may have had another port."""
+        shown = [own for name, own in request.cookies.items() if name.startswith(COOKIE)]
+        return [own for own in shown if self._is_session(own) and own not in self.ended]
+
+    def _is_session(self, cookie: str) -> bool:
+        known = self.session(cookie.partition('.')[0] or '-')
+        return hmac.compare_digest(
+            cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace')
         )
-        return known and cookie not in self.ended
 
     def admits(self, request: web.Request) -> bool:
         """Whether a request may see what is shown."""
@@ -105,10 +110,21 @@ class Access:
             return False
 
 
+def cookie_name(request: web.Request) -> str:
+    """The name of the page's cookie: browsers keep those of a host's ports in one place."""
+    address = request.transport and request.transport.get_extra_info('sockname')
+    return f'{COOKIE}_{address[1]}' if address else COOKIE
+
+
 def same_origin(request: web.Request) -> bool:
-    """Whether a request comes from a page of ours, or from no page at all."""
-    if request.headers.get('Sec-Fetch-Site', 'same-origin') not in ('same-origin', 'none'):
-        return False
+    """Whether a request comes from a page of ours, or from no page at all.
+
+    A browser vouches for it, which no page can forge. Only where it says nothing is the Origin
+    held against the Host, which a proxy may have replaced by its own.
+    """
+    site = request.headers.get('Sec-Fetch-Site')
+    if site is not None and site != 'none':
+        return site == 'same-origin'
     origin = request.headers.get('Origin')
     return origin is None or urlsplit(origin).netloc == request.host
 
@@ -148,13 +164,16 @@ def guard(access: Access) -> Middleware:
 
 def _refusal(access: Access, request: web.Request) -> web.Response | None:
     if not access.is_ours(request.host):
-        return web.Response(status=421, text='This machine is not known by that name.\n')
+        return web.Response(
+            status=421,
+            text='This machine is not known by that name: start the page with --name NAME.\n',
+        )
     if request.method not in ('GET', 'HEAD') and not same_origin(request):
         return web.Response(status=403, text='This must come from the page itself.\n')
     if request.path in OPEN_PATHS or access.admits(request):
         return None
     if request.path == '/' and request.method == 'GET':
-        return web.Response(status=303, headers={'Location': '/login'})
+        return web.Response(status=303, headers={'Location': 'login'})
     return web.Response(
         status=401, text='The token is missing.\n', headers={'WWW-Authenticate': 'Bearer'}
     )

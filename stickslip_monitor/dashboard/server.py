@@ -24,6 +24,7 @@ from stickslip_monitor.dashboard.access import (
     Access,
     Connections,
     add_headers,
+    cookie_name,
     guard,
 )
 from stickslip_monitor.dashboard.metrics import Metrics
@@ -170,10 +171,10 @@ class Server:
         except asyncio.TimeoutError:
             return web.Response(status=408, text='The form did not come whole in time.\n')
         if not self._access.knows(str(form.get('token', ''))):
-            return web.Response(status=303, headers={'Location': '/login?wrong'})
-        response = web.Response(status=303, headers={'Location': '/'})
+            return web.Response(status=303, headers={'Location': 'login?wrong'})
+        response = web.Response(status=303, headers={'Location': './'})
         response.set_cookie(
-            COOKIE,
+            cookie_name(request),
             self._access.session(),
             httponly=True,
             samesite='Strict',
@@ -185,6 +186,7 @@ class Server:
     async def _logout(self, request: web.Request) -> web.Response:
         self._access.end(request)
         response = web.Response(status=204)
+        response.del_cookie(cookie_name(request))
         response.del_cookie(COOKIE)
         return response
 
@@ -194,7 +196,11 @@ class Server:
             reader = hub.join(not self._access.token or self._access.signed_in(request))
         except DashboardError as error:
             return web.Response(status=503, text=f'{error}\n')
-        headers = {'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'}
+        headers = {
+            'Content-Type': 'text/event-stream',
+            'Cache-Control': 'no-store',
+            'X-Accel-Buffering': 'no',  # nginx would keep events until its buffer is full
+        }
         response = web.StreamResponse(headers=headers)
         try:
             await response.prepare(request)

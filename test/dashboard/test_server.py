@@ -5,16 +5,25 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
+import shutil
 import socket
+import subprocess
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import until
+from shared import ROOT, until
 
 from stickslip_monitor.errors import DashboardError, RosError
 
-aiohttp = pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
+
+import aiohttp
+
+from benchmarks.signalk_servers import free_port
+from stickslip_monitor.dashboard.access import Access
 
 ACTION = {
     'schema': 'stickslip_monitor/action/1',
@@ -301,6 +310,10 @@ def test_another_page_cannot_act(dashboard: Any) -> None:
     assert post(dashboard, ACTION | {'by': 'x' * 10_000})[0] == 413
     assert dashboard.ship.asked == []
     assert post(dashboard, Origin=here, **{'Sec-Fetch-Site': 'same-origin'})[0] == 200
+    # Behind a proxy with a name of its own only the browser can vouch for the page.
+    proxied = {'Origin': 'https://ship.example', 'Sec-Fetch-Site': 'same-origin'}
+    assert post(dashboard, **proxied)[0] == 409  # admitted: it is acknowledged already
+    assert post(dashboard, **{**proxied, 'Sec-Fetch-Site': 'same-site'})[0] == 403
 
 
 def test_a_name_that_is_not_ours_is_refused(dashboard: Any) -> None:
@@ -312,6 +325,75 @@ def test_a_name_that_is_not_ours_is_refused(dashboard: Any) -> None:
         assert [get(dashboard, path, Host=host)[0] for host in others] == [421] * len(others)
 
 
+def test_two_pages_of_one_host_have_two_sessions(dashboards: Any) -> None:
+    """A browser sends the cookies of all ports of a host to each of them."""
+    one, other = dashboards(token=TOKEN), dashboards(token=f'another {TOKEN}')
+
+    async def work(session: Any) -> None:
+        for page, token in ((one, TOKEN), (other, f'another {TOKEN}')):
+            await session.post(f'{page.url}login', data={'token': token})
+        for page in (one, other):
+            assert (await session.get(f'{page.url}metrics')).status == 200
+        assert (await session.post(f'{other.url}logout')).status == 204
+        assert (await session.get(f'{one.url}metrics')).status == 200
+        assert (await session.get(f'{other.url}metrics')).status == 401
+
+    ask(work)
+
+
+def test_a_session_of_the_last_version_goes_on(dashboards: Any) -> None:
+    locked = dashboards(token=TOKEN)
+    old = Access(TOKEN).session()
+    assert get(locked, 'metrics', Cookie=f'stickslip_session={old}')[0] == 200
+
+
+@pytest.mark.slow
+def test_the_page_works_behind_nginx_as_the_docs_have_it(dashboards: Any, tmp_path: Path) -> None:
+    """Below /bearing/, signed in, with events at once and an act."""
+    nginx = shutil.which('nginx') or pytest.skip('nginx is not installed')
+    locked, port = dashboards(token=TOKEN), free_port()
+    locked.sail(20.0, 1000.0, 5.0)
+    (block,) = re.findall('```nginx\n(.*?)```', (ROOT / 'docs/dashboard.md').read_text(), re.S)
+    block = block.replace('127.0.0.1:8370', f'127.0.0.1:{locked.port}')
+    folders = ''.join(
+        f'{name}_temp_path {tmp_path}/{name};'
+        for name in ('client_body', 'proxy', 'fastcgi', 'uwsgi', 'scgi')
+    )
+    (tmp_path / 'nginx.conf').write_text(
+        f'daemon off; pid {tmp_path}/pid; error_log {tmp_path}/log; events {{}}'
+        f' http {{ access_log off; {folders}'
+        f' server {{ listen 127.0.0.1:{port}; {block} }} }}'
+    )
+    server = subprocess.Popen([nginx, '-p', str(tmp_path), '-c', str(tmp_path / 'nginx.conf')])
+    root = f'http://127.0.0.1:{port}/bearing/'
+
+    async def work(session: Any) -> None:
+        page = {'Origin': f'http://127.0.0.1:{port}', 'Sec-Fetch-Site': 'same-origin'}
+        async with session.get(root) as answer:  # leads to the login, below the path
+            assert (answer.status, str(answer.url)) == (200, f'{root}login')
+        async with session.post(f'{root}login', data={'token': TOKEN}, headers=page) as answer:
+            assert (answer.status, str(answer.url)) == (200, root)
+            text = await answer.text()
+        for name in re.findall('(?:src|href)="([a-z._/]+)"', text):
+            assert (await session.get(f'{root}{name}')).status == 200, name
+        async with session.get(f'{root}events') as stream:
+            assert (await event(stream, 'state'))['signed_in']
+        async with session.post(f'{root}act', json=ACTION, headers=page) as answer:
+            assert answer.status == 200
+
+    try:
+        until(lambda: answers(port), 'nginx listens')
+        ask(work)
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(('127.0.0.1', port)) == 0
+
+
 def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
     locked = dashboards(token=TOKEN)
     locked.sail(20.0, 1000.0, 5.0)
@@ -321,7 +403,7 @@ def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
         assert headers['WWW-Authenticate'] == 'Bearer'
     assert post(locked)[0] == 401
     code, headers, _ = get(locked)
-    assert (code, headers['Location']) == (303, '/login')
+    assert (code, headers['Location']) == (303, 'login')
     for wrong in ('', TOKEN[:-1], TOKEN + 'x', 'ünïcode'):
         assert get(locked, 'metrics', Authorization=f'Bearer {wrong}')[0] == 401
         assert get(locked, 'metrics', Cookie=f'stickslip_session={TOKEN}')[0] == 401

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The list of alarms: worst first, what waits for somebody before what does not.
 
-import { get, make, put } from '/dom.js';
+import { get, make, put } from './dom.js';
 
 export const NAMES = {
   amplitude_limit: 'Amplitude above limit',

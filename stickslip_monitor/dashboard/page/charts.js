@@ -2,7 +2,7 @@
 // Ten minutes of speed, load, margins and probability: drawn by uPlot, with the value under the
 // pointer, a stretch to look at closer, and the alarms that came and went.
 
-import { time } from '/alarms.js';
+import { time } from './alarms.js';
 
 const SPAN = 600, GAP = 10, HEIGHT = 165;
 const MARKS = { raise: '▼', clear: '△' };

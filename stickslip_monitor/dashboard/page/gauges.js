@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Margins and amplitude as horizontal gauges, each with its number and a sentence beside it.
 
-import { give, make, put } from '/dom.js';
+import { give, make, put } from './dom.js';
 
 const W = 400;
 

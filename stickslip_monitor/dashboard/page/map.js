@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stability map: what divides it is drawn once for a width, the point and its trail each time.
 
-import { make } from '/dom.js';
+import { make } from './dom.js';
 
 const LEFT = 62, RIGHT = 14, TOP = 12, BOTTOM = 44;
 const FADES = [0.25, 0.4, 0.6, 0.85];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Many bearings at a glance, worst first; of few there is no need for it.
 
-import { get, put } from '/dom.js';
+import { get, put } from './dom.js';
 
 const FEW = 4;
 // One without data comes first, with those that nobody watches: its state is unknown.

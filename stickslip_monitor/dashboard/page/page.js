@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, moment, nameOf, time, withoutName, worst } from '/alarms.js';
-import { Overview } from '/overview.js';
-import { Sound } from '/sound.js';
-import { AmplitudeGauge, MarginGauge } from '/gauges.js';
-import { Charts, History } from '/charts.js';
-import { ReplayBar } from '/replay.js';
-import { StabilityMap } from '/map.js';
-import { connect } from '/stream.js';
-import { get, put } from '/dom.js';
+import { AlarmList, clock, moment, nameOf, time, withoutName, worst } from './alarms.js';
+import { Overview } from './overview.js';
+import { Sound } from './sound.js';
+import { AmplitudeGauge, MarginGauge } from './gauges.js';
+import { Charts, History } from './charts.js';
+import { ReplayBar } from './replay.js';
+import { StabilityMap } from './map.js';
+import { connect } from './stream.js';
+import { get, put } from './dom.js';
 
 const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
@@ -149,7 +149,7 @@ class Page {
     };
     this.again = connect(({ kind, data }) => {
       if (kind === 'lost') { this.lose(); return; }
-      if (kind === 'login') { location.assign('/login'); return; }
+      if (kind === 'login') { location.assign('login'); return; }
       this.receivedAt = Date.now();
       does[kind](data);
     });
@@ -287,8 +287,8 @@ async function post(action, by, alarm, reason) {
   const kind = alarm?.aside || action === 'shelve' ? alarm.alarm : null;
   const body = JSON.stringify({ schema: 'stickslip_monitor/action/1', action, by, bearing: alarm?.bearing ?? null, alarm: kind, ...(reason && { reason }) });
   try {
-    const answer = await fetch('/act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
-    if (answer.status === 401) location.assign('/login');
+    const answer = await fetch('act', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body });
+    if (answer.status === 401) location.assign('login');
     return await answer.json();
   } catch { return { ok: false, text: 'the dashboard cannot be reached: nothing is known to be done' }; }
 }
@@ -357,6 +357,6 @@ dark.addEventListener('change', () => light());
 addEventListener('beforeprint', () => light(true));
 addEventListener('afterprint', () => light());
 light();
-get('leave').addEventListener('click', async () => { await fetch('/logout', { method: 'POST' }).catch(() => null); location.assign('/login'); });
+get('leave').addEventListener('click', async () => { await fetch('logout', { method: 'POST' }).catch(() => null); location.assign('login'); });
 page = new Page();
 page.refresh();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A recording: hold it, go on, go to any place of it, begin again. All of it with the keyboard, too.
 
-import { get } from '/dom.js';
+import { get } from './dom.js';
 
 const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, '0')}`;
 
@@ -37,5 +37,5 @@ export class ReplayBar {
 }
 
 function ask(course) {
-  fetch('/replay', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(course) }).catch(() => { /* the banner reports a lost connection */ });
+  fetch('replay', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(course) }).catch(() => { /* the banner reports a lost connection */ });
 }

@@ -28,7 +28,7 @@ export class Stream {
 
   open() {
     this.source?.close();
-    this.source = new EventSource('/events');
+    this.source = new EventSource('events');
     for (const kind of KINDS) this.source.addEventListener(kind, (event) => this.send({ kind, data: JSON.parse(event.data) }));
     this.source.onerror = () => {
       this.send({ kind: 'lost' });
@@ -40,7 +40,7 @@ export class Stream {
   retry() {
     setTimeout(async () => {
       if (!this.tabs.size || this.source?.readyState !== EventSource.CLOSED) return;
-      const answer = await fetch('/page.js', { method: 'HEAD', cache: 'no-store' }).catch(() => null);
+      const answer = await fetch('page.js', { method: 'HEAD', cache: 'no-store' }).catch(() => null);
       if (answer?.status === 401) for (const send of this.tabs) send({ kind: 'login' });
       if (answer?.ok) this.open(); else this.retry();
     }, AGAIN);
@@ -77,7 +77,7 @@ export function connect(take) {
     own.join(take);
     return () => own.again();
   }
-  const { port } = new SharedWorker('/stream.js', { type: 'module' });
+  const { port } = new SharedWorker('stream.js', { type: 'module' });
   port.onmessage = ({ data }) => take(data);
   port.postMessage('join');
   addEventListener('pagehide', () => port.postMessage('leave'));
