@@ -49,7 +49,7 @@ __all__ = [
     'hopf_speed', 'stationary_amplitudes',
 ]  # fmt: skip
 
-__version__ = '0.2.0'
+__version__ = '0.3.0.dev0'
 
 
 _HOMES = {

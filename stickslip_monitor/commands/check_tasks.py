@@ -267,6 +267,7 @@ def lessons_of(
     assert task.learn is not None
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
     line = ['stickslip', 'calibrate', *args.bags, '--config', args.config, *reports]
+    line += ['--node', args.node] if args.node else []
 
     lessons: list[str] = []
     for own in task.config.bearings:
@@ -297,7 +298,7 @@ def report_of(args: argparse.Namespace, task: Task, archive: Archive | None, tex
     if task.report == '.png':
         return png_sheet(archive, args.report)
     shown = list(archive.shown())
-    return html_page(shown, task.config, args.config, datetime.now(timezone.utc))
+    return html_page(shown, task.config, args.config, datetime.now(timezone.utc), args.node)
 
 
 def tolerance_advice(config: MonitorConfig) -> str:

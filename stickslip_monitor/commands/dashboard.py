@@ -85,17 +85,20 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is not None and args.log is not None:
         raise ConfigurationError('--log is for a running monitor: a replay is not kept')
     nodes = _nodes(args)
-    configs = [load_config(path) for path in args.config]
-    if len(configs) not in (1, len(nodes)):
+    if len(args.config) not in (1, len(nodes)):
         raise ConfigurationError(
-            f'--config is given {len(configs)} times for {len(nodes)} nodes: give one for all, or'
-            ' one for each'
+            f'--config is given {len(args.config)} times for {len(nodes)} nodes: give one for all,'
+            ' or one for each'
         )
+    paths = args.config if len(args.config) > 1 else args.config * len(nodes)
+    configs = [
+        load_config(path, args.node and node) for path, node in zip(paths, nodes, strict=True)
+    ]
     if args.bag is not None:
         monitors = [watched(configs[0], args.bag, replay=True)]
     else:
-        own = configs if len(configs) > 1 else configs * len(nodes)
-        monitors = [watched(config, node, node) for config, node in zip(own, nodes, strict=True)]
+        pairs = zip(configs, nodes, strict=True)
+        monitors = [watched(config, node, node) for config, node in pairs]
     access = page_access(args)
     with event_log(args) as log:
         board = DashboardState(monitors, args.bag is not None, log)

@@ -108,10 +108,15 @@ def add_picture(options: _Options, text: str) -> None:
     add_output(options, '--picture', marks=PICTURES, help=f'.png or .svg: {text}')
 
 
-def add_config(options: _Options, required: bool = True, text: str = '') -> None:
-    """Add ``--config``."""
+def add_config(
+    options: _Options, required: bool = True, text: str = '', node: bool = True
+) -> None:
+    """Add ``--config``, and ``--node`` for a file of several nodes."""
     text = text or 'ROS 2 parameter file'
     add_input(options, '--config', '-c', required=required, metavar='FILE', help=text)
+    if node:
+        text = 'full name of the node, where the parameter file is for several'
+        options.add_argument('--node', metavar='NAME', help=text)
 
 
 def add_bearing(options: _Options, text: str = 'only this bearing') -> None:
@@ -254,7 +259,7 @@ def chosen(args: argparse.Namespace) -> MonitorConfig:
     # Taking a configuration takes time to import, and is not needed for help.
     from stickslip_monitor.monitor.config_file import load_config
 
-    config = load_config(args.config)
+    config = load_config(args.config, args.node)
     if args.bearing is None:
         return config
     return replace(config, bearings=(config.bearing(args.bearing),))

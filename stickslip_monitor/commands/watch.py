@@ -60,7 +60,7 @@ _log = logging.getLogger(NODE_NAME)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.add_config(parser)
+    options.add_config(parser, node=False)
     parser.add_argument(
         '--node',
         nargs='?',
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if find_spec('aiohttp') is None:
         raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
     logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
-    config, links = load_watch(args.config, args.node is not None)
+    config, links = load_watch(args.config, args.node)
     if args.request_token:
         return asyncio.run(_request_token(links))
     with _board(args, config) as board:
@@ -89,13 +89,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def load_watch(path: str, with_node: bool) -> tuple[MonitorConfig, LinksConfig]:
+def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]:
     """Read and validate a parameter file with its section of links.
 
     Raises:
         ConfigurationError: It cannot be read or breaks a rule; the text names the file.
     """
-    parameters, section = load_parameters(path), load_section(path, SECTION)
+    with_node, section = node is not None, load_section(path, SECTION)
+    parameters = load_parameters(path, node)
     try:
         if not with_node:
             # Without ROS an input needs no topic.

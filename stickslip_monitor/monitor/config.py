@@ -38,13 +38,16 @@ class InputConfig:
         name='field',
     )
     unit: str = parameter(REQUIRED, 'Unit of scale * number + offset.')
-    scale: float = parameter(1.0, 'Factor applied to the number.', not_zero=True, live=True)
-    offset: float = parameter(0.0, 'Added after the factor, in the unit.', live=True)
+    scale: float = parameter(
+        1.0, 'Factor applied to the number.', not_zero=True, minimum=-1e9, maximum=1e9, live=True
+    )
+    offset: float = parameter(
+        0.0, 'Added after the factor, in the unit.', minimum=-1e9, maximum=1e9, live=True
+    )
     timeout_ns: int = duration(
         5.0,
         'Age at which the last value no longer counts and the input is reported lost.',
         above_minimum=True,
-        maximum=1e9,  # with a stamp of today it must fit into 64 bits of nanoseconds
         live=True,
     )
     maximum: float = parameter(
@@ -83,12 +86,15 @@ class LoadConfig(InputConfig):
         'Smallest load that is valid; a smaller one is counted as below_minimum and not used. For'
         ' a sensor that may show less than nothing, give what it may show.',
         'N',
+        minimum=-1e9,
         maximum=0.0,
         live=True,
     )
     constant: float = parameter(
         math.nan,
         'Load that is assumed where nothing measures it, in the unit, in place of a topic.',
+        minimum=0.0,
+        maximum=1e9,
     )
 
     @property
@@ -105,6 +111,8 @@ class LevelConfig(InputConfig):
         math.nan,
         'Level from which on it is vibration, in the unit, if it is 10 dB above its background;'
         ' without it that rise alone decides.',
+        minimum=-1e12,
+        maximum=1e12,
         live=True,
     )
     hysteresis: float = parameter(
@@ -135,6 +143,7 @@ class AlarmConfig:
         'Caution while the fold margin is below this: wide enough for the error of the friction'
         ' law and of the load, and for the time that the crew needs.',
         minimum=0.0,
+        maximum=10.0,
     )
     hysteresis: float = parameter(
         0.02,
@@ -154,6 +163,7 @@ class AlarmConfig:
         2.0,
         'How long a condition must hold before it is raised, net: time in which it does not is'
         ' taken off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
+        maximum=600.0,
     )
     off_delay_ns: int = duration(
         10.0,
@@ -206,6 +216,7 @@ class AlarmConfig:
         'Surface speeds below this count as a shaft at rest (sensor noise of a stopped shaft).',
         'm/s',
         minimum=0.0,
+        maximum=10.0,
     )
 
 
@@ -268,7 +279,7 @@ class MonitorConfig:
         ' A change of condition is always published at once.',
         's',
         minimum=0.0,
-        maximum=604800.0,
+        maximum=3600.0,
         live=True,
     )
     shelve_time_ns: int = duration(
@@ -302,8 +313,10 @@ class MonitorConfig:
         raise ConfigurationError(f"bearing '{name}' is not configured{hint}")
 
 
-def _physical(name: str, unit: str, text: str, default: float = math.nan) -> Parameter:
-    return Parameter(name, 'float', default, text, unit, minimum=0.0, above_minimum=bool(unit))
+def _physical(name: str, unit: str, text: str, maximum: float) -> Parameter:
+    return Parameter(
+        name, 'float', math.nan, text, unit, minimum=0.0, maximum=maximum, above_minimum=bool(unit)
+    )
 
 
 BEARINGS = Parameter(
@@ -311,33 +324,37 @@ BEARINGS = Parameter(
 )
 NODE_PARAMETERS = (BEARINGS, *rows(MonitorConfig), *rows(ClipConfig, 'clips.'))
 """The parameters of the node."""
+# Bounds keep out what is no bearing and cannot be computed with: from a watch's to a mountain's.
 LINING_PARAMETERS = tuple(
-    Parameter(name, 'float', REQUIRED, text, unit, minimum=0.0, above_minimum=name != 'damping')
-    for name, unit, text in (
-        ('mass', 'kg', 'Moving mass of the lining.'),
-        ('damping', 'N s/m', 'Damping of the lining.'),
-        ('stiffness', 'N/m', 'Tangential stiffness of the lining.'),
-        ('journal_diameter', 'm', 'Diameter of the journal in the bearing.'),
+    Parameter(name, 'float', REQUIRED, text, unit, minimum=low, maximum=high)
+    for name, unit, low, high, text in (
+        ('mass', 'kg', 1e-6, 1e7, 'Moving mass of the lining.'),
+        ('damping', 'N s/m', 0.0, 1e10, 'Damping of the lining.'),
+        ('stiffness', 'N/m', 1e-3, 1e13, 'Tangential stiffness of the lining.'),
+        ('journal_diameter', 'm', 1e-4, 1e3, 'Diameter of the journal in the bearing.'),
     )
 )
 """The parameters of :class:`Bearing`, but for its friction."""
 TORSIONAL_PARAMETERS = {
     'mass': _physical(
-        'inertia', 'kg m^2', "In place of mass: the lining's inertia about the shaft's axis."
+        'inertia',
+        'kg m^2',
+        "In place of mass: the lining's inertia about the shaft's axis.",
+        1e12,
     ),
     'damping': Parameter(
-        'torsional_damping', 'float', math.nan, 'In place of damping.', 'N m s/rad', minimum=0.0
+        'torsional_damping', 'float', math.nan, 'In place of damping.', 'N m s/rad', 0.0, 1e15
     ),
-    'stiffness': _physical('torsional_stiffness', 'N m/rad', 'In place of stiffness.'),
+    'stiffness': _physical('torsional_stiffness', 'N m/rad', 'In place of stiffness.', 1e18),
 }
 """What all three of a lining may be given by instead: each over the square of the radius."""
 FRICTION_PARAMETERS = (
     Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=tuple(LAWS)),
-    _physical('friction.static', '', 'Static coefficient mu_s.'),
-    _physical('friction.kinetic', '', 'Kinetic coefficient mu_k.'),
-    _physical('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.'),
+    _physical('friction.static', '', 'Static coefficient mu_s.', 10.0),
+    _physical('friction.kinetic', '', 'Kinetic coefficient mu_k.', 10.0),
+    _physical('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.', 1e3),
     Parameter(
-        'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0
+        'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0, 1e3
     ),
     Parameter(
         'friction.exponent',
@@ -348,9 +365,9 @@ FRICTION_PARAMETERS = (
         1.0,
         4.0,
     ),
-    Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', 0.0),
+    Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', 0.0, 1e3),
     Parameter(
-        'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', minimum=0.0
+        'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', '', 0.0, 10.0
     ),
 )
 _UNCERTAIN = {
@@ -382,12 +399,16 @@ INPUT_PARAMETERS = {
         maximum={
             'default': math.nan,
             'unit': 'm/s',
+            'maximum': 1e3,
             'text': 'Largest magnitude that is valid; a larger value is counted as implausible and'
             f' not used. Left out: {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
         },
     ),
     'load': rows(
-        LoadConfig, 'load.', unit={'choices': LOAD_UNITS}, maximum={'default': 1e8, 'unit': 'N'}
+        LoadConfig,
+        'load.',
+        unit={'choices': LOAD_UNITS},
+        maximum={'default': 1e8, 'unit': 'N', 'maximum': 1e9},
     ),
     'level': rows(
         LevelConfig,
@@ -398,7 +419,7 @@ INPUT_PARAMETERS = {
             ' level; empty for none.',
         },
         unit={'choices': LEVEL_UNITS, 'default': 'm/s^2'},
-        maximum={'default': 1e12},
+        maximum={'default': 1e12, 'maximum': 1e12},
     ),
 }
 """The parameters of each input."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -139,29 +139,32 @@ def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> Any:
         raise ConfigurationError(f'{path} is nested too deeply') from error
 
 
-def load_parameters(path: str | Path) -> dict[str, Any]:
-    """The parameters that a file gives the node, by their dotted names, in the file's order.
+def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]:
+    """The parameters that a file gives a node, by their dotted names, in the file's order.
+
+    Args:
+        path: The file.
+        node: Full name of the node; ``None`` for the only one that the file names.
 
     Raises:
-        ConfigurationError: The file cannot be read; the text names it.
+        ConfigurationError: The file cannot be read, or is for several nodes; the text names it.
     """
     document = load_yaml(path, _ParameterLoader)
     if not isinstance(document, Mapping):
         raise ConfigurationError(
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
         )
+    sections = list(_sections(path, '', document))
+    name = _node_of(path, [section for section, _ in sections], node)
     merged: dict[str, Any] = {}
-    for section, content in document.items():
-        if str(section).rstrip('/').rsplit('/', 1)[-1] not in (NODE_NAME, '*', '**'):
-            continue
-        parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
-        if not isinstance(parameters, Mapping):
-            raise ConfigurationError(f"{path}: section '{section}' must hold 'ros__parameters:'")
-        merged.update(_flat(path, parameters))
+    for section, content in sections:
+        if _matches(section, name):
+            merged.update(_flat(path, content))
     if not merged:
-        sections = ', '.join(str(section) for section in document)
+        there = ', '.join(str(section) for section in document)
         raise ConfigurationError(
-            f"{path} has no parameters for '{NODE_NAME}': its sections are {sections}; use '/**'"
+            f"{path} has no parameters for '{node or NODE_NAME}': its sections are {there}; use"
+            " '/**'"
         )
     # 'ros2 param dump' writes what is not set as null.
     return {
@@ -171,13 +174,59 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     }
 
 
-def load_config(path: str | Path) -> MonitorConfig:
+def _sections(
+    path: str | Path, space: str, content: Mapping[Any, Any]
+) -> Iterator[tuple[str, Mapping[Any, Any]]]:
+    """Full names of nodes, or patterns of them, with their parameters; namespaces may nest."""
+    for key, inside in content.items():
+        name = f'{space}/{str(key).strip("/")}'
+        if not isinstance(inside, Mapping):
+            if name.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**'):
+                raise ConfigurationError(f"{path}: section '{key}' must hold 'ros__parameters:'")
+            continue
+        parameters = inside.get('ros__parameters')
+        if isinstance(parameters, Mapping):
+            yield name, parameters
+        elif 'ros__parameters' in inside or name.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**'):
+            raise ConfigurationError(f"{path}: section '{key}' must hold 'ros__parameters:'")
+        else:
+            yield from _sections(path, name, inside)
+
+
+def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str:
+    """The full name of the node that is meant."""
+    if node is not None:
+        return f'/{node.strip("/")}'
+    own = (name for name in sections if '*' not in name and name.endswith(f'/{NODE_NAME}'))
+    named = list(dict.fromkeys(own))
+    if len(named) > 1:
+        raise ConfigurationError(
+            f'{path} is for several nodes: choose one of {", ".join(named)} by --node'
+        )
+    # Where only patterns stand, all of them are for the node, whatever its namespace.
+    return named[0] if named else ''
+
+
+def _matches(pattern: str, name: str) -> bool:
+    """Whether a section is for the node of that full name, as rcl decides it."""
+    if not name:
+        return pattern.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**')
+    parts = {'**': '(/[^/]+)*', '*': '/[^/]+'}
+    steps = pattern.strip('/').split('/')
+    return bool(re.fullmatch(''.join(parts.get(s, '/' + re.escape(s)) for s in steps), name))
+
+
+def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
     """Read and validate a parameter file; a parameter without effect is logged as a warning.
+
+    Args:
+        path: The file.
+        node: Full name of the node whose parameters are read, where the file has several.
 
     Raises:
         ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
     """
-    parameters = load_parameters(path)
+    parameters = load_parameters(path, node)
     for name, value in parameters.items():
         if name.endswith('.calibration') and isinstance(value, str) and value:
             parameters[name] = str(Path(path).parent / value)

@@ -50,6 +50,9 @@ _LAST_SCHEMA = 'stickslip_monitor/calibration/1'
 LARGEST_JSON = 64 << 20
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
+MOST_DAMPED = 3.0
+"""A lining with more damping than so many times the critical one is refused: it has no vibration
+to predict, and the search for one takes minutes."""
 _LARGEST_VARIANCE = 100.0
 
 
@@ -251,6 +254,13 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
+    critical = 2.0 * math.sqrt(bearing.stiffness * bearing.mass)
+    if bearing.damping > MOST_DAMPED * critical:
+        raise ConfigurationError(
+            f'{name}.damping = {bearing.damping:g} N s/m must not be above'
+            f' {MOST_DAMPED * critical:.4g} N s/m, which is {MOST_DAMPED:g} times critical with'
+            ' this mass and stiffness: such a lining cannot vibrate; look at their units'
+        )
     tolerance = Tolerance(
         **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
     )
@@ -267,6 +277,8 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
     factor = bearing.speed.factor(own['speed.unit'])
     speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
     load = _load(name, own, speed)
+    if not load.is_assumed and speed.topic and speed.topic == load.topic:
+        _require_other_field(name, 'load', load, 'speed', speed)
     level = _level(name, own, speed, load)
     return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
@@ -369,6 +381,16 @@ def _input(
     return filled(kind, f'{quantity}.', own, field=path, factor=factor, deadband=deadband)
 
 
+def _require_other_field(
+    name: str, quantity: str, source: InputConfig, beside: str, other: InputConfig
+) -> None:
+    if source.field == other.field:
+        raise ConfigurationError(
+            f'{name}.{quantity} is read from the same field as the {beside},'
+            f' {source.topic} {source.field_text}: it must be a number of its own'
+        )
+
+
 def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic'] and not own['level.column']:
@@ -395,11 +417,7 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConf
     for quantity, other in zip(('speed', 'load'), others, strict=True):
         if level.topic != other.topic or not level.topic:
             continue
-        if level.field == other.field:
-            raise ConfigurationError(
-                f'{name}.level is read from the same field as the {quantity},'
-                f' {level.topic} {level.field_text}: it must be a number of its own'
-            )
+        _require_other_field(name, 'level', level, quantity, other)
         if level.type != other.type:
             raise ConfigurationError(
                 f'{name}.level.type = {level.type!r} must be that of {name}.{quantity},'

@@ -237,11 +237,6 @@ class Plausibility:
         """Questions by quantity, each a clause that follows the name of the input."""
         config = self._config
         found = questions(config, self._heaviest)
-        same = config.speed.topic == config.load.topic and config.speed.field == config.load.field
-        if same and not config.load.is_assumed:
-            found['load'].append(
-                'is read from the same field as the speed: is it the right topic?'
-            )
         if self._fastest > FASTEST:
             found['speed'].append(
                 f'reaches {self._fastest:.4g} m/s at the surface of the journal, more than'

@@ -290,7 +290,11 @@ class ParameterRow(NamedTuple):
 
 
 def html_page(
-    parts: Sequence[RecordingPart], config: MonitorConfig, config_path: str, made: datetime
+    parts: Sequence[RecordingPart],
+    config: MonitorConfig,
+    config_path: str,
+    made: datetime,
+    node: str | None = None,
 ) -> bytes:
     """The page; ``made`` is the time of its making that it names.
 
@@ -334,7 +338,7 @@ def html_page(
         config_path=config_path,
         config_digest=hashlib.sha256(Path(config_path).read_bytes()).hexdigest(),
         parameters=parameter_groups(
-            load_parameters(config_path), [bearing.name for bearing in config.bearings]
+            load_parameters(config_path, node), [bearing.name for bearing in config.bearings]
         ),
         colours={variable(light): (light, dark) for light, dark in ON_DARK.items()},
     )

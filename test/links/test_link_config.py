@@ -53,7 +53,7 @@ def files(tmp_path: Path) -> Files:
 
 
 def test_both_buses(files: Files) -> None:
-    config, links = load_watch(files.write(SIGNALK | {'nmea.alerts': 'udp://10.0.0.9:1'}), False)
+    config, links = load_watch(files.write(SIGNALK | {'nmea.alerts': 'udp://10.0.0.9:1'}), None)
     assert links.signalk is not None
     assert links.nmea is not None
     assert not links.signalk.accept_actions
@@ -61,14 +61,14 @@ def test_both_buses(files: Files) -> None:
     assert links.signalk_inputs[0].timeout == 5.0
     # What people read names the path; there is no topic.
     assert config.bearings[0].speed.topic == 'Signal K propulsion.port.revolutions'
-    config, links = load_watch(files.write(NMEA, speed={'unit': 'rpm'}), False)
+    config, links = load_watch(files.write(NMEA, speed={'unit': 'rpm'}), None)
     assert links.signalk is None
     assert config.bearings[0].speed.topic == 'NMEA RPM S 2'
     assert config.bearings[0].load.topic == 'NMEA XDR AFTLOAD'
 
 
 def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
-    config, links = load_watch(str(EXAMPLE), False)
+    config, links = load_watch(str(EXAMPLE), None)
     assert config.bearings[0].name == 'aft_stern'
     assert links.signalk is not None
     assert links.nmea is not None
@@ -76,7 +76,7 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
     document = yaml.safe_load(EXAMPLE.read_text('utf-8')) | yaml.safe_load(block)
     document['/**']['ros__parameters']['aft_stern']['speed'] = {'unit': 'rpm'}
     files.path.write_text(yaml.safe_dump(document))
-    _, links = load_watch(str(files.path), False)
+    _, links = load_watch(str(files.path), None)
     assert [item.label for item in links.nmea_inputs] == ['NMEA RPM S 1', 'NMEA XDR AFTLOAD']
 
 
@@ -84,7 +84,7 @@ def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
     files: Files,
 ) -> None:
     links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
-    config, made = load_watch(files.write(links, **TOPICS), True)
+    config, made = load_watch(files.write(links, **TOPICS), '/stickslip_monitor')
     assert config.bearings[0].speed.topic == '/s'
     assert list(made.labels) == [('aft', Input.SPEED)]
 
@@ -131,7 +131,7 @@ def test_one_sentence_for_whatever_breaks_a_rule(
     unit = 'rpm' if base is NMEA and 'unit' not in text else 'Hz'
     path = files.write(base | change, speed={'unit': unit})
     with pytest.raises(ConfigurationError, match=re.escape(text)) as error:
-        load_watch(path, False)
+        load_watch(path, None)
     assert str(error.value).startswith(path)
     assert '\n' not in str(error.value)
 
@@ -155,4 +155,4 @@ def test_what_does_not_fit_the_bearing(
     files: Files, links: Any, bearing: dict[str, Any], with_node: bool, text: str
 ) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(text)):
-        load_watch(files.write(links, **bearing), with_node)
+        load_watch(files.write(links, **bearing), '/stickslip_monitor' if with_node else None)

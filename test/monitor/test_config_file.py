@@ -9,7 +9,7 @@ import pytest
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config_file import load_config, load_yaml
+from stickslip_monitor.monitor.config_file import load_config, load_parameters, load_yaml
 
 AFT = """\
     bearings: [aft]
@@ -145,7 +145,7 @@ def test_one_parameter_in_two_spellings(write: Write) -> None:
 @pytest.mark.parametrize('written', ['2_000', '"2000"', '"2000,0"'])
 def test_a_number_read_as_a_text_has_its_remedy(write: Write, written: str) -> None:
     refusal = _refusal(write(WHOLE.replace('mass: 50', f'mass: {written}')))
-    assert ' must be a finite number above 0 kg: write 2000' in refusal
+    assert ' must be a finite number not below 1e-06 and not above 1e+07 kg: write 2000' in refusal
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,10 @@ def test_no_file_and_a_folder(tmp_path: Path) -> None:
 
 def test_a_broken_rule_is_told_with_the_file(write: Write) -> None:
     path = write(WHOLE.replace('mass: 50', 'mass: -1'))
-    assert _refusal(path) == ': aft.mass = -1 must be a finite number above 0 kg'
+    assert (
+        _refusal(path)
+        == ': aft.mass = -1 must be a finite number not below 1e-06 and not above 1e+07 kg'
+    )
 
 
 def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
@@ -201,3 +204,57 @@ def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
         '    qos_overrides: {/parameter_events: {publisher: {depth: 7}}}\n'
     )
     assert load_config(write(WHOLE + own)) == load_config(write(WHOLE))
+
+
+OF_TWO = """
+/**: {ros__parameters: {bearings: [aft]}}
+/port/stickslip_monitor: {ros__parameters: {aft: {mass: 50.0}}}
+starboard: {stickslip_monitor: {ros__parameters: {aft: {mass: 90.0}}}}
+/port/camera: {ros__parameters: {rate: 5}}
+"""
+
+
+@pytest.mark.parametrize(
+    ('node', 'mass'), [('/port/stickslip_monitor', 50.0), ('starboard/stickslip_monitor', 90.0)]
+)
+def test_of_a_file_for_two_nodes_one_is_read(tmp_path: Path, node: str, mass: float) -> None:
+    path = tmp_path / 'ship.yaml'
+    path.write_text(OF_TWO)
+    assert load_parameters(path, node) == {'bearings': ['aft'], 'aft.mass': mass}
+
+
+def test_a_file_for_two_nodes_is_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / 'ship.yaml'
+    path.write_text(OF_TWO)
+    with pytest.raises(ConfigurationError) as error:
+        load_parameters(path)
+    assert str(error.value) == (
+        f'{path} is for several nodes: choose one of /port/stickslip_monitor,'
+        ' /starboard/stickslip_monitor by --node'
+    )
+
+
+@pytest.mark.parametrize(
+    ('section', 'matches'),
+    [
+        ('/**', True),
+        ('/*/stickslip_monitor', True),
+        ('/**/stickslip_monitor', True),
+        ('/port/*', True),
+        ('port/stickslip_monitor', True),
+        ('/*', False),
+        ('/stickslip_monitor', False),
+        ('/starboard/*', False),
+    ],
+)
+def test_a_section_is_for_the_nodes_that_rcl_says(
+    tmp_path: Path, section: str, matches: bool
+) -> None:
+    """Expected values are those of rclpy 9.1 for ``/port/stickslip_monitor`` and the same file."""
+    path = tmp_path / 'ship.yaml'
+    path.write_text(f"'{section}': {{ros__parameters: {{autostart: false}}}}")
+    if matches:
+        assert load_parameters(path, '/port/stickslip_monitor') == {'autostart': False}
+    else:
+        with pytest.raises(ConfigurationError, match='no parameters for'):
+            load_parameters(path, '/port/stickslip_monitor')

@@ -73,14 +73,11 @@ def test_what_cannot_be_is_asked_about(
     assert not any(found.values())
 
 
-def test_a_shaft_a_metre_thick_and_one_topic_for_both() -> None:
+def test_a_shaft_a_hundred_metres_thick() -> None:
     thick = replace(CONFIG, bearing=replace(CONFIG.bearing, journal_diameter=100.0))
     assert asked([0.2], [1000.0], thick)['speed'] == [
         'turns a journal of 100 m: is journal_diameter in metres?'
     ]
-    same = replace(CONFIG, load=replace(CONFIG.load, topic=CONFIG.speed.topic))
-    (question,) = asked([0.2], [1000.0], same)['load']
-    assert question.startswith('is read from the same field as the speed')
 
 
 def test_friction_that_rises_from_rest_is_asked_about() -> None:
