@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.signals import Input
 
 STEP = 0.2
 STICKING = ('stick_slip', 'amplitude_limit')
-LENGTH, CALM = 420.0, 100.0
+LENGTH, CALM = 320.0, 100.0
 """How long a run is, and how long there are no faults at its end [s]: a condition that flickered
 is held for six off-delays, of 10 s each, and the end of stick-slip waits for one more."""
 SETTLED = 60.0

@@ -203,7 +203,7 @@ def recall_state(annunciator: Annunciator, document: Any, time_ns: int) -> None:
                 if alarm.state is AlarmState.SHELVED:
                     left_ns = max(record['shelf_left'] - passed_ns, 0)
                     alarm.shelf_end_ns = annunciator.now_ns + left_ns
-                    alarm.shelved_until_ns = kept_ns + record['shelf_left']
+                    alarm.shelved_until_ns = time_ns + left_ns
     annunciator.restart()
 
 
