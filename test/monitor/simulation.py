@@ -10,6 +10,7 @@ stop: then what is told must be true. Meanwhile the seconds in which it is not a
 from __future__ import annotations
 
 import heapq
+import math
 import random
 from collections import Counter
 from collections.abc import Iterator
@@ -32,6 +33,8 @@ STICKING = ('stick_slip', 'amplitude_limit')
 LENGTH, CALM = 320.0, 100.0
 """How long a run is, and how long there are no faults at its end [s]: a condition that flickered
 is held for six off-delays, of 10 s each, and the end of stick-slip waits for one more."""
+TIMEOUT = 5.0
+"""Of speed and load, the default [s]."""
 SETTLED = 60.0
 """So long after a change of the truth something else may be told [s]."""
 SHARES = {0.4: True, -0.4: True, 1.6: False, 2.5: False, -2.5: False, 0.0: False}
@@ -137,7 +140,11 @@ class Run:
         del self.senders[2]  # the first bearing has no level
         self.waiting: list[tuple[float, int, Sender, int, float]] = []
         self.delivered: dict[str, list[Message]] = {name: [] for name in NAMES}
-        self.sent = 0
+        self.sent, self.held = 0, 0.0
+        # When each input brought a value last, and the longest that one brought none, but for
+        # hold-ups, by bearing [s].
+        self.heard: dict[tuple[str, Input], float] = {}
+        self.silent = dict.fromkeys(NAMES, 0.0)
 
     def _sender(self, name: str, place: Input) -> Sender:
         choose = self.random.choice
@@ -229,6 +236,11 @@ class Run:
             message = Message(came, sender.place, (stamp - T0) / SECOND, value)
             self.delivered[sender.name].append(message)
             self.ship.take(sender.name, sender.place, value, stamp)
+            if not (value in NO_VALUE or math.isnan(value) or sender.place is Input.LEVEL):
+                key, now = (sender.name, sender.place), self.time - self.held
+                silent = now - self.heard.get(key, 0.0)
+                self.heard[key] = now
+                self.silent[sender.name] = max(self.silent[sender.name], silent)
 
     def _trouble(self) -> None:
         """What happens to the computer, and by people."""
@@ -238,6 +250,7 @@ class Run:
             ship.ahead_ns += choose((-3600, -5, 7, 86400)) * SECOND
         if self.happens('held up'):
             self._pass(8.0)
+            self.held += 8.0
             ship.session.excuse(8 * SECOND)
         if self.happens('retune'):
             delays = choose((0.0, 2.0)), choose((5.0, 10.0))
@@ -275,7 +288,9 @@ class Run:
             live = [str(event.after) for event in self.ship.events if event.bearing == name]
             if self.recorded and live != offline:
                 say(f'{name}: live {live}, of what was delivered {offline}')
-            if 'input_stale' in live and not (self.rates['pause'] or self.rates['far stamp']):
+            # A stamp far ahead makes those after it older than the newest for some time.
+            blamed = 'input_stale' in live and not self.rates['far stamp']
+            if blamed and self.silent[name] < TIMEOUT - 1.0:
                 say(f'{name}: an input is lost, and none was silent')
 
     def _judge_alarms(self, name: str, truth: str) -> None:
