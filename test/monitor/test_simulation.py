@@ -19,10 +19,10 @@ def test_under_faults(first: int) -> None:
     outcomes = [run(seed) for seed in range(first, first + BATCH)]
     bad = [(*each.faults, repeated_by(each.seed)) for each in outcomes if each.faults]
     assert not bad, '\n'.join(line for lines in bad for line in lines)
-    # Measured over 595 runs of 420 s: 58 of 241,469 s, 19 of them in one run.
+    # Measured: 2 of 69,915 s in these runs, 19 s in the worst of 600 longer ones.
     worst = max(outcomes, key=lambda each: each.misled)
     misled, settled = (sum(getattr(o, name) for o in outcomes) for name in ('misled', 'settled'))
-    assert misled <= 0.01 * settled, (dict(worst.wrong), repeated_by(worst.seed))
+    assert misled <= 0.005 * settled, (dict(worst.wrong), repeated_by(worst.seed))
 
 
 def test_a_run_is_the_same_again() -> None:
