@@ -90,7 +90,7 @@ class Diagram:
     marks: tuple[BranchMark, ...]  # its Hopf and fold points, by speed
     spans: tuple[tuple[float, float, Regime], ...]  # from [m/s], to [m/s], regime
     exact: FloatArray  # amplitude of the exact cycle, ``nan`` for none, shape (n,) [m]
-    exact_fold: float  # speed beyond which there is none [m/s]; ``inf`` where it never ends
+    exact_fold: float  # speed beyond which it does not stick [m/s]; ``inf`` where it never ends
 
 
 def bifurcation_diagram(
@@ -340,12 +340,12 @@ def _marks(axes: Axes, diagram: Diagram, rpm: float) -> None:
         own = [mark for mark in diagram.marks if mark.kind is kind]
         text = f'{kind.value} {", ".join(f"{mark.speed / rpm:.4g}" for mark in own)} rpm'
         if kind is MarkKind.FOLD and own:
-            text += f' (exact {diagram.exact_fold / rpm:.4g} rpm)'
+            text += f' (sticks up to {diagram.exact_fold / rpm:.4g} rpm)'
         elif kind is MarkKind.FOLD and diagram.speed[0] < diagram.exact_fold < diagram.speed[-1]:
             # Where averaging has none, the end of the exact branch stands in.
             last = float(diagram.exact[np.isfinite(diagram.exact)][-1])
             own = [BranchMark(kind, diagram.exact_fold, last)]
-            text = f'fold, exact {diagram.exact_fold / rpm:.4g} rpm (averaging has none)'
+            text = f'end of sticking {diagram.exact_fold / rpm:.4g} rpm (averaging has no fold)'
         if own:
             axes.plot(
                 [mark.speed / rpm for mark in own], [mark.amplitude * 1e3 for mark in own],

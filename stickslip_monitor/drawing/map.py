@@ -244,14 +244,14 @@ def _regions(axes: Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
 
 
 def _exact_fold(axes: Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
-    """The fold of the exact model, where it is another line than that of averaging."""
+    """The end of sticking, where it is another line than the fold of averaging."""
     load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
     exact = np.asarray(exact_fold_speed(bearing, load))
     averaged = np.asarray(fold_speed(bearing, load))
     if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
         axes.plot(
             exact / rpm, load / 1e3, color=FOLD, lw=1.4, ls='-.', zorder=3,
-            label='fold, exact',
+            label='end of sticking, exact',
         )  # fmt: skip
 
 

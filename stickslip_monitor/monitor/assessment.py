@@ -199,7 +199,8 @@ class Assessment:
         hopf_speed: Highest unstable speed at this load [m/s]; ``nan`` without one.
         fold_speed: Highest speed with a stick-slip cycle at this load under first-order KBM
             averaging [m/s]; ``nan`` without one.
-        exact_fold_speed: The same of the exact model, which does not average.
+        exact_fold_speed: Highest speed at which the lining sticks in the exact model, which does
+            not average [m/s]; a vibration that never sticks ends at about the averaged fold.
         hopf_load: Load at which this speed turns unstable [N]; ``nan`` without one.
         fold_load: Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without.
         hopf_margin: ``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed.

@@ -357,8 +357,10 @@ def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> 
     """Whether the slope of the speed leads into the range within the time looked ahead."""
     slope = (s.fast - s.slow) / (SLOW_LAG - FAST_LAG)
     future = speed + slope * c.look_ahead
+    future = future if speed > 0.0 else -future
     lower, limit = ends
-    return limit > 0.0 and lower <= (future if speed > 0.0 else -future) < limit
+    # From above it leads through the range, from below into it.
+    return limit > 0.0 and max(future, abs(speed)) >= lower and future < limit
 
 
 def grow(s: State, passed: int) -> None:

@@ -177,7 +177,7 @@ def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None
         'sliding limit a = V',
         'Hopf 30.74 rpm',
         # The exact fold of this bearing lies 8e-6 off that of averaging.
-        'fold 40.72 rpm (exact 40.72 rpm)',
+        'fold 40.72 rpm (sticks up to 40.72 rpm)',
     ]
     axes = figure.axes[0]
     assert [t.get_text() for t in axes.texts] == ['unstable', 'bistable', 'stable']
@@ -193,7 +193,7 @@ def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None
 
 def test_a_fold_that_averaging_does_not_have_is_marked() -> None:
     names = named(draw_diagram(with_law(Coulomb(0.3, 0.1)), LOAD, points=60))
-    assert names[-1] == 'fold, exact 7.194 rpm (averaging has none)'
+    assert names[-1] == 'end of sticking 7.194 rpm (averaging has no fold)'
 
 
 def test_an_empty_picture_says_why() -> None:

@@ -244,7 +244,9 @@ def exact_amplitude(
 
 
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
-    """The exact fold [m/s]: the last speed at which a stick-slip cycle exists.
+    """The exact fold [m/s], the end of sticking: the last speed at which the lining sticks.
+
+    A vibration that never sticks may go on beyond it, up to about the averaged fold.
 
     Args:
         bearing: The bearing.
