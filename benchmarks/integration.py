@@ -81,7 +81,7 @@ def _ours(compiled: bool, span: float) -> float:
     """Amplitude of the late part of a motion, to rounding [m]."""
     drive = Drive.constant(SPEED, LOAD, span)
     start = MotionState.moving(breakaway(BEARING, SPEED, LOAD), SPEED, drive)
-    times = np.linspace(span - 0.4 * SPAN, span, 2000)
+    times = np.linspace(span - 0.4 * SPAN, span, 256)
     motion = integrate(BEARING, drive, start, times, accuracy=FAST, compiled=compiled)
     x, v, a = motion.displacement, motion.velocity, motion.acceleration
     return 0.5 * float(np.ptp(turning_points(x, v, a, float(times[1] - times[0]))))

@@ -27,11 +27,11 @@ from stickslip_monitor import Bearing, Coulomb, exact_cycle
 from stickslip_monitor.arrays import FloatArray
 
 MASS, GRAVITY = 0.0307, 9.81
-# Samples of the median that takes out the sensor's spikes, by how much a peak stands out from the
-# noise of 0.005 that is left, and the least number of events.
+# Samples of the median that takes out the sensor's spikes, by how much the force falls in a slip,
+# over a noise of 0.005 that is left, and the least number of events.
 _SPIKES, _STANDS_OUT, _FEWEST = 9, 0.03, 12
 # Shares of a rise between which its slope is fitted: away from the ends of slip and stick.
-_FITTED = (0.25, 0.75)
+_FITTED, _LEAST_FIT = (0.25, 0.75), 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,21 +76,22 @@ def load(path: Path) -> Slider:
 
 
 def events_of(slider: Slider) -> Events:
-    """The events of a recording."""
+    """The events of a recording: where the force falls most within half a natural period."""
     force, time = slider.force, slider.time
-    peaks, _ = find_peaks(force, prominence=_STANDS_OUT)
+    period = 2.0 * np.pi * np.sqrt(MASS / slider.stiffness)
+    half = max(2, round(0.5 * period / float(time[1] - time[0])))
+    falls, _ = find_peaks(force[:-half] - force[half:], height=_STANDS_OUT, distance=half)
+    begins = [max(i - half, 0) for i in falls.tolist()]
+    tops = {begin + int(np.argmax(force[begin : begin + 2 * half])) for begin in begins}
     rows = []
-    for a, b in pairwise(peaks):
-        bottom = a + int(np.argmin(force[a:b]))
-        rise = force[b] - force[bottom]
+    for a, b in pairwise(sorted(tops)):
+        bottom = a + int(np.argmin(force[a : min(a + 2 * half, b)]))
         part = slice(bottom, b + 1)
-        inside = (force[part] > force[bottom] + _FITTED[0] * rise) & (
-            force[part] < force[bottom] + _FITTED[1] * rise
-        )
-        slope = np.nan
-        if np.count_nonzero(inside) > 2:
-            slope = np.polyfit(time[part][inside], force[part][inside], 1)[0]
-        rows.append((force[a], force[bottom], slope, time[b] - time[a]))
+        rise = (force[part] - force[bottom]) / (force[b] - force[bottom])
+        inside = (rise > _FITTED[0]) & (rise < _FITTED[1])
+        fits = np.count_nonzero(inside) > _LEAST_FIT
+        line = np.polyfit(time[part][inside], force[part][inside], 1) if fits else [np.nan]
+        rows.append((force[a], force[bottom], line[0], time[b] - time[a]))
     return Events(*np.array(rows).reshape(-1, 4).T)
 
 

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.folds import fold_curve, last_speeds, lower_ends
+from stickslip_monitor.physics.hermite import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
 from stickslip_monitor.physics.oscillator import Bearing
 
@@ -155,6 +155,6 @@ def _smooth(speed: FloatArray) -> FloatArray:
         return _linear(speed)
     first = int(there[0])
     pieces = np.zeros((speed.size - 1, 4))
-    spline = CubicSpline(np.arange(speed.size - first, dtype=float), speed[first:])
-    pieces[first:] = spline.c[::-1].T
+    place, column = np.arange(speed.size - first, dtype=float), speed[first:]
+    pieces[first:] = hermite_cubics(place, column, spline_slopes(place, column))[::-1].T
     return pieces

@@ -22,13 +22,13 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.averaging.peaks import highest_slopes
 from stickslip_monitor.physics.averaging.quadrature import slope_surface
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
+from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 from stickslip_monitor.physics.orbits import (
     LANDED,
     TURNED,
@@ -468,7 +468,10 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     rows = np.flatnonzero(matters & (np.arange(speed.size) % _EVERY == 0))
     guess = np.minimum(_first_guess(grazing, span, speed[rows]), averaged[rows])
     ratio = np.log(grazing.loads(speed[rows], guess, _CLOSE_IN_PIECES) / averaged[rows])
-    joined = PchipInterpolator(place[rows], ratio)(np.clip(place, place[rows[0]], place[rows[-1]]))
+    cubics = hermite_cubics(place[rows], ratio, monotone_slopes(place[rows], ratio))
+    inside = np.clip(place, place[rows[0]], place[rows[-1]])
+    i = np.clip(np.searchsorted(place[rows], inside, side='right') - 1, 0, rows.size - 2)
+    joined = np.polyval(cubics[:, i], inside - place[rows][i])
     exact = np.where(matters, averaged * np.exp(joined), np.inf)
     least = _least(grazing.bearing, speed, _EVERY)
     return FoldCurve(speed, least, exact, span.onset, span.top)
@@ -550,12 +553,12 @@ def last_speeds(
 def _slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
     """The slopes of a curve at its points, of stretches that are finite."""
     slope = np.zeros(x.size)
-    join = CubicSpline if smooth else PchipInterpolator
+    join = spline_slopes if smooth else monotone_slopes
     edges = [0, *(np.flatnonzero(np.diff(np.isfinite(y).astype(int))) + 1), x.size]
     for first, last in itertools.pairwise(edges):
         if last - first > 3 and np.isfinite(y[first]):
             part = slice(int(first), int(last))
-            slope[part] = join(x[part], y[part])(x[part], 1)
+            slope[part] = join(x[part], y[part])
     return slope
 
 

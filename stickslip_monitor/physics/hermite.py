@@ -57,6 +57,44 @@ def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.concatenate([ends[:1], np.where(same, mean, 0.0), ends[1:]])
 
 
+def spline_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Slopes of the cubic spline whose second derivative is continuous.
+
+    At the second and at the last but one point the third is too: "not a knot" (C. de Boor, A
+    Practical Guide to Splines, Springer, 1978, chapter IV).
+
+    Args:
+        x: Rising places, shape (n,), n >= 4.
+        y: Values there, shape (n,).
+
+    >>> x = np.arange(5.0)
+    >>> np.allclose(spline_slopes(x, x**3), 3.0 * x**2)
+    True
+    """
+    h, chord = np.diff(x), np.diff(y) / np.diff(x)
+    below, above = np.append(h[1:], h[-1] + h[-2]), np.append(h[0] + h[1], h[:-1])
+    middle = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
+    right = np.empty(x.size)
+    right[1:-1] = 3.0 * (h[1:] * chord[:-1] + h[:-1] * chord[1:])
+    right[0] = _end_balance(h[0], h[1], chord[0], chord[1])
+    right[-1] = _end_balance(h[-1], h[-2], chord[-1], chord[-2])
+    diagonal, slope = middle.tolist(), right.tolist()
+    low, up = below.tolist(), above.tolist()
+    for i in range(1, x.size):  # Gauss's elimination of three diagonals
+        share = low[i - 1] / diagonal[i - 1]
+        diagonal[i] -= share * up[i - 1]
+        slope[i] -= share * slope[i - 1]
+    slope[-1] /= diagonal[-1]
+    for i in range(x.size - 2, -1, -1):
+        slope[i] = (slope[i] - up[i] * slope[i + 1]) / diagonal[i]
+    return np.array(slope)
+
+
+def _end_balance(h: float, beside: float, chord: float, next_chord: float) -> float:
+    both = h + beside
+    return ((h + 2.0 * both) * beside * chord + h * h * next_chord) / both
+
+
 def _end_slope(h: float, beside: float, chord: float, next_chord: float) -> float:
     slope = ((2.0 * h + beside) * chord - h * next_chord) / (h + beside)
     if slope * chord <= 0.0:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import DOP853
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from stickslip_monitor.physics import dop853
-from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes
+from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 
 
 def test_the_stages_are_those_of_dop853() -> None:
@@ -34,3 +34,11 @@ def test_monotone_cubics_are_those_of_scipy(size: int) -> None:
     x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
     cubics = hermite_cubics(x, y, monotone_slopes(x, y))
     assert cubics == pytest.approx(PchipInterpolator(x, y).c, rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize('size', [4, 50])
+def test_splines_are_those_of_scipy(size: int) -> None:
+    rng = np.random.default_rng(size)
+    x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
+    cubics = hermite_cubics(x, y, spline_slopes(x, y))
+    assert cubics == pytest.approx(CubicSpline(x, y).c, rel=1e-10, abs=1e-10)
