@@ -252,6 +252,15 @@ def _silent(text: str) -> None:
     del text
 
 
+def _kind(column: LogColumn) -> str:
+    """What a column would be taken for, by its unit."""
+    if column.unit is None:
+        return 'column, unit not known'
+    quantity = {'rpm': 'speed', 'rad/s': 'speed', 'Hz': 'speed', 'N': 'load', 'kN': 'load'}
+    found = quantity.get(column.unit)
+    return f'column in {column.unit}' + (f', may be the {found}' if found else '')
+
+
 def _table(path: Path) -> NumberTable:
     with open_file(path) as file:
         is_parquet = file.read(len(parquet.MAGIC)) == parquet.MAGIC

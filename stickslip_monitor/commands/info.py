@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show what a recording holds: topics with types and counts, and the time span.
+"""Show what a recording or log holds: topics or columns, counts, and the time span.
 
 No configuration is needed: use it to find the topics to configure.
 """
@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.commands import options, output
@@ -24,7 +25,7 @@ SCHEMA = 'stickslip_monitor/info/1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.add_input(parser, 'bag', metavar='BAG', help='rosbag2 folder or .mcap file')
+    options.add_input(parser, 'bag', metavar='BAG', help='recording or log')
     options.add_json(parser)
 
 
@@ -39,7 +40,9 @@ def run(args: argparse.Namespace) -> int:
     table = Table('topic', 'type', 'messages', 'problem')
     table.columns[2].justify = 'right'
     for name, topic in sorted(record['topics'].items()):
-        table.add_row(name, topic['type'], str(topic['messages']), topic['problem'] or '')
+        texts = name, topic['type'], str(topic['messages']), topic['problem'] or ''
+        # A heading may have brackets, which are no markup.
+        table.add_row(*(Text(printable(text)) for text in texts))
     out.print(table)
     for text in (*(cut['text'] for cut in record['cuts']), *record['warnings']):
         out.print(printable(f'data: {text}'), markup=False)

@@ -202,6 +202,8 @@ def expected(
 ) -> tuple[list[tuple[int, int, int, float]], int, int]:
     """What the reference decoder gives, with the counts of undecoded and short messages."""
     rows, undecoded, short = [], 0, 0
+    # It remembers how the elements are called.
+    field = NumberField(parse_field(request.field))
     asked = [message for message in ordered if message.topic in topics]
     for sequence, message in enumerate(asked):
         if message.topic != request.topic:
@@ -212,7 +214,7 @@ def expected(
             if hasattr(decoded, 'header'):
                 stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
             try:
-                value = NumberField(parse_field(request.field)).read(decoded)
+                value = field.read(decoded)
             except LookupError:
                 short += 1
         rows.append((message.log_time_ns, stamp or message.log_time_ns, sequence, value))
