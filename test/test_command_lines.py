@@ -119,6 +119,8 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).symlink_to(ROOT / name)
     for name in OWN_CONFIGURATIONS:
         shutil.copy(ROOT / 'launch_configs' / 'reference_bearing.yaml', folder / name)
+    log = 'time,speed [rpm],load [N]\n0,60,1000\n1,59,1000\n2,58,1000\n'
+    (folder / 'voyage.csv').write_text(log)
     for name in ('coast_down', 'history_above'):
         shutil.copytree(ROOT / 'bags' / name, folder / 'archive' / name)
     scene = ROOT / 'launch_configs' / 'scenes' / 'bistable_knock.yaml'

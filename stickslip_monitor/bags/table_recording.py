@@ -153,7 +153,7 @@ class TableRecording:
         return {
             column.heading: TopicInfo(
                 column.heading,
-                f'column [{column.unit or "?"}]',
+                _kind(column),
                 self.table.line_count,
                 'table',
                 '',
