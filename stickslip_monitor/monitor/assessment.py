@@ -18,12 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.monitor.ladder import SentenceEnum
-from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
 from stickslip_monitor.physics.probability import Belief
 
+TABLE_ERROR = 1e-6
+"""More than the error of a table of Stribeck's averaged fold, which is 1e-8 at most."""
 # Points from which on a table of the exact fold pays.
 _FEW = 64
 
@@ -319,6 +321,8 @@ def assess(
     load: ArrayLike,
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
+    *,
+    sums: bool = False,
 ) -> Assessment:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
@@ -328,6 +332,8 @@ def assess(
         load: Bearing load ``N`` [N]; broadcasts with ``speed``.
         belief: What makes probabilities of them, if anything does.
         table: The bearing's boundaries over the load, where they are known; many points take one.
+        sums: Whether only sums over the points are wanted: outcomes are the same, but the averaged
+            fold of Stribeck's law is read off the table, to 1e-8 in place of the last bit.
 
     Returns:
         The assessment, of numbers for numbers, else of arrays of the broadcast shape. It never
@@ -337,13 +343,13 @@ def assess(
     if table is None and v.size > _FEW:
         table = known_table(bearing)
     with np.errstate(all='ignore'):
-        columns = in_blocks(partial(_judge, bearing, table), v, n)
+        columns = in_blocks(partial(_judge, bearing, table, sums), v, n)
     stored = (restore(part, shape) for part in (v, n, *columns))
     return _of(stored, bearing, _belief=belief)
 
 
 def _judge(
-    bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
+    bearing: Bearing, table: BoundaryTable | None, sums: bool, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
     law = bearing.friction
@@ -352,10 +358,17 @@ def _judge(
     q = damping_per_load(bearing.damping, load)
     # Speed and load come in turns as a rule, so that a load is met twice.
     first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
-    hopf, fold = solver.boundaries(law, q[first])
+    read = sums and table is not None and solver is closed_form
+    if read and table is not None:
+        hopf, fold = solver.hopf_speed(law, q[first]), table.averaged(load[first])
+    else:
+        hopf, fold = solver.boundaries(law, q[first])
     exact = exact_fold_speed(bearing, load[first]) if table is None else table.exact(load[first])
     times = np.diff(np.append(first, load.size))
     hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
+    if read:
+        near = np.flatnonzero(np.abs(size - fold) <= TABLE_ERROR * fold)
+        fold[near] = solver.boundaries(law, q[near])[1]
     code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
     # A law with several ranges of speed is quiet between them, as averaging finds.
     cycle = solver.has_cycle(law, size, q, fold) | ((size < exact) & ~(size < fold))

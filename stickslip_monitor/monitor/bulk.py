@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor import rule, rule_level
-from stickslip_monitor.monitor.assessment import Assessment
+from stickslip_monitor.monitor.assessment import Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Unknown
 from stickslip_monitor.monitor.rule_state import (
@@ -77,6 +77,12 @@ class Scan:
         """The models' assessments of the points, of arrays of shape (n,)."""
         table = self.settings.boundaries
         return assessed(self.config, table, self.speed, self.load, self.chances.T)
+
+    @cached_property
+    def summed(self) -> Assessment:
+        """The same for sums over the points, which need no last bit."""
+        own, table = self.config, self.settings.boundaries
+        return assess(own.bearing, self.speed, self.load, own.belief, table, sums=True)
 
     def part(self, points: IndexArray, samples: slice, events: Sequence[int]) -> Scan:
         """Some of the points, samples and events; the counts stay those of all."""

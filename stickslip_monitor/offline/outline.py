@@ -17,6 +17,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.assessment import (
     AT_REST,
     REGIMES,
+    TABLE_ERROR,
     Assessment,
     Regime,
     assess,
@@ -25,7 +26,7 @@ from stickslip_monitor.monitor.assessment import (
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.verdict import Event, assessed
 
 _MOST = 600
 _BISTABLE, _UNSTABLE = REGIMES.index(Regime.BISTABLE), REGIMES.index(Regime.UNSTABLE)
@@ -260,26 +261,31 @@ class Worst:
 
     def take(self, scan: Scan) -> None:
         """Take the next part of the verdicts on one bearing."""
-        points = scan.assessment
+        points = scan.summed
         # At rest nothing slides: its margin of -1 would be the worst of every voyage.
         moving = np.flatnonzero(points.outcome_code != AT_REST)
-        self._take('hopf_margin', scan, moving, points.hopf_margin[moving])
-        self._take('fold_margin', scan, moving, points.fold_margin[moving])
+        for name in ('hopf_margin', 'fold_margin'):
+            margin = getattr(points, name)[moving]
+            least = margin[np.isfinite(margin)].min(initial=math.inf)
+            # What the error of the table leaves open is worked out to the last bit.
+            close = margin <= least + TABLE_ERROR * (1.0 + abs(least))
+            self._take(name, scan, moving[close & (least < math.inf)])
         # One that dies out beyond the fold has no amplitude any more.
         exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
         rows = np.flatnonzero(scan.sticking & exists)
         if rows.size:
             rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
-            self._take('amplitude', scan, rows, at_indices(points, rows).amplitude_exact, -1)
+            self._take('amplitude', scan, rows, -1)
 
-    def _take(
-        self, name: str, scan: Scan, rows: IndexArray, values: FloatArray, sign: int = 1
-    ) -> None:
-        """Take values of some rows; the least is the worst, with the other sign the greatest."""
+    def _take(self, name: str, scan: Scan, rows: IndexArray, sign: int = 1) -> None:
+        """Take some rows; the least value is the worst, with the other sign the greatest."""
+        table = scan.settings.boundaries
+        speed, load, chances = scan.speed[rows], scan.load[rows], scan.chances[rows].T
+        points = assessed(scan.config, table, speed, load, chances)
+        values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
         badness = np.where(np.isfinite(values), sign * values, np.inf)
         least = sign * self.found[name].value if name in self.found else math.inf
         if badness.min(initial=math.inf) < least:
             i = int(badness.argmin())
-            k = int(rows[i])
-            point = at_indices(scan.assessment, k)
-            self.found[name] = Extreme(int(scan.time_ns[k]), float(values[i]), point)
+            time_ns, value = int(scan.time_ns[rows[i]]), float(values[i])
+            self.found[name] = Extreme(time_ns, value, at_indices(points, i))

@@ -48,10 +48,17 @@ class BoundaryTable:
     step: float
     pieces: FloatArray
 
+    def averaged(self, load: FloatArray) -> FloatArray:
+        """The averaged fold at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
+        return self._read(0, load)
+
     def exact(self, load: FloatArray) -> FloatArray:
-        """The exact fold at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
+        """The exact fold, as the averaged one."""
+        return self._read(1, load)
+
+    def _read(self, which: int, load: FloatArray) -> FloatArray:
         place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
-        pieces = self.pieces[1]
+        pieces = self.pieces[which]
         most = float(len(pieces))
         inside = np.clip(np.nan_to_num(place, nan=0.0), 0.0, most)
         k = np.minimum(inside.astype(np.intp), len(pieces) - 1)
