@@ -197,6 +197,9 @@ def inputs_sentences() -> list[str]:
     found = [
         replace(facts, without_clock=True),
         replace(facts, publishers=()),
+        replace(facts, publishers=(), gone='/n'),
+        replace(facts, undecodable=True),
+        replace(facts, publishers=(replace(one, latched=True),)),
         replace(facts, publishers=(Publisher('/a', 'U'),)),
         replace(facts, publishers=(Publisher('/a', 'T', 'DEADLINE'),)),
         facts,

@@ -66,13 +66,15 @@ class InputFacts:
     behind: float = 0.0  # how far its stamps are behind their arrival [s]
     stuck: bool = False  # its value has not changed for minutes, which only a level may not
     source: str = ''  # what its samples show of their source, see .source_faults
+    undecodable: bool = False  # its latest message could not be decoded
+    gone: str = ''  # who published on the topic before and does no longer
 
 
 def input_fault(facts: InputFacts) -> str:
     """The sentence on an input, the most fundamental fault first; empty where there is none."""
     topic, publishers = facts.topic, facts.publishers
     if facts.without_clock:
-        return 'use_sim_time is set, but nothing comes on /clock: no sample can be used.'
+        return 'use_sim_time is set, but nothing comes on /clock: no input can be used.'
     if facts.lost and (fault := _sender_fault(facts)):
         return fault
     if facts.share >= MOSTLY and facts.reason is not None:
@@ -81,14 +83,13 @@ def input_fault(facts: InputFacts) -> str:
             f' {STATUS_SENTENCES[facts.reason]}.'
         )
     if facts.lost and not facts.receiving:
-        if not publishers:
-            return f'No messages on {topic}.'
-        return f'{publishers[0].node} publishes on {topic}, but nothing arrives.'
+        return _silence(facts)
     if facts.stuck:
         return f'The level on {topic} never changes: its sensor is stuck.'
-    if publishers and len(publishers) > 1:
-        names = ', '.join(sorted({publisher.node for publisher in publishers}))
-        return f'{len(publishers)} publishers send on {topic} ({names}): their values are mixed.'
+    heard = [one for one in publishers or () if one.type == facts.type and not one.qos_fault]
+    if len(heard) > 1:
+        names = ', '.join(sorted({publisher.node for publisher in heard}))
+        return f'{len(heard)} publishers send on {topic} ({names}): their values are mixed.'
     if facts.source:
         return f'On {topic}, {facts.source}.'
     if facts.receiving and abs(facts.behind) > NEAR * 1e-9:
@@ -102,24 +103,48 @@ def input_fault(facts: InputFacts) -> str:
 
 def _sender_fault(facts: InputFacts) -> str:
     """Why no valid value can come from those who publish on the topic."""
-    topic = facts.topic
-    if facts.publishers is not None:
-        right = [publisher for publisher in facts.publishers if publisher.type == facts.type]
-        if not facts.publishers:
-            return f'No publisher on {topic}.'
-        if not right:
-            wrong = facts.publishers[0]
-            return (
-                f'{wrong.node} publishes {wrong.type} on {topic}, but {facts.type} is configured.'
-            )
-        if all(publisher.qos_fault for publisher in right):
-            return (
-                f'The quality of service of {right[0].node} on {topic} does not match:'
-                f' {right[0].qos_fault}.'
-            )
+    if facts.undecodable:
+        return (
+            f'Messages on {facts.topic} cannot be decoded: its sender has another definition of'
+            f' {facts.type}.'
+        )
+    if facts.publishers is not None and (fault := _connection_fault(facts, facts.publishers)):
+        return fault
     if facts.refused is None:
         return ''
-    return f'Every sample on {topic} is refused: {STATUS_SENTENCES[facts.refused]}.'
+    return f'Every sample on {facts.topic} is refused: {STATUS_SENTENCES[facts.refused]}.'
+
+
+def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str:
+    """Why nobody who publishes on the topic is connected."""
+    topic = facts.topic
+    if not publishers:
+        gone = f': {facts.gone}, which published on it, has gone' if facts.gone else ''
+        return f'No publisher on {topic}{gone}.'
+    right = [publisher for publisher in publishers if publisher.type == facts.type]
+    if not right:
+        wrong = publishers[0]
+        return f'{wrong.node} publishes {wrong.type} on {topic}, but {facts.type} is configured.'
+    if all(publisher.qos_fault for publisher in right):
+        return (
+            f'The quality of service of {right[0].node} on {topic} does not match:'
+            f' {right[0].qos_fault}.'
+        )
+    return ''
+
+
+def _silence(facts: InputFacts) -> str:
+    """That nothing comes, though nothing speaks against it."""
+    topic, publishers = facts.topic, facts.publishers
+    if not publishers:
+        return f'No messages on {topic}.'
+    text = f'{publishers[0].node} publishes on {topic}, but nothing arrives'
+    if not any(publisher.latched for publisher in publishers):
+        return f'{text}.'
+    return (
+        f'{text}: a value that was published once is kept for those who ask for durability'
+        ' transient_local and reliability reliable (qos_overrides).'
+    )
 
 
 class Graph:
@@ -197,6 +222,7 @@ class InputWatch:
             for name, bearing in bearings.items()
         }
         self._publishers: dict[str, Sequence[Publisher] | None] = {}
+        self._seen: dict[str, str] = {}  # who published on a topic when somebody last did
         self._looks = 0
         self._lost = False
 
@@ -244,12 +270,13 @@ class InputWatch:
         if self._lost or self._looks % _GRAPH_PERIOD == 0:
             self._publishers.clear()
         self._lost = False
-        return [
+        found = [
             (name, track.reported)
             for name, tracks in self._tracks.items()
             for place, track in enumerate(tracks)
             if self._look_at(name, place, track, now_ns, without_clock)
         ]
+        return list(dict.fromkeys(found))  # that /clock is silent holds for all inputs
 
     def _look_at(
         self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool
@@ -271,7 +298,9 @@ class InputWatch:
         timeout, odd = source.timeout_ns * 1e-9, track.source.standing(now_ns)
         lately = _grown(track.last, track.marks[0][1]) if track.marks else ()
         if source.topic not in self._publishers:
-            self._publishers[source.topic] = self._graph.publishers(source.topic)
+            publishers = self._publishers[source.topic] = self._graph.publishers(source.topic)
+            if publishers:
+                self._seen[source.topic] = publishers[0].node
         return InputFacts(
             topic=source.topic,
             type=source.type,

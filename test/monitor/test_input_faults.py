@@ -21,7 +21,7 @@ LOST = replace(FINE, lost=True, receiving=False)
         (replace(FINE, behind=1.0), ''),
         (
             replace(LOST, without_clock=True, publishers=[]),
-            'use_sim_time is set, but nothing comes on /clock: no sample can be used.',
+            'use_sim_time is set, but nothing comes on /clock: no input can be used.',
         ),
         (replace(LOST, publishers=[]), 'No publisher on /speed.'),
         (
@@ -47,6 +47,23 @@ LOST = replace(FINE, lost=True, receiving=False)
             ' late messages, or another clock.',
         ),
         (LOST, '/plc publishes on /speed, but nothing arrives.'),
+        (
+            replace(LOST, publishers=[replace(PLC, latched=True)]),
+            '/plc publishes on /speed, but nothing arrives: a value that was published once is'
+            ' kept for those who ask for durability transient_local and reliability reliable'
+            ' (qos_overrides).',
+        ),
+        (
+            replace(LOST, publishers=[], gone='/plc'),
+            'No publisher on /speed: /plc, which published on it, has gone.',
+        ),
+        (
+            replace(LOST, undecodable=True),
+            f'Messages on /speed cannot be decoded: its sender has another definition of {FLOAT}.',
+        ),
+        # What can never connect mixes no values.
+        (replace(FINE, publishers=[PLC, replace(OTHER, type='std_msgs/msg/Float32')]), ''),
+        (replace(FINE, publishers=[PLC, replace(OTHER, qos_fault='deadline')]), ''),
         (
             replace(FINE, share=29 / 30, reason=Status.NOT_FINITE),
             '97% of the samples on /speed are refused, most because: not a finite number.',

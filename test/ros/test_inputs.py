@@ -248,6 +248,7 @@ def test_messages_that_wait_tell_what_they_tell_one_by_one(
 
 JOINT = 'sensor_msgs/msg/JointState'
 COVARIANCE = 'magnetic_field_covariance'
+VECTOR = 'geometry_msgs/msg/Vector3'
 
 
 @pytest.mark.parametrize(
@@ -280,8 +281,8 @@ COVARIANCE = 'magnetic_field_covariance'
             f"aft.speed.field '{COVARIANCE}[9]': index 9 is outside double[9]",
         ),
         (
-            {'load.topic': 'shaft/speed', 'load.type': 'std_msgs/msg/Float32'},
-            "aft.load.type = 'std_msgs/msg/Float32' must be the same as aft.speed.type ="
+            {'load.topic': 'shaft/speed', 'load.type': VECTOR, 'load.field': 'x'},
+            f"aft.load.type = '{VECTOR}' must be the same as aft.speed.type ="
             " 'std_msgs/msg/Float64': both are read from shaft/speed",
         ),
         (

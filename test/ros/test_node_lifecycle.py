@@ -128,3 +128,37 @@ def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
     text = 'ZeroDivisionError: float division by zero (test_node_lifecycle'
     assert re.match(rf'1 callback failed, last at [\d:]+ UTC: {re.escape(text)}', health.message)
     assert f'[error] a callback failed and is survived: {text}' in monitor.output
+
+
+def test_deactivation_under_load_leaves_nothing_behind(host: Any) -> None:
+    """Messages wait at every transition; a callback that fails is counted."""
+    monitor = host(kit.parameters())
+    talk = [monitor.talk('shaft/speed'), monitor.talk('aft/load')]
+    for _ in range(20):
+        for value in (60.0, 1000.0) * 5:
+            for each in talk:
+                each(value)
+            monitor.peer.executor.spin_once(timeout_sec=0.0)
+        assert monitor.go('deactivate')
+        monitor.peer.spin(0.02)
+        assert monitor.go('activate')
+    monitor.peer.spin(0.2)
+    assert monitor.node.health.failures == 0
+    assert monitor.node.health.lost == 0
+
+
+def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host: Any) -> None:
+    from std_srvs.srv import Trigger
+
+    monitor = host(kit.parameters())
+    health = monitor.node.health
+    assert monitor.set(aft__alarm__on_delay=5.0) == [(True, '')]
+    assert health.message == (
+        'Changed over ROS and not acknowledged: aft.alarm.on_delay from 2.0 to 5.0.'
+    )
+    assert health.level == 1
+    assert monitor.set(aft__alarm__on_delay=2.0) == [(True, '')]
+    assert health.message == 'Monitoring.'
+    assert monitor.set(aft__load__timeout=50.0) == [(True, '')]
+    monitor.peer.call(Trigger, monitor.name('acknowledge'))
+    assert health.message == 'Monitoring.'

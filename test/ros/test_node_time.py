@@ -121,7 +121,7 @@ def test_inputs_never_received(host: Any, simulated: bool) -> None:
     assert event['regime'] is None
     if simulated:
         assert event['text'].endswith(
-            'use_sim_time is set, but nothing comes on /clock: no sample can be used.'
+            'use_sim_time is set, but nothing comes on /clock: no input can be used.'
         )
 
 
