@@ -138,7 +138,7 @@ def test_the_readme_says_how_far_averaging_can_be_off() -> None:
     """Its figures are those of the exact cycle, which 40-digit references hold to 1e-6."""
     text = ' '.join((ROOT / 'README.md').read_text('utf-8').split())
     bearing = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml').bearings[0].bearing
-    (far, near) = re.findall(r'([\d.]+) times(?: that amplitude)? at (\d+) rpm', text)
+    (far, near) = re.findall(r'([\d.]+) \((\d+) rpm\)', text)
     for factor, rpm in (far, near):
         point = assess(bearing, float(bearing.speed.to_surface(float(rpm), 'rpm')), 10_000.0)
         assert f'{point.amplitude_exact / point.amplitude:.1f}' == factor

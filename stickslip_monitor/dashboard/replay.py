@@ -11,6 +11,7 @@ from heapq import merge
 from typing import Any, NamedTuple
 
 from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import Series
 from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
@@ -19,6 +20,7 @@ from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.offline.check import requests_of
+from stickslip_monitor.offline.input_check import bound_to
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01
@@ -55,9 +57,13 @@ class Replay:
     ) -> None:
         if not (math.isfinite(rate) and rate > 0.0):
             raise ConfigurationError(f'--rate {rate:g} must be a number above 0')
-        self._config, self._rate, self._board = config, rate, board
+        recording = open_bag(path)
+        bound = bound_to(recording, config)
+        for text in bound.absent.values():
+            raise BagError(text)
+        self._config, self._rate, self._board = bound.config, rate, board
         (self._shown,) = board.monitors
-        self._samples = list(_samples(path, config))
+        self._samples = list(_samples(recording, bound.config))
         if not self._samples:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
         self._start_ns = self._samples[0].log_ns
@@ -176,14 +182,14 @@ class Replay:
         }
 
 
-def _samples(path: str, config: MonitorConfig) -> Iterator[_Sample]:
+def _samples(recording: Recording, config: MonitorConfig) -> Iterator[_Sample]:
     """The numbers of a recording in its order."""
     sources = [
         (bearing.name, place, request)
         for bearing in config.bearings
         for place, request in zip(Input, requests_of(bearing), strict=False)
     ]
-    series = open_bag(path).read({request for *_, request in sources})
+    series = recording.read({request for *_, request in sources})
     own = [_column(name, place, series[request]) for name, place, request in sources]
     return merge(*own, key=lambda sample: sample.number)
 
