@@ -12,7 +12,7 @@ from sending import SECOND, brief, feed
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.ladder import LADDER, Condition
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.signals import NO_VALUES, Status
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
@@ -306,3 +306,75 @@ def test_below_the_range_stick_slip_ends(configure: Configure) -> None:
     assert 'Stay below 9.9' in text
     assert 'or go above 49.9 rpm' in text
     assert 'fold margin' not in text
+
+
+@pytest.mark.parametrize('number', NO_VALUES)
+def test_a_number_that_means_no_value_hides_no_stick_slip(
+    configure: Configure, number: float
+) -> None:
+    """As it stands in the message, whatever scale and offset make of it; as NaN it is lost."""
+    monitor = Monitor(configure(speed__scale=0.1, speed__maximum=1e9, load__minimum=-1e9))
+    for k in range(60):
+        feed(monitor, k / 2, 'speed', 10.0 * UNSTABLE)
+        feed(monitor, k / 2, 'load', 1000.0)
+    assert monitor.condition('aft') is Condition.STICK_SLIP
+    updates = [feed(monitor, 30.0 + k, 'speed', number) for k in range(4)]
+    assert {update.status for update in updates} == {Status.NO_VALUE}
+    assert monitor.condition('aft') is Condition.STICK_SLIP
+    events = monitor.advance(60 * SECOND)
+    assert [brief(event)[2] for event in events] == ['input_stale']
+    assert feed(monitor, 61.0, 'load', number).status is Status.NO_VALUE
+
+
+def test_single_precision_changes_no_meaning(configure: Configure) -> None:
+    for number in NO_VALUES:
+        update = feed(Monitor(configure()), 0.0, 'speed', float(np.float32(number)))
+        assert update.status is Status.NO_VALUE
+
+
+def test_what_no_ship_has_is_not_judged(configure: Configure) -> None:
+    """A speed above 3000 rpm, and a load below zero unless its sensor may show one."""
+    monitor = Monitor(configure())
+    found = [feed(monitor, k, 'speed', rpm).status for k, rpm in enumerate([2990.0, -3010.0])]
+    assert found == [Status.ACCEPTED, Status.IMPLAUSIBLE]
+    assert feed(monitor, 3.0, 'load', -44e3).status is Status.BELOW_MINIMUM
+    signed = Monitor(configure(load__minimum=-50e3))
+    assert feed(signed, 3.0, 'load', -44e3).status is Status.ACCEPTED
+
+
+@pytest.mark.parametrize('off', [-3600.0, -2.0, 0.3, 3600.0])
+def test_a_stamp_far_from_its_arrival_is_not_the_time_of_a_value(
+    configure: Configure, off: float
+) -> None:
+    monitor = Monitor(configure())
+    feed(monitor, 100.0 + off, 'speed', QUIET, arrival=100.0)
+    update = feed(monitor, 100.5 + off, 'load', 1000.0, arrival=100.5)
+    assert update.verdict is not None
+    assert update.verdict.time_ns == round(100.5 * SECOND)
+
+
+def test_a_near_stamp_is_the_time_of_a_value(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    feed(monitor, 100.0, 'speed', QUIET, arrival=100.4)
+    update = feed(monitor, 100.2, 'load', 1000.0, arrival=101.2)
+    assert update.verdict is not None
+    assert update.verdict.time_ns == round(100.2 * SECOND)
+
+
+def test_an_equal_stamp_is_a_copy_with_an_equal_value_only(configure: Configure) -> None:
+    monitor = Monitor(configure())
+    sent = [(10.0, 60.0), (10.0, 60.0), (10.0, 61.0), (10.0, 60.0)]
+    found = [
+        feed(monitor, stamp, 'speed', rpm, arrival=10.1 + k).status
+        for k, (stamp, rpm) in enumerate(sent)
+    ]
+    assert found == [Status.ACCEPTED, Status.REPEATED, Status.ACCEPTED, Status.ACCEPTED]
+
+
+def test_what_the_latest_value_ends_is_not_begun(configure: Configure) -> None:
+    """Two values at 20 rpm a second apart, then rest: the medians say 20 rpm once more."""
+    monitor = Monitor(configure())
+    events = []
+    for k, rpm in enumerate([QUIET, QUIET, UNSTABLE, UNSTABLE, 0.0, 0.0, 0.0, 0.0]):
+        events += _point(monitor, float(k), rpm)
+    assert 'stick_slip' not in {after for _, _, after in events}

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is remembered of a bearing survives a restart, and nothing damaged is taken for it."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields
+from typing import Any
+
+import pytest
+from sending import configured, every
+
+from stickslip_monitor import Monitor, Sample
+from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
+from stickslip_monitor.monitor.signals import INPUTS, Input
+
+
+def _sticking() -> dict[str, Any]:
+    """The memory after half a minute at 20 rpm, as JSON."""
+    monitor = Monitor(configured())
+    messages = every(Input.SPEED, 0.2, 30.0, 20.0) + every(Input.LOAD, 0.2, 30.0, 1000.0)
+    for message in sorted(messages):
+        time_ns = round(message.stamp * 1e9)
+        monitor.update(Sample('aft', INPUTS[message.place], time_ns, message.value))
+    return json.loads(json.dumps(monitor.bearings['aft'].state.record()))
+
+
+def test_it_survives_json_a_copy_and_a_row() -> None:
+    kept = _sticking()
+    state = State.of_record(kept)
+    assert state.sticking == 1
+    for other in (state.copy(), State.of_row(state.row()[0]), State.of_record(kept)):
+        assert repr(other) == repr(state)
+    assert state.copy().count is not state.count
+
+
+def test_it_is_below_64_numbers() -> None:
+    assert STATE_TYPE.itemsize < 64 * 8
+
+
+@pytest.mark.parametrize('name', [each.name for each in fields(State)])
+@pytest.mark.parametrize(
+    'damage', ['text', True, 2**63, -(2**63), math.inf, [], [1, 2, 3, 4], {}, 1e300, -1e300]
+)
+def test_what_is_out_of_its_range_is_refused_by_name(name: str, damage: Any) -> None:
+    with pytest.raises(ValueError, match=f'^{name} = '):
+        State.of_record(_STICKING | {name: damage})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [('vibrating', 3), ('course', -1), ('raised', 32), ('sticking', 2), ('can', 1.5),
+     ('growth', -1.0), ('still', -1)],
+)  # fmt: skip
+def test_a_value_of_no_meaning_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f'^{name} = {value!r} must be from'):
+        State.of_record(_STICKING | {name: value})
+
+
+def test_a_missing_part_is_refused() -> None:
+    with pytest.raises(ValueError, match=r'^sticking = None must be'):
+        State.of_record({key: own for key, own in _STICKING.items() if key != 'sticking'})
+
+
+def test_the_memory_of_0_2_0_is_taken_over() -> None:
+    """It had three parts of a stamp that waits, and no background, shift or count of onsets."""
+    gone = ('shift', 'onsets', 'borne', 'still', 'background', 'high_for', 'doubt', 'heard')
+    old = {key: own for key, own in _STICKING.items() if key not in gone}
+    old |= {'came': [0, 0], 'odd': [NEVER] * 3, 'agreed': [0, 0, 0], 'spell': NEVER, 'unsure': 0.0}
+    state = State.of_record(old)
+    assert (state.sticking, state.raised) == (_STICKING['sticking'], _STICKING['raised'])
+    assert state.value == _STICKING['value']
+    assert (state.shift, state.heard, len(state.came)) == (0, 0, 3)
+    with pytest.raises(ValueError, match=r'^raised = 99 must be'):
+        State.of_record(old | {'raised': 99})
+
+
+_STICKING = _sticking()
