@@ -313,7 +313,7 @@ def test_a_number_that_means_no_value_hides_no_stick_slip(
     configure: Configure, number: float
 ) -> None:
     """As it stands in the message, whatever scale and offset make of it; as NaN it is lost."""
-    monitor = Monitor(configure(speed__scale=0.1, speed__maximum=1e9, load__minimum=-1e9))
+    monitor = Monitor(configure(speed__scale=0.1))
     for k in range(60):
         feed(monitor, k / 2, 'speed', 10.0 * UNSTABLE)
         feed(monitor, k / 2, 'load', 1000.0)
@@ -378,3 +378,17 @@ def test_what_the_latest_value_ends_is_not_begun(configure: Configure) -> None:
     for k, rpm in enumerate([QUIET, QUIET, UNSTABLE, UNSTABLE, 0.0, 0.0, 0.0, 0.0]):
         events += _point(monitor, float(k), rpm)
     assert 'stick_slip' not in {after for _, _, after in events}
+
+
+def test_a_stop_warns_before_the_range_that_it_goes_through(configure: Configure) -> None:
+    """From 120 rpm by 8 rpm/s: within 20 s it is astern, on the other side of the range."""
+    monitor = Monitor(configure())
+    events = [
+        event
+        for k in range(300)
+        for event in _point(monitor, k / 10, max(0.0, 120.0 - 0.8 * max(0, k - 200)))
+    ]
+    time, _, after = events[0]
+    assert after == 'caution'
+    # It would be within a fifth of the fold, at 48.9 rpm, 8.9 s after it began to slow down.
+    assert 20.0 < time < 26.0
