@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
@@ -11,6 +13,8 @@ from stickslip_monitor.arrays import IntArray
 # lines that came late.
 _STEP_GAPS, _STEP_NS = 2.5, 10**9
 
+# Messages at least on both sides of a step, and how far behind the last one the next is put [ns].
+_LEAST, _BEHIND_NS = 20, 10**7
 # The years 2001 to 2099 [ns].
 _DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
 # Messages of a topic a second that no telemetry has.
@@ -71,8 +75,43 @@ class StepClock:
 
     def sentence(self, whose: str) -> str:
         """That the clock of somebody was set back, and what is made of it."""
-        times = 'once' if len(self.steps_ns) == 1 else f'{len(self.steps_ns)} times'
-        return (
-            f'the clock {whose} was set back {times}, by {max(self.steps_ns) * 1e-9:.6g} s at'
-            ' most: what follows is taken to go on behind what was before'
-        )
+        return set_back(whose, self.steps_ns)
+
+
+def set_back(whose: str, steps_ns: Sequence[int]) -> str:
+    """That the clock of somebody was set back by some times, and what is made of it."""
+    times = 'once' if len(steps_ns) == 1 else f'{len(steps_ns)} times'
+    return (
+        f'the clock {whose} was set back {times}, by {max(steps_ns) * 1e-9:.6g} s at most: what'
+        ' follows is taken to go on behind what was before'
+    )
+
+
+class BlockSteps:
+    """Steps back of a recorder's clock inside of blocks, which are read by their starts.
+
+    A step counts where the messages before it and those behind it go on in time, and it leads to a
+    time that the recording had before: else blocks may have been written in no order of time.
+    """
+
+    def __init__(self, start_ns: int) -> None:
+        self._start_ns = start_ns
+        self._steps: list[tuple[int, int]] = []
+        self.steps_ns: list[int] = []
+
+    def follow(self, number: int, time_ns: IntArray) -> IntArray:
+        """The times of messages of the block of a number, as they go on [ns], shape (n,)."""
+        shifted = time_ns + sum(shift for at, shift in self._steps if at < number)
+        back = np.flatnonzero(np.diff(time_ns) < -_STEP_NS)
+        if back.size != 1:
+            return shifted
+        k = int(back[0]) + 1
+        before, behind = time_ns[:k], time_ns[k:]
+        step = int(before.max()) - int(behind[0])
+        is_set = min(before.size, behind.size) >= _LEAST and int(behind.min()) > self._start_ns
+        if not is_set or int(behind.max()) > int(before.max()) - _STEP_NS:
+            return shifted
+        self._steps.append((number, step + _BEHIND_NS))
+        self.steps_ns.append(step)
+        shifted[k:] += step + _BEHIND_NS
+        return shifted

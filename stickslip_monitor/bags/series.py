@@ -22,6 +22,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.bags.blocks import Block, Piece, loading
 from stickslip_monitor.bags.cdr import FieldReader
 from stickslip_monitor.bags.contents import Contents, FilePass
+from stickslip_monitor.bags.event_order import BlockSteps, set_back
 from stickslip_monitor.bags.recording import Progress
 from stickslip_monitor.bags.values import Fault, Message, Request, Series, TimeSpans
 from stickslip_monitor.errors import BagError, plural
@@ -84,6 +85,8 @@ class Pass:
         if spans is not None:
             jobs = [j for j in jobs if spans.overlap(j.block.start_ns, j.block.end_ns)]
         self._jobs = sorted(jobs, key=lambda job: (job.block.start_ns, job.number))
+        starts = [f.start_ns for f in files if f.start_ns is not None]
+        self._steps = BlockSteps(min(starts, default=0))
 
     def _keys(self, file: Contents) -> list[int]:
         """The channels of the topics in a file."""
@@ -124,6 +127,9 @@ class Pass:
                 limit = most + 2 * size
         if waiting:
             yield from _some(_in_order(waiting))
+        if self._steps.steps_ns:
+            text = set_back('of the recorder', self._steps.steps_ns)
+            self._ways[0].file.findings.note(text)
 
     def _loaded(self) -> Iterator[tuple[int, Callable[[], bytes]]]:
         """Go through the blocks: place of each in the order of time, and what gives its data."""
@@ -157,6 +163,7 @@ class Pass:
                     chosen.append((self.numbers[channel.topic], channel, rows))
             if not chosen:
                 continue
+            piece.log_time_ns = self._steps.follow(job.number, piece.log_time_ns)
             columns = columns_of(job, piece, chosen)
             if job.way.is_over:
                 break
