@@ -45,6 +45,7 @@ class Kind:
     lag: tuple[float, float] = (0.1, 1.0)  # of the tachometer [s]
     drift: float = 0.0  # by how much ln q rises from passage to passage
     spread: float = 0.25  # loads are within this share of the middle
+    wrong: float = 0.0  # the damping of the drawing over the true one, where it is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,7 @@ class Sent:
     load: Array  # shape (n,) [N]
     level: Array  # shape (n,) [dB]
     episodes: tuple[tuple[float, float], ...]  # first and last second of sticking
+    true_load: float  # what the lining carries, its own scatter too [N]
 
 
 def _law(number: int, random: np.random.Generator) -> FrictionLaw:
@@ -114,6 +116,7 @@ def make_ships(count: int, random: np.random.Generator, kind: Kind) -> list[Ship
         stiffness = mass * random.uniform(120.0, 260.0) ** 2
         drawn = Bearing(mass, damping, stiffness, law, random.choice([0.1, 0.3, 0.5]))
         c, fall, decay = np.exp(random.standard_normal(3) * (kind.damping, kind.fall, kind.decay))
+        c = 1.0 / kind.wrong if kind.wrong else c
         true = replace(drawn, damping=damping * c, friction=_other(law, fall, decay))
         onset = damping / (0.2 * 10.0)
         load = onset * random.uniform(3.0, 12.0)
@@ -170,7 +173,7 @@ def sail(
         course = (top[j], rate[j], turn[j], stay[j])
         size = amplitude[j][: int(length[j] / (_STEP * _KEPT))]
         made[who[j]].append(
-            _sent(ships[who[j]], size, course, load[j], int(number[j]), random, kind)
+            _sent(ships[who[j]], size, course, (load[j], factor[j]), int(number[j]), random, kind)
         )
     return made
 
@@ -245,12 +248,12 @@ def _sent(
     ship: Ship,
     over: Array,
     course: tuple[float, ...],
-    load: float,
+    loads: tuple[float, float],
     number: int,
     random: np.random.Generator,
     kind: Kind,
 ) -> Sent:
-    step = _STEP * _KEPT
+    step, (load, factor) = _STEP * _KEPT, loads
     t = np.arange(over.size) * step
     v = _speed_at(t, *(np.asarray(each) for each in course))
     seen = _lagged(v, ship.lag, step) * (1.0 + 0.004 * random.standard_normal(t.size))
@@ -264,4 +267,5 @@ def _sent(
     begin = 1e4 * number + 1e3
     episodes = tuple((begin + a * step, begin + b * step) for a, b in stuck.tolist())
     part = slice(int(random.integers(every)), None, every)
-    return Sent(begin + t[part], seen[part], measured[part], decibels[part], episodes)
+    true = load * factor
+    return Sent(begin + t[part], seen[part], measured[part], decibels[part], episodes, true)
