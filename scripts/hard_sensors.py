@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks.voyages import Sent
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.lab.voyages import Sent
 from stickslip_monitor.monitor.signals import LEVEL, Stream
 
 Spoil = Callable[[Sent, np.random.Generator], Sent]

@@ -19,11 +19,8 @@ import numpy as np
 from hard_sensors import LEVELS, STAMPS
 from trade_off import Curve, TradeOff, draw_trade_offs
 
-from stickslip_monitor.commands.score import RULES, judge_all
-from stickslip_monitor.drawing.canvas import save_figure
-from stickslip_monitor.lab.scenes.scene import load_scene
-from stickslip_monitor.lab.truth import TruthRecord
-from stickslip_monitor.lab.voyages import (
+from benchmarks.score import RULES, judge_all
+from benchmarks.voyages import (
     BELOW_FOLD,
     BELOW_HOPF,
     OURS,
@@ -34,13 +31,16 @@ from stickslip_monitor.lab.voyages import (
     cases_of,
     output_of,
 )
-from stickslip_monitor.lab.warning_quality import (
+from benchmarks.warning_quality import (
     FIGURES,
     Quality,
     pooled,
     quality_of,
     written,
 )
+from stickslip_monitor.drawing.canvas import save_figure
+from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds
 from stickslip_monitor.offline.archive import core_count, run_in_processes

@@ -17,7 +17,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 from stickslip_monitor import __version__
@@ -44,11 +44,13 @@ COMMANDS = {
     'info': 'show what a recording holds',
     'map': 'draw the stability map over speed and load',
     'play': 'publish a bag to ROS 2, with /clock',
-    'score': 'judge the warnings over simulated bags by the truth',
     'simulate': 'make a bag from a scene file',
     'watch': "watch bearings on the ship's own buses, Signal K and NMEA 0183",
 }
 
+PACKAGE = 'stickslip_monitor.commands'
+# For one version: where commands went that no user of a ship calls.
+_MOVED = {'score': '`python -m benchmarks.score`, in the source tree'}
 
 _TOLD_TO_STOP = threading.Event()
 
@@ -106,7 +108,9 @@ class _Parser(argparse.ArgumentParser):
         raise ConfigurationError(f'{message} (see {self.prog} --help)')
 
 
-def _parser(asked: str | None) -> argparse.ArgumentParser:
+def _parser(
+    asked: str | None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
+) -> argparse.ArgumentParser:
     """The parser; only the asked command's module is imported."""
     parser = _Parser(
         prog='stickslip',
@@ -117,8 +121,8 @@ def _parser(asked: str | None) -> argparse.ArgumentParser:
     parser.add_argument('--version', action='version', version=f'stickslip {__version__}')
     _add_traceback(parser, False)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    for name, text in COMMANDS.items():
-        place = f'stickslip_monitor.commands.{name}'
+    for name, text in known.items():
+        place = f'{package}.{name}'
         module = importlib.import_module(place) if name == asked else None
         command = commands.add_parser(
             name,
@@ -142,11 +146,17 @@ def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(
+    argv: Sequence[str] | None = None,
+    known: Mapping[str, str] = COMMANDS,
+    package: str = PACKAGE,
+) -> int:
     """Run a command.
 
     Args:
         argv: Arguments without the program's name; those of the process if ``None``.
+        known: The commands, with a line about each.
+        package: Where their modules are.
 
     Returns:
         The exit code.
@@ -158,7 +168,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _heed_signals()
     _print_anything()
     try:
-        return _run(arguments)
+        return _run(arguments, known, package)
     except StickslipError as error:
         return _failed(str(error), 2)
     except BrokenPipeError:
@@ -182,7 +192,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(program_fault(error), 3)
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], known: Mapping[str, str], package: str) -> int:
     arguments = _with_negative_values(arguments)
     if '_ARGCOMPLETE' in os.environ:
         _complete()
@@ -190,10 +200,12 @@ def _run(arguments: list[str]) -> int:
     if asked == 'help':
         arguments.remove('help')
         arguments, asked = [*arguments, '--help'], _asked(arguments)
-    if asked is not None and asked not in COMMANDS:
-        hint = did_you_mean(asked, COMMANDS) or f'; there are: {", ".join(COMMANDS)}'
+    if asked in _MOVED and asked not in known:
+        raise ConfigurationError(f"command '{asked}' has moved to {_MOVED[asked]}")
+    if asked is not None and asked not in known:
+        hint = did_you_mean(asked, known) or f'; there are: {", ".join(known)}'
         raise ConfigurationError(f"command '{asked}' is not known{hint}")
-    args = _parser(asked).parse_args(arguments)
+    args = _parser(asked, known, package).parse_args(arguments)
     check_files(args)
     code: int = args.run(args)
     sys.stdout.flush()

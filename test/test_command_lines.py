@@ -31,8 +31,6 @@ APPENDED = {
     'stickslip play ': '--rate 5000',
     'stickslip dashboard ': '--port 0',
     'stickslip accuracy --picture ': '--quick',
-    'stickslip score launch_configs/scenes/': '--seeds 1',
-    'stickslip score my_scene.yaml ': '--seeds 2',
 }
 
 

@@ -64,7 +64,6 @@ def test_the_commands_that_write_declare_it() -> None:
         'fit': ['fragment', 'output', 'picture'],
         'init': ['output'],
         'map': ['output'],
-        'score': ['picture'],
     }
 
 

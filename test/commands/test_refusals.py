@@ -26,6 +26,7 @@ REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
 REFUSED = {
     # What was meant.
     'chek x': "command 'chek' is not known; did you mean 'check'?",
+    'score x': "command 'score' has moved to `python -m benchmarks.score`",
     'xyz': f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}",
     'assess --bering=a': "option '--bering=a' is not known; did you mean '--bearing'? (see"
     ' stickslip assess --help)',
@@ -66,12 +67,6 @@ REFUSED = {
         )
         for option in ('--jobs 2', '--mcap x.mcap', '--clips x')
     },
-    f'score {BAG}': '--config is missing',
-    f'score {BAG} -c own.yaml --seeds 2': '--seeds, --first-seed and --sensors are for scenes',
-    f'score {BAG} {BAG} -c own.yaml --picture a.png': '--picture shows one bearing in one bag',
-    'score scene.yaml bag': "'bag' is no scene: give either scenes (.yaml) or bags, not both",
-    'score scene.yaml -c own.yaml': '--config is for bags',
-    'score scene.yaml --picture a.png': '--picture is for bags',
     'dashboard -c own.yaml --node /port/a --node /port/b': "--node '/port/b' is in the same"
     " namespace as '/port/a'",
     'dashboard -c own.yaml -c own.yaml --node /a/m --node /b/m --node /c/m': '--config is given 2'
@@ -103,10 +98,6 @@ REFUSED = {
     "simulate '' -o x": 'scene is given an empty name',
     "dashboard -c own.yaml --bag ''": '--bag is given an empty name',
     'info own.yaml': "'own.yaml' is not an MCAP recording",
-    'score none -c own.yaml': "bag 'none' does not exist",
-    'score bare -c own.yaml': "bag 'bare' holds no truth about aft_stern: topic"
-    " '/truth/aft_stern/events' is not in it; only simulated recordings",
-    'score scene.yaml --sensors none.yaml': 'none.yaml: No such file',
     f'calibrate {BAG} -c own.yaml --bench cut.json': 'cannot be read',
     f'calibrate {BAG} -c own.yaml --add cut.json': 'is not JSON',
     f'calibrate {BAG} -c own.yaml --add other.json': "has the schema 'x/1' and must have",
@@ -194,9 +185,6 @@ def test_options_with_bounds_have_them() -> None:
         'play --loop': (1, math.inf, False),
         'play --rate': (0, math.inf, True),
         'play --wait': (0, math.inf, False),
-        'score --first-seed': (0, math.inf, False),
-        'score --jobs': (1, math.inf, False),
-        'score --seeds': (1, math.inf, False),
         'watch --port': (0, 65535, False),
     }
 

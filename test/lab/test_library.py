@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
+from benchmarks.voyages import OURS, judge_bag
+from benchmarks.warning_quality import Quality, pooled
 from stickslip_monitor.lab.scenes.scene import load_scene
-from stickslip_monitor.lab.voyages import OURS, judge_bag
-from stickslip_monitor.lab.warning_quality import Quality, pooled
 
 ROOT = Path(__file__).parents[2]
 ENTRIES: dict[str, dict[str, Any]] = json.loads(

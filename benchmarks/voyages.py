@@ -17,6 +17,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.warning_quality import (
+    Interval,
+    Quality,
+    RuleOutput,
+    merged,
+    quality_of,
+)
 from stickslip_monitor import jit
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import SceneError
@@ -27,13 +34,6 @@ from stickslip_monitor.lab.truth import (
     has_truth,
     known_truth,
     read_truth,
-)
-from stickslip_monitor.lab.warning_quality import (
-    Interval,
-    Quality,
-    RuleOutput,
-    merged,
-    quality_of,
 )
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.assessment import assess

@@ -11,10 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from sending import SECOND, configured, points
 
-from stickslip_monitor import Monitor
-from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
-from stickslip_monitor.lab.voyages import output_of, sounds_of
-from stickslip_monitor.lab.warning_quality import (
+from benchmarks.voyages import output_of, sounds_of
+from benchmarks.warning_quality import (
     Episode,
     Quality,
     RuleOutput,
@@ -24,6 +22,8 @@ from stickslip_monitor.lab.warning_quality import (
     pooled,
     quality_of,
 )
+from stickslip_monitor import Monitor
+from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event

@@ -10,6 +10,7 @@ missed or warned of too late, or if a stick-slip alarm was false.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -22,10 +23,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from stickslip_monitor.commands import options, output
-from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.scenes.scene import load_scene
-from stickslip_monitor.lab.voyages import (
+from benchmarks.voyages import (
     BELOW_FOLD,
     BELOW_HOPF,
     OURS,
@@ -35,7 +33,7 @@ from stickslip_monitor.lab.voyages import (
     judge_bag,
     judge_calls,
 )
-from stickslip_monitor.lab.warning_quality import (
+from benchmarks.warning_quality import (
     FIGURES,
     Episode,
     Quality,
@@ -44,6 +42,10 @@ from stickslip_monitor.lab.warning_quality import (
     pooled,
     written,
 )
+from stickslip_monitor.cli import main as run_command
+from stickslip_monitor.commands import options, output
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.offline.archive import core_count
 from stickslip_monitor.offline.outline import condition_intervals
 
@@ -274,3 +276,13 @@ def _drawn(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
     spells = condition_intervals(scan.events, truth.start_ns, truth.end_ns)
     title = f'{Path(voyage.scene).name}: {voyage.bearing}'
     return draw_timeline(Timeline(case.sent.config, scan, spells, truth, title))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run as a command of the package does, with its sentences and exit codes."""
+    arguments = sys.argv[1:] if argv is None else argv
+    return run_command(['score', *arguments], {'score': 'judge warnings'}, 'benchmarks')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stickslip score`` of scenes with many seeds."""
+"""``python -m benchmarks.score`` of scenes with many seeds."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import pytest
 import yaml
 from shared import ROOT
 
+from benchmarks.score import judge_all
+from benchmarks.score import main as score_main
+from benchmarks.voyages import OURS, Call, judge
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.score import judge_all
-from stickslip_monitor.lab.voyages import OURS, Call, judge
 
 CONFIGS = ROOT / 'launch_configs'
 LINING = {'lining_motion': {'disturbance': {'standard_deviation': 0.001, 'unit': 'nominal'}}}
@@ -53,7 +54,7 @@ def scene(tmp_path: Path) -> str:
 def test_json_of_two_seeds_and_two_grades(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     grades = [str(CONFIGS / 'sensors' / f'{name}.yaml') for name in ('ideal', 'ordinary')]
     args = [part for grade in grades for part in ('--sensors', grade)]
-    assert main(['score', scene, '--seeds', '2', '--jobs', '1', '--json', *args]) == 0
+    assert score_main([scene, '--seeds', '2', '--jobs', '1', '--json', *args]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document['schema'] == 'stickslip_monitor/warning_quality/2'
     assert document['seeds'] == {scene: [5, 6]}
@@ -82,7 +83,7 @@ def test_truth_is_that_of_the_bag(scene: str, tmp_path: Path, capsys: Any) -> No
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 0
     capsys.readouterr()
     config = str(CONFIGS / 'reference_bearing.yaml')
-    main(['score', str(tmp_path / 'bag'), '--config', config, '--json'])
+    score_main([str(tmp_path / 'bag'), '--config', config, '--json'])
     (bag,) = json.loads(capsys.readouterr().out)['bags']
     (voyage,) = judge(Call(scene, None))
     of_bag, of_scene = bag['bearings']['aft_stern']['figures'], voyage.rules[OURS].figures()
@@ -91,7 +92,7 @@ def test_truth_is_that_of_the_bag(scene: str, tmp_path: Path, capsys: Any) -> No
 
 
 def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['score', scene, '--jobs', '1']) == 0
+    assert score_main([scene, '--jobs', '1']) == 0
     out = capsys.readouterr().out
     for words in ('warned before onset', 'V < V_H', 'slowing', 'false alarms per 100 h'):
         assert words in out
@@ -141,7 +142,7 @@ def test_bad_input_is_one_sentence(
     folder.mkdir()
     changes = changes | ({'config': str(tmp_path)} if changes.get('config') == '.' else {})
     scene = write(folder / 'a.yaml', **changes)
-    assert main(['score', scene, '--jobs', '1']) == 2
+    assert score_main([scene, '--jobs', '1']) == 2
     error = capsys.readouterr().err
     assert error.startswith('ERROR: ')
     assert error.count('\n') == 1

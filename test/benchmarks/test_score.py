@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``stickslip score``, on small scenes whose truth follows from the reference numbers.
+"""``python -m benchmarks.score``, on small scenes whose truth follows from the reference numbers.
 
 For the reference bearing at 1000 N: caution below 44.80 rpm, fold at 40.72 rpm, Hopf at 30.74 rpm;
 alarms are raised 2 s after their cause.
@@ -18,6 +18,7 @@ import yaml
 from scipy.optimize import brentq
 from shared import CONFIG, ROOT, png_size
 
+from benchmarks.score import main as score_main
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
@@ -74,7 +75,7 @@ def knocked(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str, str]:
     capsys.readouterr()
-    code = main(['score', *args, '--config', str(CONFIG)])
+    code = score_main([*args, '--config', str(CONFIG)])
     out, error = capsys.readouterr()
     return code, out, error
 
@@ -134,7 +135,7 @@ def test_clock_that_jumps_changes_no_lead(
     scores = []
     for path, config in ((slowing, CONFIG), (bag, stamped)):
         capsys.readouterr()
-        assert main(['score', path, '--config', str(config), '--json']) == 0
+        assert score_main([path, '--config', str(config), '--json']) == 0
         scores.append(json.loads(capsys.readouterr().out)['total']['monitor'])
     steady, jumped = scores
     for name in ('hours', 'lead_least', 'alarm_least', 'unalarmed_hours', 'unfounded_hours'):
@@ -166,7 +167,7 @@ def test_a_missed_episode_and_a_false_alarm_give_code_1(
         config.write_text(text.replace(old, new), 'utf-8')
         bag = slowing if key == 'missed' else scene(tmp_path / 'fast', [[0, 120], [5, 46]], 20.0)
         capsys.readouterr()
-        assert main(['score', bag, '--config', str(config), '--json']) == 1
+        assert score_main([bag, '--config', str(config), '--json']) == 1
         assert json.loads(capsys.readouterr().out)['total']['monitor'][key] > 0.0
 
 
@@ -201,3 +202,30 @@ def test_the_monitor_never_reads_the_truth(
         found[name] = json.loads(capsys.readouterr().out)['bearings']
     assert found['stripped'] == found['whole']
     assert found['spoilt'] == found['whole']
+
+
+REFUSED = {
+    'BAG': '--config is missing',
+    'BAG -c CONFIG --seeds 2': '--seeds, --first-seed and --sensors are for scenes',
+    'BAG BAG -c CONFIG --picture a.png': '--picture shows one bearing in one bag',
+    'SCENE bag': "'bag' is no scene: give either scenes (.yaml) or bags, not both",
+    'SCENE -c CONFIG': '--config is for bags',
+    'SCENE --picture a.png': '--picture is for bags',
+    'none -c CONFIG': "bag 'none' does not exist",
+    'SCENE --sensors none.yaml': 'none.yaml: No such file',
+    'BAG --seeds=0': '--seeds 0 must be ',
+}
+
+
+@pytest.mark.parametrize('line', REFUSED)
+def test_what_is_refused_is_told_in_one_sentence(
+    line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene_file = ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml'
+    known = {'BAG': str(ROOT / 'bags' / 'coast_down'), 'CONFIG': str(CONFIG)}
+    words = [(known | {'SCENE': str(scene_file)}).get(word, word) for word in line.split()]
+    assert score_main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith('ERROR: ')
+    assert REFUSED[line] in told
+    assert told.count('\n') == 1
