@@ -58,8 +58,9 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
         _draw_ends(axes, found, heard)
         axes.axvline(1.0, color=INK, ls=':', lw=1.2, label='configured fold')
         _draw_fold(axes, found)
-        axes.set_xlim(0.0, _FASTEST)
-        axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5)
+        fastest = max(float(track.over.max()) for track in found.edges.tracks)
+        axes.set_xlim(0.0, max(1.2, min(1.05 * fastest, _FASTEST)))
+        axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5, markerscale=2.0)
         _draw_boundaries(figure.add_axes(_RIGHT), config, found)
     return figure
 
