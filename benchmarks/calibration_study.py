@@ -13,6 +13,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -337,11 +338,12 @@ def draw_example() -> None:
 
 def main(asked: Sequence[str]) -> None:
     """Work out the parts that are asked for, or all, and write the page."""
-    for name in asked or PARTS:
-        if name != 'page':
-            found = {name: PARTS[name]()}
+    with ProcessPoolExecutor() as pool:
+        running = {pool.submit(PARTS[name]): name for name in asked or PARTS if name != 'page'}
+        for done in as_completed(running):
+            found = {running[done]: done.result()}
             RESULTS.write_text(json.dumps(_results() | found) + '\n')
-            print(name, 'done', flush=True)
+            print(running[done], 'done', flush=True)
     results = _results()
     if 'reliability' in results:
         _draw_reliability(results['reliability'])
