@@ -313,6 +313,8 @@ class InputWatch:
             reason=_worst(lately),
             without_clock=without_clock,
             behind=track.behind_ns * 1e-9,
+            undecodable=self._graph.is_undecodable(source.topic),
+            gone=self._seen.get(source.topic, ''),
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
             source='' if odd is None else fault_text(odd, source),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from typing import Any
 
 import kit
@@ -148,3 +149,22 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     peer.until(lambda: f'nobody: {expected["nobody"]}' in noted(), 'the notes')
     other.destroy_node()
     rclpy.shutdown(context=context)
+
+
+def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
+    """Fifty numbers are announced and one is there (CDR: four bytes of head, then the fields)."""
+    from std_msgs.msg import Float64MultiArray
+
+    kind = 'std_msgs/msg/Float64MultiArray'
+    own = {'load.type': kind, 'load.field': 'data[0]', 'load.timeout': 1.0}
+    monitor = host(kit.parameters(own))
+    peer, diagnostics = monitor.peer, monitor.diagnostics()
+    talk = peer.talk(Float64MultiArray, monitor.input('aft/load'))
+    wrong = b'\0\1\0\0' + struct.pack('<IIIId', 0, 0, 50, 0, 1.0)
+
+    def told() -> bool:
+        talk.publish(wrong)
+        text = f'cannot be decoded: its sender has another definition of {kind}'
+        return text in kit.status(diagnostics).get('load fault', '')
+
+    peer.until(told, 'the fault')
