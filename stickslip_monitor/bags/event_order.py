@@ -44,7 +44,7 @@ class StepClock:
 
     def __init__(self, gap_ns: int) -> None:
         self._gap_ns = gap_ns
-        self._limit_ns = max(_STEP_NS, round(_STEP_GAPS * gap_ns))
+        self._limit_ns = min(max(_STEP_NS, round(_STEP_GAPS * gap_ns)), 1 << 60)
         self._latest: int | None = None
         self._shift_ns = 0
         self.steps_ns: list[int] = []

@@ -187,7 +187,8 @@ class TableRecording:
 
     def _interval(self, column: LogColumn) -> float:
         """The usual time between two numbers of a column [s]."""
-        rows = [row for row in self.table.head if len(row) > column.place]
+        most = max([column.place, *(self._names or ())])
+        rows = [row for row in self.table.head if len(row) > most]
         if column.name is not None and self._names is not None:
             rows = [row for row in rows if row[self._names[0]] == column.name]
         rows = [row for row in rows if str(row[column.place]).strip()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from datetime import date
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 import numpy as np
 
@@ -120,7 +120,9 @@ class StampLayout:
         if hour > 24 or minute > 59 or second > 60:
             return None
         fraction = int((part['f'] or '0').ljust(9, '0'))
-        return days * DAY + ((hour * 60 + minute) * 60 + second - _shift(part)) * SECOND + fraction
+        clock = (hour * 60 + minute) * 60 + second - _shift(part)
+        time_ns = days * DAY + clock * SECOND + fraction
+        return time_ns if abs(time_ns) < _MOST else None
 
     def _month_and_day(self, part: dict[str, str | None]) -> tuple[int, int]:
         if part.get('name'):
@@ -160,6 +162,8 @@ class StampLayout:
         year, month, day = part('Y'), part(names[0]), part(names[1])
         year += 2000 * (match.end('Y') - match.start('Y') < 4)
         good &= (month >= 1) & (month <= 12) & (day >= 1) & (day <= 28) & (part('H') < 24)
+        # What 64 bits of nanoseconds hold.
+        good &= (year > 1678) & (year < 2261)
         months = np.where(good, (year - 1970) * 12 + month - 1, 0)
         days = months.astype('M8[M]').astype('M8[D]').astype(np.int64) + day - 1
         seconds = part('S') if match['S'] else 0
@@ -234,5 +238,5 @@ def _exact(cell: str, factor: int, zero: int) -> int | None:
     try:
         time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * factor
         return round(time_ns) if abs(time_ns) < _MOST else None
-    except (InvalidOperation, ValueError, OverflowError):
+    except (ArithmeticError, ValueError):
         return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import math
+import random
 from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -18,6 +19,7 @@ import pytest
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.values import Request
+from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config_file import load_config
 
 CONFIG = Path(__file__).resolve().parents[2] / 'launch_configs/reference_bearing.yaml'
@@ -276,3 +278,34 @@ def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
     assert log.says in ' | '.join(recording.warnings)
     assert log.lost in ' | '.join(recording.losses)
     assert bool(recording.losses) == bool(log.lost)
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Data with some bytes changed, put in, taken out or cut off."""
+    found = bytearray(data)
+    for _ in range(rng.randint(1, 6)):
+        k = rng.randrange(len(found) + 1)
+        put = rng.choice([b'"', b',', b'\n', bytes(20), b'-', b'9' * 30, b'1e999', b'nan', b'\r'])
+        taken = rng.choice([0, 0, 1, 20, len(found)])
+        found[k : k + taken] = put if rng.random() < 0.7 else b''
+    return bytes(found)
+
+
+def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> None:
+    config, path, rng = load_config(CONFIG), tmp_path / 'a.csv', random.Random(1)
+    logs = [
+        log.data if isinstance(log.data, bytes) else log.data.encode() for log in LOGS.values()
+    ]
+    refused = []
+    for _ in range(400):
+        path.write_bytes(damaged(rng.choice(logs), rng))
+        try:
+            recording = open_bag(path)
+            bound = recording.bound(config)
+            inputs = bound.config.bearings[0].inputs.values()
+            if not bound.absent:
+                recording.read([Request(source.topic, 'data') for source in inputs])
+        except BagError as error:
+            refused.append(str(error))
+    assert len(refused) < 300
+    assert [text for text in refused if not text.strip()] == []
