@@ -69,7 +69,7 @@ bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes doc
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
 warning-quality: $(VENV)/.bench  ## Judge the warnings over 280 voyages, three minutes; writes docs/warning_quality.md
-	$(BIN)/python scripts/warning_quality.py
+	PYTHONPATH=. $(BIN)/python scripts/warning_quality.py
 
 calibration-study: $(VENV)/.bench  ## What calibration reaches, five minutes on two cores; writes docs/calibration.md
 	$(BIN)/python -m benchmarks.calibration_study
