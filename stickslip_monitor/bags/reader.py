@@ -55,8 +55,6 @@ _PIECE = 1 << 20
 # Parts of one recording lap over by less than that, and are not further apart [ns].
 _OVERLAP_NS, _APART_NS = 10**9, 3600 * 10**9
 
-Stamp = tuple[tuple[str, int, int], ...]
-
 
 def open_bag(path: str | Path) -> Recording:
     """Open a recording.
@@ -247,19 +245,6 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
         return _follow_on([scan_file(file, Findings()) for file in files])
     except BagError:
         return True
-
-
-def stamp_of(bag: Path) -> Stamp:
-    """Name, size [bytes] and time of the last change [ns] of each file of a recording.
-
-    A recording that cannot be looked at has an empty stamp: opening it says why.
-    """
-    try:
-        files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
-        states = [(file.name, file.stat()) for file in files]
-    except OSError:
-        return ()
-    return tuple((name, state.st_size, state.st_mtime_ns) for name, state in states)
 
 
 @contextlib.contextmanager

@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
-from stickslip_monitor.bags.reader import find_bags, open_bag, stamp_of
+from stickslip_monitor.bags.reader import find_bags, open_bag
 from stickslip_monitor.errors import BagError
 
 
@@ -69,18 +68,3 @@ def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     asked = [tmp_path / 'nowhere', tmp_path / 'empty']
     assert find_bags(asked) == asked
-
-
-def test_a_stamp_changes_with_the_recording_and_with_nothing_else(ship: Path) -> None:
-    bag, file = ship / 'voyage_2', ship / 'voyage_2' / 'voyage_2_0.mcap'
-    before = stamp_of(bag)
-    file.read_bytes()
-    assert stamp_of(bag) == before
-    os.utime(file, ns=(0, 1))
-    touched = stamp_of(bag)
-    assert touched != before
-    file.write_bytes(b'longer')
-    os.utime(file, ns=(0, 1))
-    assert stamp_of(bag) != touched
-    assert stamp_of(ship / 'nowhere') == ()
-    assert stamp_of(file) == (('voyage_2_0.mcap', 6, 1),)
