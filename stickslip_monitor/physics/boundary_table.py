@@ -132,7 +132,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         if boundaries.averaged(law) is closed_form:
             averaged = np.asarray(boundaries.fold_speed(bearing, load))
         else:
-            averaged = last_speeds(curve.speed, curve.averaged, load, not broken)
+            averaged = last_speeds(curve.averaged_speed, curve.averaged, load, not broken)
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.speed[0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])

@@ -26,7 +26,7 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics.averaging import boundaries, closed_form
 from stickslip_monitor.physics.averaging.peaks import highest_slopes
-from stickslip_monitor.physics.averaging.quadrature import slope_surface
+from stickslip_monitor.physics.averaging.quadrature import WHOLE, slope_surface, slope_table
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 from stickslip_monitor.physics.orbits import (
@@ -334,13 +334,15 @@ class FoldCurve:
 
     Attributes:
         speed: Ascending, shape (n,) [m/s].
-        averaged: Under averaging, ``inf`` for none, shape (n,) [N].
+        averaged_speed: The same for ``averaged``, shape (m,) [m/s].
+        averaged: Under averaging, ``inf`` for none, shape (m,) [N].
         exact: Where slip grazes the belt, shape (n,) [N].
         onset: The least load with a cycle under averaging [N].
         top: The largest load that it is meant for [N].
     """
 
     speed: FloatArray
+    averaged_speed: FloatArray
     averaged: FloatArray
     exact: FloatArray
     onset: float
@@ -454,7 +456,8 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
         share = np.unique(np.concatenate([share, near]))
         exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
     speed = span.places(share)
-    return FoldCurve(speed, _least(grazing.bearing, speed), np.exp(exact), span.onset, span.top)
+    least = _least(grazing.bearing, speed)
+    return FoldCurve(speed, speed, least, np.exp(exact), span.onset, span.top)
 
 
 def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
@@ -474,7 +477,16 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     joined = np.polyval(cubics[:, i], inside - place[rows][i])
     exact = np.where(matters, averaged * np.exp(joined), np.inf)
     least = _least(grazing.bearing, speed, _EVERY)
-    return FoldCurve(speed, least, exact, span.onset, span.top)
+    # No range of speeds with cycles that the solver knows may fall between two of these.
+    if len(grazing.law.breakpoints) > WHOLE:  # of more points that is thinner than these
+        return FoldCurve(speed, speed, least, exact, span.onset, span.top)
+    known = slope_table(grazing.law)
+    inner = (known.speeds > speed[0]) & (known.speeds < speed[-1])
+    with np.errstate(all='ignore'):
+        more = grazing.bearing.damping / np.maximum(known.peak[inner], 0.0)
+    both, rows = np.unique(np.append(speed, known.speeds[inner]), return_index=True)
+    least = np.append(least, more)[rows]
+    return FoldCurve(speed, both, least, exact, span.onset, span.top)
 
 
 def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:

@@ -209,7 +209,7 @@ _PEAK_SPEEDS = 200
 _PANELS = 40
 # Points of a table up to which all count: one of 100 that scatters by 0.004 has its fold at 0.107
 # m/s by 40 of them, at 0.185 by all.
-_WHOLE = 200
+WHOLE = 200
 _FAR_SPEEDS = np.geomspace(1.0, 1e6, 97)
 _SPEEDS = 1024
 # Friction has no scale outside this range; inside it no amplitude over- or underflows.
@@ -361,7 +361,7 @@ class SlopeTable:
 def slope_table(law: FrictionLaw) -> SlopeTable:
     """The table of a law, from zero to far past its last breakpoint."""
     panels = min(len(law.breakpoints), _PANELS)
-    most = _PANELS if len(law.breakpoints) > _WHOLE else None
+    most = _PANELS if len(law.breakpoints) > WHOLE else None
     per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
     far = law.breakpoints[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
     steady, heights = equilibrium_table(law)
