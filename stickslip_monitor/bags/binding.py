@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -98,11 +97,6 @@ class LogColumn:
     place: int
     name: str | None = None
     unit: str | None = None
-
-    @property
-    def is_numbered(self) -> bool:
-        """Whether its heading is its number only."""
-        return bool(re.fullmatch(r'#\d+', self.heading))
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,6 @@ MOST = 128 << 20
 _MOST_CUT = 32 << 20
 # Start and end [ns], size and checksum of what is compressed, length of the compression's name.
 CHUNK_HEAD = struct.Struct('<QQQII')
-INDEX_HEAD = struct.Struct('<BQHI')
 # More than is in front of what is compressed [bytes].
 _LONGEST_HEAD = 200
 

@@ -353,15 +353,14 @@ class FieldNumbers:
     """What was read from n messages, with a row of ``values`` for each path.
 
     ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp.
-    ``faults`` counts the messages that are not decoded by the reason, ``short`` for each path
-    those whose array is too short, and ``alone`` those that were decoded one by one.
+    ``faults`` counts the messages that are not decoded by the reason, and ``short`` for each
+    path those whose array is too short.
     """
 
     stamp_ns: IntArray | None
     values: FloatArray
     faults: Counter[str] = field(default_factory=Counter)
     short: Counter[int] = field(default_factory=Counter)
-    alone: int = 0
 
 
 class FieldReader:
@@ -439,7 +438,6 @@ class FieldReader:
         for place in rest.tolist():
             begin = int(offset[place])
             self._decode_alone(data[begin : begin + int(size[place])], place, numbers)
-        numbers.alone += len(rest)
 
     def _decode_alone(self, data: bytes, place: int, numbers: FieldNumbers) -> None:
         """Fill in a message that is decoded by itself."""

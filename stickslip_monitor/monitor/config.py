@@ -124,11 +124,6 @@ class LevelConfig(InputConfig):
         live=True,
     )
 
-    @property
-    def learns(self) -> bool:
-        """Whether the threshold is learned from the level itself."""
-        return math.isnan(self.threshold)
-
 
 def _probability(default: float, text: str) -> Any:
     return parameter(default, text, minimum=0.0, maximum=1.0)

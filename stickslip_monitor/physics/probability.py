@@ -298,16 +298,6 @@ def _rows_of(total: FloatArray, ln_v: FloatArray, load: FloatArray, straight: bo
     return np.column_stack([load, width, np.clip(off, -_WIDEST, _WIDEST)])
 
 
-def probability_runs(can: FloatArray, will: FloatArray, before: float = 0.0) -> FloatArray:
-    """:func:`runs_after` each of some points in order of time, shape (n,); ``nan`` changes none.
-
-    ``before`` is the probability before the first.
-    """
-    result = np.empty(can.size)
-    _loop(fill_runs, can.size)(can, will, before, result)
-    return result
-
-
 def _loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
     """A loop over points as it stands, or compiled where there are many."""
     if size < _MANY_POINTS or not jit.has_compiler():
@@ -417,10 +407,3 @@ def fill_speeds(table: Any, which: int, load: Any, z: float, out: Any) -> None:
     """:func:`boundary_speed` of loads, shape (n,)."""
     for k in range(load.shape[0]):
         out[k] = boundary_speed(table, which, load[k], z)
-
-
-def fill_runs(can: Any, will: Any, before: float, out: Any) -> None:
-    """:func:`runs_after` of points in order of time, shape (n,)."""
-    for k in range(can.shape[0]):
-        before = runs_after(before, can[k], will[k])
-        out[k] = before

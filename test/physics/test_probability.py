@@ -13,7 +13,7 @@ from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_spee
 from stickslip_monitor.physics.averaging.closed_form import decline
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.probability import Belief, Tolerance, moved, probability_runs
+from stickslip_monitor.physics.probability import Belief, Tolerance, moved, runs_after
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = BEARING.speed.factor('rpm')
@@ -183,8 +183,9 @@ def test_memory_is_that_of_an_ordered_ensemble() -> None:
     can[17] = will[17] = math.nan
     share = (np.arange(5000) + 0.5) / 5000.0
     on = share < 0.3
-    found = probability_runs(can, will, 0.3)
-    for c, w, r in zip(can, will, found, strict=True):
+    runs = 0.3
+    for c, w in zip(can, will, strict=True):
+        runs = runs_after(runs, c, w)
         if c == c:
             on = (on | (share < w)) & (share < c)
-        assert r == pytest.approx(on.mean(), abs=3e-4)
+        assert runs == pytest.approx(on.mean(), abs=3e-4)

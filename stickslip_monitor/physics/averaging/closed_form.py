@@ -236,11 +236,6 @@ def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return number / law.decay, np.where(number < np.inf, fold, number) / law.decay
 
 
-def has_fold(law: Stribeck, q: FloatArray) -> BoolArray:
-    """Where some speed has a stick-slip cycle."""
-    return boundaries(law, q)[1] > 0.0
-
-
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
     """``N_H = c exp(beta V)/(Delta beta)`` [N] of a law without viscous rise; ``nan`` if none.
 

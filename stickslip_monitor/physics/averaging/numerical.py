@@ -128,11 +128,6 @@ def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]
     return hopf_speed(law, q), fold_speed(law, q)
 
 
-def has_fold(law: FrictionLaw, q: FloatArray) -> BoolArray:
-    """Where some speed has a stick-slip cycle."""
-    return q < (slope_table(law).peak.max() if law.breakpoints else -np.inf)
-
-
 # Heights of the peak at some speeds [s/m], given the amplitude coordinate near which it stands.
 
 
