@@ -307,8 +307,7 @@ def tolerance_advice(config: MonitorConfig) -> str:
     if not names:
         return ''
     return (
-        f'{printable(", ".join(names))}: state how well the values are known, and verdicts come'
-        ' with probabilities and miss fewer episodes: from a drawing tolerance: {damping: 0.40,'
-        ' static: 0.15, kinetic: 0.15, decay: 0.30, load: 0.05}, after an impact test damping:'
-        ' 0.10, after a friction bench static: 0.03, kinetic: 0.03, decay: 0.10'
+        f'{printable(", ".join(names))}: add tolerance: '
+        '{damping: 0.40, static: 0.15, kinetic: 0.15, decay: 0.30, load: 0.05} for probabilities'
+        ' and fewer missed episodes (docs/calibration.md).'
     )

@@ -47,11 +47,11 @@ class Condition(SentenceEnum):
         'Vibration is measured where none is predicted: the parameters may have changed, it is'
         ' something else, or the threshold is too low.',
     )
-    CAUTION = 'caution', Level.WARN, 'Close to the stick-slip region.'
+    CAUTION = 'caution', Level.WARN, 'Near the stick-slip boundary.'
     BISTABLE = (
         'bistable',
         Level.WARN,
-        'Inside the bistable range: a disturbance can start stick-slip.',
+        'In the bistable range: a shock can start stick-slip.',
     )
     STICK_SLIP = 'stick_slip', Level.ERROR, 'Stick-slip predicted.'
     AMPLITUDE = 'amplitude_limit', Level.ERROR, 'Stick-slip predicted above the amplitude limit.'

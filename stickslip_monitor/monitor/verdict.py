@@ -30,7 +30,6 @@ from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, Sta
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.boundary_table import BoundaryTable
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude
-from stickslip_monitor.physics.probability import Belief
 
 UNSEEN = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
@@ -293,7 +292,8 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
         return f'{text}. {point.outcome.sentence} Stay below {" or go above ".join(ends)}.'
     if b.sticking and math.isfinite(point.amplitude_exact):
         text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
-    text += f', fold margin {point.stability_margin:+.0%}.'
+    margin = point.stability_margin
+    text += f', {abs(margin) * 100.0:.0f} % {"below" if margin < 0.0 else "above"} the fold.'
     if b.state.raised & (1 << rule.VIBRATION) and condition is not Condition.VIBRATION:
         text += f' {Condition.VIBRATION.sentence}'
     return text + _belief_text(b, point) + _doubt_text(b)
@@ -320,23 +320,20 @@ def _what(b: Standing, point: Assessment) -> str:
         return _measured_text(point)
     if b.asked > b.rung:
         delay = rule.due(b.state, b.settings.live, b.asked - 1) * 1e-9
-        return f'{LADDER[b.asked].sentence[:-1]} for less than {delay:.3g} s: no alarm yet.'
-    if condition is Condition.CAUTION and point.stability_margin > _caution_margin(b.config):
-        return 'Slowing towards stick-slip.'
-    if condition is Condition.BISTABLE:
-        return f'{condition.sentence} {_state_text(b)}'
-    return condition.sentence
+        near = LADDER[b.asked].sentence.rstrip('.').partition(':')[0]
+        return f'{near} for less than {delay:.3g} s: no alarm yet.'
+    if condition is Condition.CAUTION and abs(point.speed) > (clear := _clear_speed(b, point)):
+        return f'Slowing towards stick-slip: stay above {_goal(b.config, point, clear)}.'
+    return _bistable_text(b) if condition is Condition.BISTABLE else condition.sentence
 
 
-def _caution_margin(config: BearingConfig) -> float:
-    return config.alarm.caution_margin + config.alarm.hysteresis
-
-
-def _state_text(b: Standing) -> str:
+def _bistable_text(b: Standing) -> str:
     """Whether a bistable bearing is quiet: measured, remembered, or not known."""
     if b.measured is Measured.QUIET and b.state.heard:
-        return Measured.QUIET.sentence
-    return 'Quiet by its history.' if b.state.known else 'Vibration state unknown.'
+        return 'Bistable: no vibration is measured, but a shock can start stick-slip.'
+    if b.state.known:
+        return 'Bistable: quiet so far, but a shock can start stick-slip.'
+    return 'Bistable: a shock can start stick-slip. Vibration state unknown.'
 
 
 def _measured_text(point: Assessment) -> str:
@@ -410,39 +407,36 @@ def about(seconds: float) -> str:
     return f'{seconds / 60.0:.1f} min'
 
 
+def _goal(config: BearingConfig, point: Assessment, speed: float) -> str:
+    """A speed to reach, as an order is given: rounded up to whole rpm, below 10 rpm to tenths."""
+    rpm = abs(float(config.bearing.speed.from_surface(speed, 'rpm')))
+    step = 1.0 if rpm >= 10.0 else 0.1
+    return f'{math.ceil(rpm / step) * step:.6g} rpm' + (' astern' if point.speed < 0.0 else '')
+
+
 def _way_out(b: Standing, point: Assessment) -> str:
-    """What leads out of the condition: out of the bistable range, and clear of caution."""
-    config, condition = b.config, b.condition
-    if b.asked > b.rung or condition in (Condition.NORMAL, Condition.VIBRATION):
+    """What leads out of the condition, and clear of caution."""
+    if b.asked > b.rung or b.condition in (Condition.NORMAL, Condition.VIBRATION):
         # The text is about what is not raised yet, or of what no speed ends.
         return ''
-    if config.belief is not None:
-        return _way_out_by_belief(config, config.belief, condition, point)
-    limit = point.stability_limit
-    clear = limit * (1.0 + _caution_margin(config))
-    if not math.isfinite(limit) or abs(point.speed) > clear:
+    clear = _clear_speed(b, point)
+    if point.outcome is Outcome.BELOW or not abs(point.speed) < clear < math.inf:
         return ''
-    if condition is Condition.CAUTION:
-        return f' Clears above {_speed_text(config, point, clear)}.'
-    to_be_clear = _speed_text(config, point, clear)
-    return f' Go above {_speed_text(config, point, limit)} ({to_be_clear} to be clear) or stop.'
+    goal = _goal(b.config, point, clear)
+    if b.condition is Condition.CAUTION:
+        return f' Clears above {goal}.'
+    return f' Raise speed above {goal}, or stop the shaft.'
 
 
-def _way_out_by_belief(
-    config: BearingConfig, belief: Belief, condition: Condition, point: Assessment
-) -> str:
-    alarm = config.alarm
-    limits = {
-        Condition.CAUTION: alarm.caution_probability,
-        Condition.BISTABLE: alarm.can_probability,
-        Condition.STICK_SLIP: alarm.runs_probability,
-        Condition.AMPLITUDE: alarm.runs_probability,
-    }
-    limit = rule.LEFT_BELOW * limits.get(condition, 0.0)
-    if not 0.0 < limit < point.probability_can:
-        return ''
-    speed = belief.fold_speed(float(point.load), 1.0 - limit) / fold_share(point)
-    return f' Clears above {_speed_text(config, point, speed)}.'
+def _clear_speed(b: Standing, point: Assessment) -> float:
+    """The speed above which caution, the mildest condition, clears at this load [m/s]."""
+    alarm, belief = b.config.alarm, b.config.belief
+    if belief is None or not math.isfinite(point.probability_can):
+        return float(point.stability_limit) * (1.0 + alarm.caution_margin + alarm.hysteresis)
+    left = rule.LEFT_BELOW * alarm.caution_probability
+    if not 0.0 < left < 1.0:
+        return math.nan
+    return float(belief.fold_speed(float(point.load), 1.0 - left)) / float(fold_share(point))
 
 
 def warns(config: BearingConfig, point: Assessment) -> bool:

@@ -192,14 +192,29 @@ def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure)
     monitor = Monitor(configure(**AT_ONCE))
     feed(monitor, 0.0, 'speed', UNSTABLE)
     (event,) = feed(monitor, 0.0, 'load', 1000.0).events
-    # The fold of PHYSICS.md, 40.723 rpm, and 1.22 times it; the amplitude of the exact cycle is
-    # 0.55676 mm by scipy's integrator (scripts/expected_events.py).
+    # 1.22 times the fold of docs/physics.md, 40.723 rpm, is 49.7 rpm; the amplitude of the exact
+    # cycle is 0.55676 mm by scipy's integrator (scripts/expected_events.py).
     assert event.text == (
-        'aft: Stick-slip predicted. Go above 40.7 rpm (49.7 rpm to be clear) or stop.'
-        ' Now 20 rpm, 1 kN, amplitude 0.557 mm, fold margin -51%.'
+        'aft: Stick-slip predicted. Raise speed above 50 rpm, or stop the shaft.'
+        ' Now 20 rpm, 1 kN, amplitude 0.557 mm, 51 % below the fold.'
     )
     assert event.assessment is not None
     assert event.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
+
+
+def test_texts_of_milder_conditions_say_what_to_do(configure: Configure) -> None:
+    """At 1 kN the fold is at 40.723 rpm, and caution clears above 1.22 times it, 49.7 rpm."""
+    monitor, texts = Monitor(configure(load__timeout=600.0)), []
+    for time in range(80):  # from 80 rpm down by 1 rpm/s, past the fold, and on there
+        _point(monitor, time, max(80.0 - time, 36.0))
+        texts.append(monitor.bearings['aft'].text())
+    said = ' '.join(texts)
+    assert 'Slowing towards stick-slip: stay above 50 rpm. Now 5' in said
+    assert 'Near the stick-slip boundary. Clears above 50 rpm.' in said
+    # Four gaps of 1 s, as the speed comes slowly.
+    assert 'In the bistable range for less than 4 s: no alarm yet.' in said
+    last = 'Bistable: quiet so far, but a shock can start stick-slip. Raise speed above 50 rpm,'
+    assert texts[-1].startswith(f'aft: {last} or stop the shaft. Now 36 rpm, 1 kN, 12 % below')
 
 
 def test_retune_keeps_the_state(configure: Configure) -> None:
@@ -305,7 +320,8 @@ def test_below_the_range_stick_slip_ends(configure: Configure) -> None:
     text = monitor.bearings['aft'].text()
     assert 'Stay below 9.9' in text
     assert 'or go above 49.9 rpm' in text
-    assert 'fold margin' not in text
+    assert 'the fold' not in text
+    assert 'Raise speed' not in text
 
 
 @pytest.mark.parametrize('number', NO_VALUES)

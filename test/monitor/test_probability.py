@@ -159,7 +159,10 @@ def test_stick_slip_goes_by_its_threshold(configure: Configure, runs: float) -> 
     # It dies out for 1.2 s, and the median is a second behind.
     assert speed[on[-1]] == pytest.approx(min(end, 60.0 * RPM), abs=3.5 * step)
     (event,) = (event for event in scan.events if event.after.value == 'stick_slip')
-    assert f'Clears above {end / RPM:.3g} rpm.' in event.text
+    # Above that speed caution clears, too: fewer than half of its share have a cycle there.
+    alarm = config.bearing('aft').alarm
+    clear = belief.fold_speed(1000.0, 1.0 - alarm.caution_probability / 2)
+    assert f'Raise speed above {math.ceil(clear / RPM)} rpm, or stop the shaft.' in event.text
 
 
 def test_growth_leans_to_the_share_that_is_asked_for(configure: Configure) -> None:
