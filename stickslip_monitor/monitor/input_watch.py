@@ -15,14 +15,13 @@ from dataclasses import dataclass, field
 
 from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.rule import NEAR
+from stickslip_monitor.monitor.rule import NEAR, si_value
 from stickslip_monitor.monitor.signals import (
     INPUTS,
     LEVEL,
     QUANTITIES,
     STATUS_SENTENCES,
     Status,
-    to_si,
 )
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 
@@ -230,13 +229,11 @@ class InputWatch:
         self, bearing: str, place: int, value: float, valid: bool, now_ns: int, behind_ns: int
     ) -> None:
         """Take note of a sample that came at a time of the steady clock, valid or not."""
-        track, config = self._tracks[bearing][place], self._bearings[bearing].config
+        track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
         # A level that jumps between two values is what is looked for, and no fault.
-        source = config.inputs[INPUTS[place]]
-        si = math.nan if place == LEVEL else to_si(source, value)
-        track.source.see(now_ns, si)
+        track.source.see(now_ns, math.nan if place == LEVEL else si_value(live, place, value))
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """The inputs of a bearing by quantity."""

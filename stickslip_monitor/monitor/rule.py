@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from stickslip_monitor.monitor.rule_level import (
     QUIET,
@@ -67,10 +67,13 @@ SIZED = 10**9
 """Time after which the amplitude of the cycle is worked out again [ns]."""
 
 
-def si_value(c: RuleNumbers, place: int, number: float) -> float:
-    """A number as it stands in a message in SI units (a level in its own), deadband applied."""
+def si_value(c: RuleNumbers, place: int, number: Any) -> Any:
+    """A number as it stands in a message in SI units (a level in its own), deadband applied.
+
+    It may be an array of them as well.
+    """
     si = (number * c.scale[place] + c.offset[place]) * c.factor[place]
-    return 0.0 if abs(si) < c.deadband[place] else si
+    return si * (abs(si) >= c.deadband[place]) + 0.0  # no -0.0
 
 
 def arrive(

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config import InputConfig
 
 
 class Input(IntEnum):
@@ -168,13 +167,3 @@ NO_VALUES = (
 )
 """Numbers by which senders say that there is no value, as they stand in messages."""
 LEAST_NO_VALUE = min(map(abs, NO_VALUES))
-
-
-def to_si(config: InputConfig, value: Any) -> Any:
-    """Numbers in messages as SI values, deadband applied; of one number or of an array.
-
-    A surface speed is in m/s, a load in N, a level in its own unit.
-    """
-    with np.errstate(over='ignore', invalid='ignore'):
-        si = (value * config.scale + config.offset) * config.factor
-        return si * (abs(si) >= config.deadband)

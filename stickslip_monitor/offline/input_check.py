@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.questions import FACTOR, questions
+from stickslip_monitor.monitor.rule import si_value
+from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import (
     INPUTS,
     LEVEL,
@@ -25,7 +28,6 @@ from stickslip_monitor.monitor.signals import (
     STATUS_SENTENCES,
     Status,
     Stream,
-    to_si,
 )
 from stickslip_monitor.monitor.source_faults import (
     SourceFault,
@@ -115,6 +117,7 @@ class InputCheck:
         self.quantity = INPUTS[place]
         self._place, self._absent = place, absent
         self._source = config.inputs[self.quantity]
+        self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
         self._gaps = Gaps(self._source.timeout_ns)
         self._watch = SourceWatch(least_gap(config, place))
@@ -130,7 +133,7 @@ class InputCheck:
         self._gaps.take(series.stamp_ns)
         # A level that jumps between two values is what is looked for, and no fault.
         is_level = self._place == LEVEL
-        si = np.full(series.value.size, np.nan) if is_level else to_si(self._source, series.value)
+        si = np.full(series.value.size, np.nan) if is_level else self._si(series.value)
         self._sources += self._watch.see_column(series.log_time_ns, si)
         self._counts += scan.counts[self._place]
         refused, value = scan.status != Status.ACCEPTED, series.value
@@ -138,6 +141,10 @@ class InputCheck:
             value = stream.value[(stream.inputs == self._place) & ~refused]
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
+
+    def _si(self, number: Any) -> Any:
+        with np.errstate(over='ignore', invalid='ignore'):
+            return si_value(self._numbers, self._place, number)
 
     def _fault(self) -> str:
         """Why the input brings nothing, or by how much its clock differs."""
@@ -165,8 +172,7 @@ class InputCheck:
                 questions=asked, is_assumed=True,
             )  # fmt: skip
         first, last = self._span if used else (math.nan, math.nan)
-        # Below the deadband a negative number is -0.0.
-        low, high = sorted(float(to_si(self._source, end)) + 0.0 for end in (first, last))
+        low, high = sorted(float(self._si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
         counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(
