@@ -20,6 +20,7 @@ from stickslip_monitor.dashboard.watched import NOT_MONITORING, WatchedMonitor
 from stickslip_monitor.monitor.alarms.alarm import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import MEASURED, Condition
+from stickslip_monitor.monitor.messages import WITHOUT_CYCLE
 
 GAUGES = {
     'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),
@@ -126,8 +127,7 @@ _Known = list[tuple[tuple[str, str], dict[str, Any]]]
 
 def _bearings(known: _Known) -> Iterator[Metric]:
     for key, (name, text) in GAUGES.items():
-        # Where no cycle exists at an operating point its amplitude is 0.
-        none = 0.0 if key in ('amplitude', 'amplitude_exact') else None
+        none = WITHOUT_CYCLE.get(key)
         values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
         yield _family(name, text, _BEARING, values)
     yield _family(

@@ -42,6 +42,8 @@ POINT_NUMBERS = (
 """The numbers of an operating point in every record, in SI units."""
 VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
 """The numbers of a verdict that have a topic of their own, by the topic's last part."""
+WITHOUT_CYCLE = {'amplitude': 0.0, 'amplitude_exact': 0.0}
+"""What topics and metrics say at a point where no cycle exists."""
 
 
 def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str]:
@@ -84,9 +86,9 @@ def verdict_values(bearing: BearingConfig) -> dict[str, Callable[[Verdict], floa
 
 
 def _number_of(name: str, verdict: Verdict) -> float:
-    """A number, worked out only where somebody wants it; an amplitude is 0 without a cycle."""
+    """A number, worked out only where somebody wants it."""
     value = float(getattr(verdict.assessment, name))
-    return 0.0 if math.isnan(value) and name.startswith('amplitude') else value
+    return WITHOUT_CYCLE.get(name, value) if math.isnan(value) else value
 
 
 def number(value: float) -> float | None:
