@@ -19,26 +19,7 @@ import numpy as np
 from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import read_json
-from stickslip_monitor.monitor.config import (
-    BEARING_PARAMETERS,
-    BEARINGS,
-    FASTEST,
-    FASTEST_RPM,
-    FRICTION_PARAMETERS,
-    INPUT_PARAMETERS,
-    LINING_PARAMETERS,
-    NODE_PARAMETERS,
-    RETIRED,
-    TORSIONAL_PARAMETERS,
-    AlarmConfig,
-    BearingConfig,
-    ClipConfig,
-    InputConfig,
-    LevelConfig,
-    LoadConfig,
-    MonitorConfig,
-    parameters_of,
-)
+from stickslip_monitor.monitor import config
 from stickslip_monitor.monitor.parameter import REQUIRED, filled
 from stickslip_monitor.monitor.questions import note_on_table
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw
@@ -160,7 +141,7 @@ _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _NEWTONS = {'N': 1.0, 'kN': 1000.0}
 
 
-def build_config(values: Mapping[str, Any]) -> MonitorConfig:
+def build_config(values: Mapping[str, Any]) -> config.MonitorConfig:
     """Validate flat, dotted parameters and build the configuration.
 
     Args:
@@ -172,25 +153,25 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     Raises:
         ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
     """
-    node = {row.name: row.checked(row.name, values) for row in NODE_PARAMETERS}
+    node = {row.name: row.checked(row.name, values) for row in config.NODE_PARAMETERS}
     names = bearing_names(values)
     notes = list(_notes(values, names))
     bearings = tuple(_build_bearing(name, values) for name in names)
     tables = ((each.name, note_on_table(each.bearing)) for each in bearings)
     notes += [f'{name}: {note}' for name, note in tables if note]
     return filled(
-        MonitorConfig,
+        config.MonitorConfig,
         '',
         node,
         bearings=bearings,
-        clips=filled(ClipConfig, 'clips.', node),
+        clips=filled(config.ClipConfig, 'clips.', node),
         notes=tuple(notes),
     )
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     """The validated list ``bearings``."""
-    names: tuple[str, ...] = BEARINGS.checked('bearings', values)
+    names: tuple[str, ...] = config.BEARINGS.checked('bearings', values)
     if not names:
         raise ConfigurationError('bearings = [] must name at least one bearing')
     for name in names:
@@ -206,8 +187,8 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]:
     """A sentence on each retired parameter; what is not known at all is refused."""
-    known = parameters_of(names)
-    retired = {f'{name}.{own}': why for name in names for own, why in RETIRED.items()}
+    known = config.parameters_of(names)
+    retired = {f'{name}.{own}': why for name in names for own, why in config.RETIRED.items()}
     for key in values:
         if key in known or key in retired:
             continue
@@ -228,29 +209,33 @@ def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
     """The parameters with mass, damping and stiffness, where torsional values are given."""
-    rows = {row.name: row for row in LINING_PARAMETERS}
-    given = [row for row in TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
+    rows = {row.name: row for row in config.LINING_PARAMETERS}
+    given = [row for row in config.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
     if not given:
         return values
+    torsional_names = ', '.join(each.name for each in config.TORSIONAL_PARAMETERS.values())
     diameter = rows['journal_diameter'].checked(f'{name}.journal_diameter', values)
     found = dict(values)
-    for key, row in TORSIONAL_PARAMETERS.items():
+    for key, row in config.TORSIONAL_PARAMETERS.items():
         if f'{name}.{key}' in values:
             raise ConfigurationError(
                 f"'{name}.{key}' and '{name}.{given[0].name}' are given: give mass, damping and"
-                f' stiffness, or {", ".join(each.name for each in TORSIONAL_PARAMETERS.values())}'
+                f' stiffness, or {torsional_names}'
             )
         torsional = replace(row, default=REQUIRED).checked(f'{name}.{row.name}', values)
         found[f'{name}.{key}'] = torsional / (0.25 * diameter * diameter)
     return found
 
 
-def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
+def _build_bearing(name: str, values: Mapping[str, Any]) -> config.BearingConfig:
     values = _at_surface(name, values)
-    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in BEARING_PARAMETERS}
+    own = {
+        row.name: row.checked(f'{name}.{row.name}', values) for row in config.BEARING_PARAMETERS
+    }
     try:
         bearing = Bearing(
-            **{row.name: own[row.name] for row in LINING_PARAMETERS}, friction=_friction(name, own)
+            **{row.name: own[row.name] for row in config.LINING_PARAMETERS},
+            friction=_friction(name, own),
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
@@ -265,22 +250,22 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
     )
     bearing, belief = _believed(name, bearing, own, tolerance)
-    alarm = filled(AlarmConfig, 'alarm.', own)
+    alarm = filled(config.AlarmConfig, 'alarm.', own)
     if math.isnan(own['speed.maximum']):
-        fastest = FASTEST_RPM * float(bearing.speed.factor('rpm'))
-        own['speed.maximum'] = min(FASTEST, fastest)
+        fastest = config.FASTEST_RPM * float(bearing.speed.factor('rpm'))
+        own['speed.maximum'] = min(config.FASTEST, fastest)
     if alarm.minimum_speed >= own['speed.maximum']:
         raise ConfigurationError(
             f'{name}.alarm.minimum_speed = {alarm.minimum_speed:g} m/s must be below'
             f' {name}.speed.maximum = {own["speed.maximum"]:g} m/s'
         )
     factor = bearing.speed.factor(own['speed.unit'])
-    speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
+    speed = _input(config.InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
     load = _load(name, own, speed)
     if not load.is_assumed and speed.topic and speed.topic == load.topic:
         _require_other_field(name, 'load', load, 'speed', speed)
     level = _level(name, own, speed, load)
-    return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
+    return config.BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
 
 def _believed(
@@ -313,7 +298,7 @@ _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     make, names = LAWS[own['friction.law']]
-    optional = {row.name for row in FRICTION_PARAMETERS if row.optional}
+    optional = {row.name for row in config.FRICTION_PARAMETERS if row.optional}
     needed = [key for key in names if f'friction.{key}' in optional]
     for key in needed:
         value = own[f'friction.{key}']
@@ -326,11 +311,11 @@ def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     return law
 
 
-def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
+def _load(name: str, own: Mapping[str, Any], speed: config.InputConfig) -> config.LoadConfig:
     """The input of the load, or the constant that stands for it, which comes with the speed."""
     constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
     if math.isnan(constant):
-        load: LoadConfig = _input(LoadConfig, name, 'load', own, factor)
+        load: config.LoadConfig = _input(config.LoadConfig, name, 'load', own, factor)
         return load
     for key in ('topic', 'column'):
         if own[f'load.{key}']:
@@ -348,7 +333,7 @@ def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
         'load.column': speed.column, 'load.scale': 0.0, 'load.offset': constant,
     }  # fmt: skip
     values = {**own, **beside, 'load.timeout': own['speed.timeout']}
-    return filled(LoadConfig, 'load.', values, field=speed.field, factor=factor)
+    return filled(config.LoadConfig, 'load.', values, field=speed.field, factor=factor)
 
 
 def _input(
@@ -382,7 +367,7 @@ def _input(
 
 
 def _require_other_field(
-    name: str, quantity: str, source: InputConfig, beside: str, other: InputConfig
+    name: str, quantity: str, source: config.InputConfig, beside: str, other: config.InputConfig
 ) -> None:
     if source.field == other.field:
         raise ConfigurationError(
@@ -391,10 +376,12 @@ def _require_other_field(
         )
 
 
-def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
+def _level(
+    name: str, own: Mapping[str, Any], *others: config.InputConfig
+) -> config.LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic'] and not own['level.column']:
-        for row in INPUT_PARAMETERS['level']:
+        for row in config.INPUT_PARAMETERS['level']:
             value = own[row.name]
             if value != row.default and value == value:
                 raise ConfigurationError(
@@ -402,7 +389,7 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConf
                     f' {value!r} is given: name the topic of the measured vibration'
                 )
         return None
-    level: LevelConfig = _input(LevelConfig, name, 'level', own, 1.0)
+    level: config.LevelConfig = _input(config.LevelConfig, name, 'level', own, 1.0)
     threshold, unit = level.threshold, level.unit
     if threshold <= 0.0 and unit != 'dB':
         raise ConfigurationError(
