@@ -12,17 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import (
-    BOUNDARY_LINES,
-    INK,
-    MUTED,
-    PAPER,
-    REGIME_COLOUR,
-    Axes,
-    Figure,
-    labelled,
-    style,
-)
+from stickslip_monitor.drawing import canvas
 from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration.calibrate import Calibration
 from stickslip_monitor.lab.calibration.edges import ReportedCourse
@@ -31,22 +21,22 @@ from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.probability import QUANTILES
 
-_QUIET, _VIBRATING = REGIME_COLOUR[Regime.STABLE], REGIME_COLOUR[Regime.UNSTABLE]
+_QUIET, _VIBRATING = canvas.REGIME_COLOUR[Regime.STABLE], canvas.REGIME_COLOUR[Regime.UNSTABLE]
 _LOADS = 60
 _FASTEST = 2.5
 _MOST_POINTS = 6000
 _SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.42, 0.79)
 
 
-def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
+def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure:
     """Draw what was heard over the speed, with its edges, beside both boundaries' bands."""
     heard = any(one.level is not None for one in found.evidence)
-    with style():
+    with canvas.style():
         title = (
             f'{config.name}: {plural(len(found.edges.tracks), "passage")},'
             f' {plural(found.episodes, "episode")}'
         )
-        figure, axes = labelled(
+        figure, axes = canvas.labelled(
             'shaft speed / configured fold speed',
             'level / surface speed [dB]' if heard else 'passage',
             title=title, size=_SIZE, box=_LEFT,
@@ -56,7 +46,7 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> Figure:
         else:
             _draw_reports(axes, found)
         _draw_ends(axes, found, heard)
-        axes.axvline(1.0, color=INK, ls=':', lw=1.2, label='configured fold')
+        axes.axvline(1.0, color=canvas.INK, ls=':', lw=1.2, label='configured fold')
         _draw_fold(axes, found)
         fastest = max(float(track.over.max()) for track in found.edges.tracks)
         axes.set_xlim(0.0, max(1.2, min(1.05 * fastest, _FASTEST)))
@@ -74,7 +64,7 @@ def _vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
     return np.any(marks, axis=0) if marks else np.zeros(time.size, bool)
 
 
-def _draw_levels(axes: Axes, found: Calibration) -> None:
+def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
     """Each value of the levels over the speed, coloured by what it was taken for."""
     by_name = {one.name: one.level for one in found.evidence}
     rows: list[FloatArray] = []
@@ -97,7 +87,7 @@ def _draw_levels(axes: Axes, found: Calibration) -> None:
         )  # fmt: skip
 
 
-def _draw_reports(axes: Axes, found: Calibration) -> None:
+def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
     """Each passage as a line, thick where it was reported to vibrate."""
     for k, track in enumerate(found.edges.tracks, 1):
         loud = np.where(_vibrating(track, track.time), track.over, np.nan)
@@ -114,7 +104,7 @@ def _draw_reports(axes: Axes, found: Calibration) -> None:
     axes.set_yticks(range(1, len(found.edges.tracks) + 1))
 
 
-def _draw_ends(axes: Axes, found: Calibration, heard: bool) -> None:
+def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
     """The ends that count as at the fold, at their height; the doubtful ones crossed."""
     doubtful = {id(end) for end, _ in found.doubts}
     tracks = {track.course.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
@@ -131,55 +121,63 @@ def _draw_ends(axes: Axes, found: Calibration, heard: bool) -> None:
             at.append((over, low + 0.5 * (high - low) if heard else float(k)))
         if at:
             x, y = np.array(at).T
-            axes.plot(x, y, mark, color=INK, mec=PAPER if mark != 'x' else INK, ms=8.0, label=text)
+            axes.plot(
+                x,
+                y,
+                mark,
+                color=canvas.INK,
+                mec=canvas.PAPER if mark != 'x' else canvas.INK,
+                ms=8.0,
+                label=text,
+            )
 
 
-def _draw_fold(axes: Axes, found: Calibration) -> None:
+def _draw_fold(axes: canvas.Axes, found: Calibration) -> None:
     load = float(np.sqrt(found.loads[0] * found.loads[1]))
     configured = float(np.exp(found.reference.fold(np.array([np.log(load)]))[0]))
     low, middle, high = (float(found.belief.fold_speed(load, p)) / configured for p in QUANTILES)
-    _, colour, dashes = BOUNDARY_LINES['fold']
+    _, colour, dashes = canvas.BOUNDARY_LINES['fold']
     axes.axvspan(low, high, color=colour, alpha=0.2, lw=0.0, label='calibrated fold, 5 to 95 %')
     axes.axvline(middle, color=colour, ls=dashes, lw=1.6)
 
 
-def _draw_boundaries(axes: Axes, config: BearingConfig, found: Calibration) -> None:
+def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibration) -> None:
     """Both boundaries over the load, before and after, with their bands."""
     low, high = found.loads
     load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
     top = 0.0
     for name in ('fold', 'Hopf'):
-        regime, colour, dashes = BOUNDARY_LINES[name]
+        regime, colour, dashes = canvas.BOUNDARY_LINES[name]
         (left, was, right), (near, now, far) = (
             [getattr(b, f'{name.lower()}_speed')(load, p) / rpm for p in QUANTILES]
             for b in (found.before, found.belief)
         )
-        band = REGIME_COLOUR[regime]
+        band = canvas.REGIME_COLOUR[regime]
         axes.fill_betweenx(
             load, left, right, fc='none', ec=band, hatch='////', lw=0.0, alpha=0.35,
             label=f'{name} before, 5 to 95 %',
         )  # fmt: skip
-        axes.plot(was, load, color=MUTED, ls=dashes, lw=1.0, label=f'{name} before')
+        axes.plot(was, load, color=canvas.MUTED, ls=dashes, lw=1.0, label=f'{name} before')
         axes.fill_betweenx(load, near, far, color=band, alpha=0.45, lw=0.0)
         axes.plot(now, load, color=colour, ls=dashes, lw=1.8, label=f'{name} now, 5 to 95 %')
         top = max(top, float(far.max()), float(was.max()))
     for k, track in enumerate(found.edges.tracks):
         axes.plot(
-            track.speed / rpm, track.load, color=INK, lw=0.5, alpha=0.5, zorder=1,
+            track.speed / rpm, track.load, color=canvas.INK, lw=0.5, alpha=0.5, zorder=1,
             label=None if k else 'passages',
         )  # fmt: skip
     axes.set_xlabel('shaft speed [rpm]')
     axes.set_ylabel('load [N]')
-    axes.set_title('boundaries', loc='left', size=11.0, color=INK)
+    axes.set_title('boundaries', loc='left', size=11.0, color=canvas.INK)
     axes.set_xlim(0.0, 1.5 * top)
     axes.set_ylim(float(load[0]), float(load[-1]))
     axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5)
 
 
-def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> Figure:
+def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> canvas.Figure:
     """Draw how often a level over the speed takes which value, where it has no two modes."""
-    with style():
-        figure, axes = labelled(
+    with canvas.style():
+        figure, axes = canvas.labelled(
             'level / surface speed [dB]', 'values', title=f'{config.name}: no two modes',
         )  # fmt: skip
         value = np.concatenate([np.empty(0), *(level.value for level in levels)])

@@ -16,22 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import (
-    CAUTION_FILL,
-    DASHES,
-    FOLD,
-    HEIGHT,
-    HOPF,
-    MUTED,
-    REGIME_COLOUR,
-    REGIME_FILL,
-    WIDTH,
-    Axes,
-    Figure,
-    labelled,
-    legend_below,
-    style,
-)
+from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.track import Track, draw_track
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
@@ -187,8 +172,8 @@ def draw_map(
     speeds: Range | None = None,
     loads: Range | None = None,
     track: Track | None = None,
-    size: tuple[float, float] = (WIDTH, HEIGHT),
-) -> Figure:
+    size: tuple[float, float] = (canvas.WIDTH, canvas.HEIGHT),
+) -> canvas.Figure:
     """Draw the stability map of a bearing, and a track of operating points on it.
 
     The lowest and highest surface speed [m/s] and load [N] are chosen if ``None``; the size is
@@ -197,13 +182,13 @@ def draw_map(
     Raises:
         DrawingError: matplotlib is not installed.
     """
-    with style():
+    with canvas.style():
         bearing, (width, height) = config.bearing, size
         speeds, loads = map_ranges(bearing, speeds, loads, track)
         columns = max(2, int(width / _LEGEND_COLUMN))
         bottom = _BELOW + _LEGEND_ROW * -(-_NAMES // columns)
         above = max(_ABOVE, 0.0 if track is None else track.legend_height(width))
-        figure, axes = labelled(
+        figure, axes = canvas.labelled(
             'shaft speed [rpm]', 'bearing load [kN]', size=size,
             box=(_LEFT / width, bottom / height, 1.0 - _BESIDE_AXES / width,
                  1.0 - (bottom + above) / height),
@@ -216,53 +201,57 @@ def draw_map(
         _bands(axes, config, loads, rpm)
         _exact_fold(axes, bearing, loads, rpm)
         _amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3)
-        legend_below(figure, columns, _LEFT / width - 0.01)
+        canvas.legend_below(figure, columns, _LEFT / width - 0.01)
         if track is not None:
             draw_track(axes, track, rpm, width)
         if not np.isfinite([curves.fold_load, curves.hopf_load]).any():
             axes.text(
                 0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center'
             )
-        figure.text(0.985, 0.995, config.name, ha='right', va='top', size=9.0, color=MUTED)
+        figure.text(0.985, 0.995, config.name, ha='right', va='top', size=9.0, color=canvas.MUTED)
         return figure
 
 
-def _regions(axes: Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
+def _regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
     """Fill the regions, each over the one below it, and draw the lines between them."""
     x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
     for load, colour, name in (
-        (np.zeros_like(x), REGIME_FILL[Regime.STABLE], 'stable'),
-        (curves.caution_load, CAUTION_FILL, 'margin low'),
-        (curves.fold_load, REGIME_FILL[Regime.BISTABLE], 'bistable'),
-        (curves.hopf_load, REGIME_FILL[Regime.UNSTABLE], 'unstable'),
+        (np.zeros_like(x), canvas.REGIME_FILL[Regime.STABLE], 'stable'),
+        (curves.caution_load, canvas.CAUTION_FILL, 'margin low'),
+        (curves.fold_load, canvas.REGIME_FILL[Regime.BISTABLE], 'bistable'),
+        (curves.hopf_load, canvas.REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
         bottom = np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / 1e3
         axes.fill_between(x, bottom, ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name)
-    axes.plot(x, curves.caution_load / 1e3, color=MUTED, lw=1.0, ls=':', zorder=3)
-    axes.plot(x, curves.hopf_load / 1e3, color=HOPF, zorder=3, label='Hopf')
-    axes.plot(x, curves.fold_load / 1e3, color=FOLD, ls=DASHES, zorder=3, label='fold')
+    axes.plot(x, curves.caution_load / 1e3, color=canvas.MUTED, lw=1.0, ls=':', zorder=3)
+    axes.plot(x, curves.hopf_load / 1e3, color=canvas.HOPF, zorder=3, label='Hopf')
+    axes.plot(
+        x, curves.fold_load / 1e3, color=canvas.FOLD, ls=canvas.DASHES, zorder=3, label='fold'
+    )
 
 
-def _exact_fold(axes: Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
+def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
     """The end of sticking, where it is another line than the fold of averaging."""
     load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
     exact = np.asarray(exact_fold_speed(bearing, load))
     averaged = np.asarray(fold_speed(bearing, load))
     if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
         axes.plot(
-            exact / rpm, load / 1e3, color=FOLD, lw=1.4, ls='-.', zorder=3,
+            exact / rpm, load / 1e3, color=canvas.FOLD, lw=1.4, ls='-.', zorder=3,
             label='end of sticking, exact',
         )  # fmt: skip
 
 
-def _amplitudes(axes: Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
+def _amplitudes(
+    axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int
+) -> None:
     """Lines of one amplitude of the exact stick-slip cycle, labelled in mm."""
     speed, load, exact = _exact_amplitudes(bearing, speeds, loads)
     if not np.isfinite(exact).any():
         return
     lines = axes.contour(
         speed / bearing.speed.factor('rpm'), load / 1e3, np.ma.masked_invalid(exact), levels,
-        colors=MUTED, linewidths=0.9, zorder=2,
+        colors=canvas.MUTED, linewidths=0.9, zorder=2,
     )  # fmt: skip
     # High up, where a track seldom is: the range of loads has room above it. Of a line that only
     # touches a corner the label would stand over the boundaries.
@@ -286,7 +275,7 @@ def _exact_amplitudes(
     return speed, load, exact_cycle(bearing, speed[None, :], load[:, None]).amplitude * 1e3
 
 
-def _bands(axes: Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
+def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
     """Where 5 to 95 % of the belief have the Hopf and the fold speed."""
     if config.belief is None:
         return
@@ -297,5 +286,5 @@ def _bands(axes: Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
     ):
         low, high = (quantile(load, p) / rpm for p in (QUANTILES[0], QUANTILES[-1]))
         axes.fill_betweenx(
-            load / 1e3, low, high, color=REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
+            load / 1e3, low, high, color=canvas.REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
         )

@@ -13,22 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import (
-    BOUNDARY_LINES,
-    CAUTION_FILL,
-    CONDITION_COLOUR,
-    CONDITION_NAMES,
-    DASHES,
-    INK,
-    MUTED,
-    PAPER,
-    REGIME_COLOUR,
-    REGIME_FILL,
-    Axes,
-    Figure,
-    new_figure,
-    style,
-)
+from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
@@ -70,20 +55,20 @@ class Timeline:
         return bool(np.any(np.isfinite(self.scan.assessment.amplitude)))
 
 
-def draw_timeline(timeline: Timeline, width: float = 9.0) -> Figure:
+def draw_timeline(timeline: Timeline, width: float = 9.0) -> canvas.Figure:
     """Draw a recording over time, of a width [inch]; long ones are thinned to their envelope.
 
     Raises:
         DrawingError: matplotlib is not installed.
     """
-    with style():
+    with canvas.style():
         shown = timeline.has_cycle or timeline.lining is not None
         rows = [row for row in _ROWS if row[0] != 'amplitude' or shown]
         height = sum(size + _BETWEEN for _, size in rows) - _BETWEEN + _ABOVE + _BELOW
-        figure = new_figure(width, height)
+        figure = canvas.new_figure(width, height)
         figure.text(0.01, 0.99, timeline.title, va='top', size=11.0, weight='bold')
         top = height - _ABOVE
-        panels: dict[str, Axes] = {}
+        panels: dict[str, canvas.Axes] = {}
         for name, size in rows:
             box = (_LEFT, top - size, width - _LEFT - _RIGHT, size)
             parts = [side / whole for side, whole in zip(box, (width, height) * 2, strict=True)]
@@ -162,17 +147,17 @@ def _finite(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _speed(axes: Axes, lines: _Lines) -> None:
+def _speed(axes: canvas.Axes, lines: _Lines) -> None:
     """Speed, over the regions that its boundaries at the load of each instant make."""
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
-        ('fold_speed', margin, CAUTION_FILL),
-        ('fold_speed', 1.0, REGIME_FILL[Regime.BISTABLE]),
-        ('hopf_speed', 1.0, REGIME_FILL[Regime.UNSTABLE]),
+        ('fold_speed', margin, canvas.CAUTION_FILL),
+        ('fold_speed', 1.0, canvas.REGIME_FILL[Regime.BISTABLE]),
+        ('hopf_speed', 1.0, canvas.REGIME_FILL[Regime.UNSTABLE]),
     ):
         when, boundary = lines.line(name)
         axes.fill_between(when, 0.0, boundary * factor, color=colour, lw=0.0, zorder=1)
-    for label, (_, colour, dashes) in BOUNDARY_LINES.items():
+    for label, (_, colour, dashes) in canvas.BOUNDARY_LINES.items():
         line = lines.line(f'{label.lower()}_speed')
         axes.plot(*line, color=colour, lw=1.0, ls=dashes, zorder=2, label=label)
     # Astern the same picture is mirrored: its boundaries are those of the speed's size.
@@ -180,8 +165,8 @@ def _speed(axes: Axes, lines: _Lines) -> None:
     for name, astern, dashes in (('measured', False, '-'), ('astern', True, (0, (2, 1)))):
         if not astern or backwards.any():
             lines.columns[name] = np.where(backwards == astern, lines.columns['speed'], np.nan)
-            axes.plot(*lines.line(name), color=INK, lw=1.4, ls=dashes, zorder=4, label=name)
-    axes.set_facecolor(REGIME_FILL[Regime.STABLE])
+            axes.plot(*lines.line(name), color=canvas.INK, lw=1.4, ls=dashes, zorder=4, label=name)
+    axes.set_facecolor(canvas.REGIME_FILL[Regime.STABLE])
     top = float(np.nanmax(lines.columns['speed'], initial=0.0))
     edge = float(np.nanmax(_finite(lines.columns['fold_speed']), initial=0.0))
     axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
@@ -190,21 +175,21 @@ def _speed(axes: Axes, lines: _Lines) -> None:
     axes.legend(loc='best', ncols=2, fontsize=8.5, framealpha=0.7, edgecolor='none')
 
 
-def _load(axes: Axes, lines: _Lines) -> None:
-    axes.plot(*lines.line('load'), color=INK, lw=1.2)
+def _load(axes: canvas.Axes, lines: _Lines) -> None:
+    axes.plot(*lines.line('load'), color=canvas.INK, lw=1.2)
     axes.set_ylabel('load [kN]')
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * 1.05 or 1.0)
 
 
-def _margins(axes: Axes, lines: _Lines) -> None:
+def _margins(axes: canvas.Axes, lines: _Lines) -> None:
     highest, lowest, most = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
-    for word, (regime, colour, dashes) in BOUNDARY_LINES.items():
+    for word, (regime, colour, dashes) in canvas.BOUNDARY_LINES.items():
         name = f'{word.lower()}_margin'
         if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
             told = getattr(lines.lining, name)
             when, true = lines.at(told.time_ns), 100.0 * _finite(told.value)
-            wide = REGIME_COLOUR[regime]
+            wide = canvas.REGIME_COLOUR[regime]
             axes.plot(when, true, color=wide, alpha=0.4, lw=4.0, label=f'{word}, true')
         time, margin = lines.line(name)
         axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')
@@ -213,13 +198,13 @@ def _margins(axes: Axes, lines: _Lines) -> None:
     if lines.config.belief is not None:
         time, low, high = lines.line('fold_low', 'fold_high')
         axes.fill_between(
-            time, low, high, color=REGIME_COLOUR[Regime.BISTABLE], alpha=0.3, lw=0.0, zorder=3,
-            label='5 to 95 %',
+            time, low, high, color=canvas.REGIME_COLOUR[Regime.BISTABLE], alpha=0.3, lw=0.0,
+            zorder=3, label='5 to 95 %',
         )  # fmt: skip
     caution = 100.0 * lines.config.alarm.caution_margin
-    axes.axhspan(0.0, caution, color=CAUTION_FILL, lw=0.0, zorder=1)
-    axes.axhspan(-1e4, 0.0, color=REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
-    axes.axhline(0.0, color=MUTED, lw=0.8, zorder=2)
+    axes.axhspan(0.0, caution, color=canvas.CAUTION_FILL, lw=0.0, zorder=1)
+    axes.axhspan(-1e4, 0.0, color=canvas.REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
+    axes.axhline(0.0, color=canvas.MUTED, lw=0.8, zorder=2)
     top = min(max(highest, 100.0 * _LOWEST_TOP), most)
     room = 0.06 * (top - lowest)
     axes.set_ylim(lowest - room, min(top + room, most))
@@ -227,12 +212,21 @@ def _margins(axes: Axes, lines: _Lines) -> None:
     _legend(axes)
 
 
-def _amplitude(axes: Axes, lines: _Lines) -> None:
+def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
     time, possible, predicted = lines.amplitudes()
-    axes.plot(time, possible, color=MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
-    axes.fill_between(time, 0.0, predicted, color=REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
     axes.plot(
-        time, predicted, color=REGIME_COLOUR[Regime.UNSTABLE], lw=1.4, label='predicted', zorder=4
+        time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3
+    )
+    axes.fill_between(
+        time, 0.0, predicted, color=canvas.REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1
+    )
+    axes.plot(
+        time,
+        predicted,
+        color=canvas.REGIME_COLOUR[Regime.UNSTABLE],
+        lw=1.4,
+        label='predicted',
+        zorder=4,
     )
     limit = lines.config.alarm.amplitude_limit * 1e3
     greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
@@ -242,40 +236,40 @@ def _amplitude(axes: Axes, lines: _Lines) -> None:
         axes.plot(when, true, color=_TRUTH, lw=1.2, label='true', zorder=5)
         greatest = max(greatest, float(np.nanmax(true, initial=0.01)))
     if np.isfinite(limit) and limit < 3.0 * greatest:
-        axes.axhline(limit, color=INK, lw=1.0, ls=DASHES, label='limit', zorder=3)
+        axes.axhline(limit, color=canvas.INK, lw=1.0, ls=canvas.DASHES, label='limit', zorder=3)
         greatest = max(greatest, limit)
     axes.set_ylim(0.0, 1.12 * greatest or 1.0)
     axes.set_ylabel('ampl. [mm]')
     _legend(axes)
 
 
-def _legend(axes: Axes) -> None:
+def _legend(axes: canvas.Axes) -> None:
     axes.legend(
         loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=5, fontsize=8.5, frameon=False,
         borderpad=0.1, borderaxespad=0.0, handlelength=1.8, columnspacing=1.0, handletextpad=0.4,
     )  # fmt: skip
 
 
-def _alarm(axes: Axes, lines: _Lines, most: int) -> None:
+def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
     """The alarm's condition as a band of colours; its names stand where they fit."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
     for spell in coarsened(lines.timeline.spells, most):
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
-        axes.axvspan(left, right, color=CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
-        name = CONDITION_NAMES[spell.condition]
+        axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
+        name = canvas.CONDITION_NAMES[spell.condition]
         if (right - left) * pixels > _PIXELS_PER_LETTER * (len(name) + 1):
             axes.text(
                 0.5 * (left + right), 0.46, name, ha='center', va='center', size=8.5,
-                color=PAPER, zorder=3,
+                color=canvas.PAPER, zorder=3,
             )  # fmt: skip
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([])
     axes.set_ylabel('alarm', rotation=0.0, ha='right', va='center')
 
 
-def _episodes(panels: dict[str, Axes], lines: _Lines) -> None:
+def _episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
     """Shade where the lining stuck, and draw that over the band of the alarm."""
     for k, episode in enumerate(() if lines.lining is None else lines.lining.episodes):
         first, last = map(float, lines.at(episode))
@@ -287,7 +281,7 @@ def _episodes(panels: dict[str, Axes], lines: _Lines) -> None:
             )
 
 
-def _time_axis(panels: dict[str, Axes], lines: _Lines, width: float) -> None:
+def _time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> None:
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     for name, axes in panels.items():
         axes.set_xlim(low, high if high > low else low + 1e-6)
@@ -296,7 +290,7 @@ def _time_axis(panels: dict[str, Axes], lines: _Lines, width: float) -> None:
         axes.xaxis.get_offset_text().set_fontsize(9.5)
         if name != 'alarm':
             axes.tick_params(labelbottom=False)
-            axes.grid(color=MUTED, alpha=0.18, lw=0.6)
+            axes.grid(color=canvas.MUTED, alpha=0.18, lw=0.6)
         if lines.dated:
             _clock_ticks(axes, most=6 if width < 6.0 else 10)
         axes.spines[['top', 'right']].set_visible(False)
@@ -306,7 +300,7 @@ def _time_axis(panels: dict[str, Axes], lines: _Lines, width: float) -> None:
     last.set_xlabel('time [UTC]' if lines.dated else 'time from the start [s]', size=9.5)
 
 
-def _clock_ticks(axes: Axes, most: int) -> None:
+def _clock_ticks(axes: canvas.Axes, most: int) -> None:
     from datetime import timezone
 
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
@@ -330,14 +324,14 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
     return numbered if len(numbered) <= _MOST_LINES else []
 
 
-def _event_lines(panels: dict[str, Axes], lines: _Lines) -> None:
+def _event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
     """A line through all panels at each event; numbers above, as far as they do not collide."""
     events = marked_events(lines.timeline.scan.events)
     first = panels['speed']
     free = [-np.inf] * _NUMBER_ROWS
     for number, event in events:
         when = float(lines.at(event.time_ns))
-        colour = CONDITION_COLOUR[event.after]
+        colour = canvas.CONDITION_COLOUR[event.after]
         for name, axes in panels.items():
             if name != 'alarm':
                 axes.axvline(when, color=colour, lw=0.9, alpha=0.8, zorder=3)
@@ -347,6 +341,6 @@ def _event_lines(panels: dict[str, Axes], lines: _Lines) -> None:
             first.annotate(
                 str(number), (when, 1.0), (0.0, 2.0 + 10.0 * row),
                 xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
-                va='bottom', size=8.5, color=INK,
+                va='bottom', size=8.5, color=canvas.INK,
             )  # fmt: skip
             free[row] = spot + 7.0 * len(str(number)) + 6.0

@@ -13,16 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.drawing.canvas import (
-    CONDITION_COLOUR,
-    CONDITION_NAMES,
-    INK,
-    MUTED,
-    PAPER,
-    WIDTH,
-    Axes,
-    legend_above,
-)
+from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import Verdicts
 
@@ -31,7 +22,7 @@ _STOPS = 150
 # A step of the course is at least this part of the map's diagonal.
 _STRIDE = 0.015
 # Colour and width of the course from its beginning to its end: a way back lies on the way out.
-_AGES = (('#8c8c8c', 4.0), (MUTED, 2.6), (INK, 1.3))
+_AGES = (('#8c8c8c', 4.0), (canvas.MUTED, 2.6), (canvas.INK, 1.3))
 # The names of the marks above the map [inch].
 _LEGEND_COLUMN, _LEGEND_ROW, _MARGINS = 1.45, 0.2, 1.08
 _MARKER = {
@@ -127,7 +118,7 @@ def _columns(width: float) -> int:
     return max(1, int((width - _MARGINS) / _LEGEND_COLUMN))
 
 
-def draw_track(axes: Axes, track: Track, rpm: float, width: float = WIDTH) -> None:
+def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canvas.WIDTH) -> None:
     """Draw a track on a map; the legend above it names the ends and the changes of the alarm.
 
     The axes have their final limits in rpm and kN; ``rpm`` is the surface speed of one rpm [m/s],
@@ -139,13 +130,13 @@ def draw_track(axes: Axes, track: Track, rpm: float, width: float = WIDTH) -> No
         return
     # Every place that it has been to, faint.
     drawn = envelope(int(width * _POINTS_PER_INCH), x, y)
-    axes.plot(x[drawn], y[drawn], color=MUTED, lw=0.7, alpha=0.45, zorder=6)
+    axes.plot(x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6)
     _course(axes, x, y)
     for i, name, marker, size, face in (
-        (known[0], 'start', 'o', 12.0, PAPER),
-        (known[-1], 'end', 's', 6.5, INK),
+        (known[0], 'start', 'o', 12.0, canvas.PAPER),
+        (known[-1], 'end', 's', 6.5, canvas.INK),
     ):
-        edge = INK if face == PAPER else PAPER
+        edge = canvas.INK if face == canvas.PAPER else canvas.PAPER
         axes.plot(
             x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11, label=name,
         )  # fmt: skip
@@ -153,14 +144,14 @@ def draw_track(axes: Axes, track: Track, rpm: float, width: float = WIDTH) -> No
         own = [event for event in track.events if event.condition is condition]
         axes.plot(
             [abs(event.speed) / rpm for event in own], [event.load / 1e3 for event in own],
-            ls='', marker=_MARKER[condition], ms=8.5, mfc=CONDITION_COLOUR[condition], mec=PAPER,
-            mew=1.0, zorder=10, label=f'to: {CONDITION_NAMES[condition]}',
+            ls='', marker=_MARKER[condition], ms=8.5, mfc=canvas.CONDITION_COLOUR[condition],
+            mec=canvas.PAPER, mew=1.0, zorder=10, label=f'to: {canvas.CONDITION_NAMES[condition]}',
         )  # fmt: skip
     marks = [line for line in axes.lines if line.get_zorder() >= 10]
-    legend_above(axes, _columns(width), handles=marks, handlelength=1.2)
+    canvas.legend_above(axes, _columns(width), handles=marks, handlelength=1.2)
 
 
-def _course(axes: Axes, x: FloatArray, y: FloatArray) -> None:
+def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> None:
     """The track without noise: means over stretches of time, at least a stride apart.
 
     It goes from wide and light to narrow and dark, so that ways back can be told.
@@ -191,5 +182,5 @@ def _course(axes: Axes, x: FloatArray, y: FloatArray) -> None:
             own = np.flatnonzero(part == age)
             if own.size:
                 line = axes.transData.inverted().transform(path[own[0] : own[-1] + 2]).T
-                axes.plot(*line, color=PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
+                axes.plot(*line, color=canvas.PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
                 axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt')

@@ -16,16 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from stickslip_monitor import __version__
-from stickslip_monitor.drawing.canvas import (
-    CONDITION_NAMES,
-    ON_DARK,
-    Pixels,
-    drawn,
-    heading,
-    inline_svg,
-    sheet,
-    variable,
-)
+from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.drawing.track import Track, track_of_scan
@@ -58,7 +49,7 @@ from stickslip_monitor.report.summary import (
 MOST_EVENTS = 400
 _MOST_TOPICS = 100
 _GRADES = {'OK': 'clear', 'WARN': 'warning', 'ERROR': 'alarm'}
-_CONDITIONS = {condition.value: name for condition, name in CONDITION_NAMES.items()}
+_CONDITIONS = {condition.value: name for condition, name in canvas.CONDITION_NAMES.items()}
 _ORDER = tuple(_GRADES)
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = 9.0, 3.6
@@ -178,11 +169,11 @@ class Archive:
             }
             yield replace(part, bearings=bearings)
 
-    def figures(self) -> Iterator[Pixels]:
+    def figures(self) -> Iterator[canvas.Pixels]:
         """The pictures for a sheet."""
         for part in self.parts:
             for course, finding in zip(part.courses, part.findings, strict=False):
-                yield from map(drawn, _figures(part.name, course, finding))
+                yield from map(canvas.drawn, _figures(part.name, course, finding))
 
 
 def _course(checked: CheckReport, item: BearingReport) -> Course:
@@ -209,7 +200,7 @@ def _timeline(course: Course) -> Timeline:
 
 
 def _figures(bag: str, course: Course, finding: Finding) -> Iterator[Any]:
-    yield heading(f'{finding.word}: {bag}, {course.name}', finding.sentences)
+    yield canvas.heading(f'{finding.word}: {bag}, {course.name}', finding.sentences)
     if course.scan.time_ns.size:
         yield draw_map(course.config, track=_track(course))
         yield draw_timeline(_timeline(course), _WIDE)
@@ -233,7 +224,9 @@ def _map_picture(anchor: str, course: Course, finding: Finding) -> Picture:
         f' operating points on it. {finding.sentences[0]}'
     )
     wide, narrow = (
-        inline_svg(draw_map(course.config, track=_track(course), size=size), f'{anchor}-{k}', text)
+        canvas.inline_svg(
+            draw_map(course.config, track=_track(course), size=size), f'{anchor}-{k}', text
+        )
         for k, size in (('m', _MAP_WIDE), ('n', _MAP_NARROW))
     )
     return Picture(wide, narrow, _MAP_CAPTION)
@@ -247,7 +240,7 @@ def _timeline_picture(anchor: str, course: Course) -> Picture:
         f' {formatting.count(len(events), "event")} marked. The table of events has the numbers.'
     )
     wide, narrow = (
-        inline_svg(draw_timeline(timeline, width), f'{anchor}-{key}', text)
+        canvas.inline_svg(draw_timeline(timeline, width), f'{anchor}-{key}', text)
         for key, width in (('t', _WIDE), ('u', _NARROW))
     )
     caption = _SPEED_CAPTION
@@ -340,7 +333,7 @@ def html_page(
         parameters=parameter_groups(
             load_parameters(config_path, node), [bearing.name for bearing in config.bearings]
         ),
-        colours={variable(light): (light, dark) for light, dark in ON_DARK.items()},
+        colours={canvas.variable(light): (light, dark) for light, dark in canvas.ON_DARK.items()},
     )
     return f'{page}\n'.encode(errors='replace')
 
@@ -360,9 +353,9 @@ def png_sheet(archive: Archive, path: str) -> bytes:
     figures = list(archive.figures())
     if sum(len(part.findings) for part in parts) > 1 or not figures:
         verdict = _overall(parts)
-        above = heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
-        figures = [drawn(above), *figures]
-    return sheet(figures)
+        above = canvas.heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
+        figures = [canvas.drawn(above), *figures]
+    return canvas.sheet(figures)
 
 
 def _overall(parts: Sequence[RecordingPart]) -> Finding:
