@@ -123,7 +123,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for item in _QUANTITIES.values():
         unit = ' or '.join(name for name in item.units if name)
         text = item.text + (f', in {unit}' if unit else '')
-        parser.add_argument(item.option, metavar='VALUE', help=text)
+        # A help text is a format of argparse.
+        parser.add_argument(item.option, metavar='VALUE', help=text.replace('%', '%%'))
     text = 'rubber, for its density (default nitrile)'
     parser.add_argument('--material', choices=DENSITY, default='nitrile', help=text)
     parser.add_argument('--name', default='aft_stern', help='name of the bearing')

@@ -18,7 +18,7 @@ from threading import Thread
 import pytest
 from shared import ROOT
 
-from stickslip_monitor.cli import main
+from stickslip_monitor.cli import COMMANDS, main
 
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BAG = str(ROOT / 'bags' / 'coast_down')
@@ -37,6 +37,15 @@ def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert said[0] == said[1]
     assert said[2] == said[3]
     assert 'one operating point' in said[0]
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_every_command_shows_its_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A per cent sign in a help text is a format of argparse, and fails when it is shown."""
+    with pytest.raises(SystemExit) as stop:
+        main([command, '--help'])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out.startswith(f'usage: stickslip {command} ')
 
 
 def test_a_recording_is_shown_without_a_configuration(capsys: pytest.CaptureFixture[str]) -> None:
