@@ -98,6 +98,11 @@ class LogColumn:
     name: str | None = None
     unit: str | None = None
 
+    @property
+    def has_unit(self) -> bool:
+        """Whether it says a unit, be it a known one or another."""
+        return self.unit is not None or bool(parse_heading(self.heading).unit)
+
 
 @dataclass(frozen=True, slots=True)
 class SourceColumn:
@@ -208,11 +213,13 @@ class ColumnBinding:
         names = {parse_heading(topic).name, parse_heading(topic.rpartition('/')[2]).name}
         own = {quantity, parse_heading(f'{bearing} {quantity}').name}
         units = _units_of(quantity, source)
-        of_topic = [c for c in self._all if topic and c.heading.strip('/') == topic]
-        plain = [parse_heading(c.heading).name for c in self._all]
-        like = [c for c, name in zip(self._all, plain, strict=True) if name in names - {quantity}]
-        by_unit = [c for c in self._all if c.unit in units]
-        by_name = [c for c, name in zip(self._all, plain, strict=True) if name in own]
+        # One that says another unit is another quantity: 'Speed (kn)' is the ship's own.
+        able = [c for c in self._all if c.unit in units or not c.has_unit]
+        of_topic = [c for c in able if topic and c.heading.strip('/') == topic]
+        plain = [parse_heading(c.heading).name for c in able]
+        like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
+        by_unit = [c for c in able if c.unit in units]
+        by_name = [c for c, name in zip(able, plain, strict=True) if name in own]
         return of_topic or like or by_unit or by_name
 
     def _bound(

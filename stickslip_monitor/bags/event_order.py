@@ -45,7 +45,7 @@ class StepClock:
     def __init__(self, gap_ns: int) -> None:
         self._gap_ns = gap_ns
         self._limit_ns = min(max(_STEP_NS, round(_STEP_GAPS * gap_ns)), 1 << 60)
-        self._latest: int | None = None
+        self.latest_ns: int | None = None
         self._shift_ns = 0
         self.steps_ns: list[int] = []
 
@@ -54,7 +54,7 @@ class StepClock:
         shifted = time_ns + self._shift_ns
         begin = 0
         while shifted.size:
-            start = self._latest if self._latest is not None else int(shifted[0])
+            start = self.latest_ns if self.latest_ns is not None else int(shifted[0])
             before = np.maximum.accumulate(np.append(start, shifted))[:-1]
             below = shifted < before - self._limit_ns
             # Two in a row: one alone is a line that came late.
@@ -68,9 +68,9 @@ class StepClock:
             shifted = np.append(shifted[:begin], shifted[begin:] + step)
         arrival = shifted
         if shifted.size:
-            start = self._latest if self._latest is not None else int(shifted[0])
+            start = self.latest_ns if self.latest_ns is not None else int(shifted[0])
             arrival = np.maximum.accumulate(np.append(start, shifted))[1:]
-            self._latest = int(arrival[-1])
+            self.latest_ns = int(arrival[-1])
         return shifted, arrival
 
     def sentence(self, whose: str) -> str:

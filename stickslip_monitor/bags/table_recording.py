@@ -34,7 +34,7 @@ from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.tables import parquet
-from stickslip_monitor.tables.headings import parse_heading, unit_of
+from stickslip_monitor.tables.headings import parse_heading, with_unit
 from stickslip_monitor.tables.table import NumberTable, Rows, TextTable, some_cells, texts_of
 
 _NAME = re.compile(
@@ -76,8 +76,6 @@ class TableRecording:
             self._findings.lose(text)
         known = [*self.table.head, *self.table.tail]
         times = self._times(known)
-        self.start_ns = int(times.min()) if times.size else None
-        self.end_ns = int(times.max()) if times.size else None
         self._is_falling = times.size > 1 and bool(
             (np.diff(times) <= 0).all() & (times[0] > times[-1])
         )
@@ -85,13 +83,19 @@ class TableRecording:
             self._findings.note('the newest line comes first: sorted by time')
         gaps = np.diff(self._times(self.table.head))
         self._gap_ns = int(np.median(np.abs(gaps[gaps != 0]))) if gaps.any() else 0
-        self._names, self._is_by_name = self._long_columns(), False
+        self._names = self._long_columns()
+        self._is_by_name = False
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
         """What stands for the topics of the configuration that was bound."""
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
+        is_sorted = not (self._is_falling or self._is_by_name)
+        # What a clock that was set back says of a start before the first line is none.
+        begins = StepClock(self._gap_ns).follow(times)[0] if is_sorted else times
+        self.start_ns = int(begins.min()) if times.size else None
+        self.end_ns = int(times.max()) if times.size else None
 
     def _times(self, rows: Sequence[Sequence[Any]]) -> IntArray:
         """The times of rows that have one [ns]."""
@@ -120,12 +124,12 @@ class TableRecording:
         units = [
             k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)
         ]
-        seen: dict[str, str | None] = {}
+        seen: dict[str, str] = {}
         for row in self._all_rows(name):
-            unit = unit_of(row[units[0]]) if units and len(row) > units[0] else None
-            seen.setdefault(row[name], unit)
-        for heading, unit in seen.items():
-            yield LogColumn(heading, value, heading, unit or parse_heading(heading).known_unit)
+            seen.setdefault(row[name], row[units[0]] if units and len(row) > units[0] else '')
+        for own, unit in seen.items():
+            heading, known = with_unit(own, unit)
+            yield LogColumn(heading, value, own, known)
 
     def _all_rows(self, name: int) -> Iterator[Sequence[Any]]:
         """Rows that have every name, with one row of each at least."""
@@ -134,11 +138,20 @@ class TableRecording:
         head = {row[name] for row in self.table.head if len(row) > name}
         # One name after the other: those of the middle are in no head and no tail.
         self._is_by_name = len(head) < 2 or any(row[name] not in head for row in known)
+        self._is_by_name |= self._goes_back(known) and not any(
+            self._goes_back([row for row in known if row[name] == own]) for own in head
+        )
         if self._is_by_name:
             blank = [''] * len(self.table.names)
             for rows in self.table.blocks([name], _silent, _silent):
                 for text in dict.fromkeys(texts_of(rows.columns[0])):
                     yield [*blank[:name], text, *blank[name + 1 :]]
+
+    def _goes_back(self, rows: Sequence[Sequence[Any]]) -> bool:
+        """Whether the times of rows look like those of a clock that was set back."""
+        clock = StepClock(self._gap_ns)
+        clock.follow(self._times(rows))
+        return bool(clock.steps_ns)
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
@@ -301,6 +314,7 @@ class TableReading:
             )
         if clock.steps_ns:
             self._recording.note(clock.sentence('of the lines'))
+            self._recording.end_ns = clock.latest_ns
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """The words in place of numbers."""

@@ -24,9 +24,9 @@ from stickslip_monitor.tables.headings import (
     Cells,
     decimal_sign,
     first_with_comma,
-    parse_heading,
     parse_number,
     unit_of,
+    with_unit,
 )
 from stickslip_monitor.tables.stamps import is_stamp, is_time
 
@@ -138,10 +138,11 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     text = extent.head.decode(encoding, 'replace').replace('\0', '')
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
-    kept = text.splitlines(keepends=True)[:_MOST_LINES]
+    lines = text.splitlines(keepends=True)
+    kept, others = lines[:_MOST_LINES], lines[_MOST_LINES:]
     # The tail begins within a line, and within a character of two bytes.
     tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
-    last = tail.replace('\0', '').splitlines(keepends=True)[1:]
+    last = tail.replace('\0', '').splitlines(keepends=True)[1:] or others[-_MOST_LINES:]
     if kind := bus_log_of(kept):
         return _bus_log(path, encoding, kind, kept, last)
     delimiter, rows = _best(kept)
@@ -235,17 +236,18 @@ def _headings(
     named = [row for row in above if len(row) >= max(width - 1, 2)]
     bare = [row for row in named if not row[0].startswith('#')]
     if not bare:
+        # Of cells cut by blanks the mark of a comment may be one.
         bare = [[row[0].lstrip('# '), *row[1:]] for row in named]
+        bare = [row if row[0] or len(row) <= width else row[1:] for row in bare]
     if not bare or bare[-1][0].strip().lower().startswith('sep='):
         return tuple(f'#{k + 1}' for k in range(width)), (None,) * width
     names = bare[-1]
-    units: list[str | None] = [None] * width
+    units: Cells = [''] * len(names)
     if len(bare) > 1 and len(bare[-2]) == len(names) and _is_units(names):
-        units, names = [unit_of(cell) for cell in names], bare[-2]
-    names = [name.strip() for name in (*names, *[''] * width)][: max(width, len(names))]
-    found = [parse_heading(name).known_unit for name in names]
-    units += [None] * (len(names) - len(units))
-    return tuple(names), tuple(a or b for a, b in zip(units, found, strict=True))
+        units, names = names, bare[-2]
+    both = [with_unit(*pair) for pair in zip(names, units, strict=True)]
+    both += [('', None)] * (width - len(both))
+    return tuple(name for name, _ in both), tuple(unit for _, unit in both)
 
 
 def _is_units(row: Cells) -> bool:

@@ -18,6 +18,8 @@ UNITS = {
 """What a unit is called in the configuration, by how it is written in lower case."""
 # Of a heading without brackets the last word is its unit only where it can be nothing else.
 _CLEAR = ('rpm', 'kn', 'hz')
+# 'kn' in small letters is knots, but in the heading of a force.
+_KNOTS, _FORCES = 'kn', {'load', 'force', 'thrust', 'kraft', 'last'}
 _BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
 _NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
 _GROUPED = re.compile(r'[+-]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
@@ -35,7 +37,8 @@ class Heading(NamedTuple):
     @property
     def known_unit(self) -> str | None:
         """The unit as the configuration calls it; None where it is none of those."""
-        return unit_of(self.unit or '')
+        is_knots = self.unit == _KNOTS and not _FORCES & set(self.name.split())
+        return None if is_knots else unit_of(self.unit or '')
 
 
 def unit_of(text: str) -> str | None:
@@ -47,12 +50,25 @@ def parse_heading(text: str) -> Heading:
     """Split a heading such as ``'Shaft speed [rpm]'``, ``'load (kN)'`` or ``'n_rpm'``."""
     match = _BRACKETED.fullmatch(text.strip())
     name, unit = match.groups() if match else (text, None)
-    words = re.sub(r'[_\W]+', ' ', name).lower().split()
+    words = re.sub(r'[_\W]+', ' ', name).split()
     if unit is None:
-        unit = next((word for word in words if word in _CLEAR), None)
+        unit = next((word for word in words if word.lower() in _CLEAR), None)
         if unit is None and unit_of(text):
             unit = text.strip()
-    return Heading(' '.join(words), unit)
+    return Heading(' '.join(words).lower(), unit)
+
+
+def with_unit(name: str, unit: str) -> tuple[str, str | None]:
+    """A heading with a unit that stands apart from it, and the unit as the configuration calls it.
+
+    A unit that is none of those becomes a part of the heading.
+    """
+    name, unit = name.strip(), unit.strip(' []()')
+    if unit in ('', '-'):
+        return name, parse_heading(name).known_unit
+    whole = f'{name} [{unit}]'
+    known = parse_heading(whole).known_unit
+    return (name, known) if known else (whole, None)
 
 
 def parse_number(cell: str, decimal: str = '.') -> float | None:

@@ -208,6 +208,29 @@ LOGS = {
         ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:01Z,901,load\r\n',
         after(0, 1), [30, 31], [900, 901],
     ),
+    'long, a name with hundreds of lines after another': Log(
+        'time,tag,value\n' + ''.join(
+            f'{second},{tag},{first + second}\n'
+            for tag, first in (('speed', 30), ('load', 900)) for second in range(300)
+        ),
+        since(*range(300)), range(30, 330), range(900, 1200),
+    ),
+    'long, a clock that is set back': Log(
+        'time,tag,value\n' + ''.join(
+            f'{second},{tag},{second}\n' for second in (100, 101, 102, 2, 3, 4)
+            for tag in ('speed', 'load')
+        ),
+        since(*range(100, 106)), [100, 101, 102, 2, 3, 4], [100, 101, 102, 2, 3, 4],
+        'set back once',
+    ),
+    'the mark of a comment before blanks and headings': Log(
+        '# t[s]  n[1/min]   F[kN]\n  0.0   30.0   0.9\n  1.0   31.0   1.1\n', since(0, 1),
+        [30, 31], [900, 1100],
+    ),
+    'knots beside a load in small letters': Log(
+        'time,speed (kn),shaft_rpm,load_kn\n0,12,30,0.9\n1,12,31,1.1\n', since(0, 1),
+        [30, 31], [900, 1100],
+    ),
     'NMEA 0183': Log(
         '2026-04-13T10:00:00.000Z $IIRPM,S,1,30.0,,A*5D\n'
         '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
@@ -309,3 +332,41 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
             refused.append(str(error))
     assert len(refused) < 300
     assert [text for text in refused if not text.strip()] == []
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'time,Shaft RPM,Speed over ground (kn)\n0,30,12\n1,31,12\n',
+        'time,Shaft RPM,load [t]\n0,30,1.2\n1,31,1.2\n',
+        'time,Shaft RPM,load\ns,rpm,t\n0,30,1.2\n1,31,1.2\n',
+        'time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n',
+    ],
+    ids=['knots', 'tons in the heading', 'tons in a row', 'tons in a column'],
+)
+def test_a_column_of_another_unit_is_no_load(text: str, tmp_path: Path) -> None:
+    """12 knots or 1.2 t, taken for 12 kN or 1.2 N, would be judged stable."""
+    path = tmp_path / 'voyage.csv'
+    path.write_text(text)
+    bound = open_bag(path).bound(load_config(CONFIG))
+    assert list(bound.absent) == [('aft_stern', 'load')]
+    assert 'write aft_stern.load.column' in bound.absent['aft_stern', 'load']
+
+
+def test_the_end_of_a_log_of_many_short_lines_is_known(tmp_path: Path) -> None:
+    """More lines than are looked at of a head, in fewer bytes than a head has."""
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,rpm,kN\n' + ''.join(f'{t},30,1\n' for t in range(6000)))
+    assert (open_bag(path).start_ns, open_bag(path).end_ns) == (0, 5999 * 10**9)
+
+
+def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,speed,load\n' + ''.join(f'{t},30,900\n' for t in (100, 101, 2, 3)))
+    recording = open_bag(path)
+    assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 101 * 10**9)
+    recording.read([Request('speed', 'data')])
+    # The usual gap of a second takes the place of the step.
+    assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 103 * 10**9)
