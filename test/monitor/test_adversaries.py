@@ -623,6 +623,15 @@ def test_a_speed_that_is_steady_again_falls_no_more() -> None:
     assert 'Slowing' not in heard.monitor.bearings[NAME].text()
 
 
+def test_a_steady_speed_near_a_doubtful_fold_does_not_fall() -> None:
+    """Half above the fold, a tolerance of a half asks for caution, and no trend does."""
+    share, settings = ramps([0], [1.5]), {'tolerance__damping': 0.5}
+    case = Case(what='', bearing='viscous', end=60.0, share=share, settings=settings)
+    heard = Heard(case.config, case.messages())
+    assert [str(e.after) for e in heard.events] == ['caution']
+    assert 'Slowing' not in ' '.join(e.text for e in heard.events)
+
+
 @pytest.mark.parametrize('pause', [-3600.0, 5.0, 60.0, 200.0])
 def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> None:
     share = ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9])
