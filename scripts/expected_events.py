@@ -9,7 +9,7 @@ knows the Stribeck law without viscous rise. With ``K = N Delta beta / c``, ``w 
     within (1 + m) times the fold K 2 I1e(x)/x > 1,  x = w/(1 + m)
 
 and the amplitude of a stick-slip cycle is half the stroke of its slip phase, integrated by scipy
-from break-away to its end. The rule of the decision (docs/alarms.md) is
+from break-away to its end. The rule of the decision (docs/rule.md) is
 followed from sample to sample in the plainest way: two means of the speed, the growth of a
 disturbance, the time since the fold, and a counter for each condition.
 """
@@ -38,7 +38,7 @@ from stickslip_monitor.physics.oscillator import Bearing
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0
-# The decision's constants: docs/alarms.md, "Why these numbers".
+# The decision's constants: docs/rule.md, "Why these numbers".
 _DECAY, _HOLD, _FAST, _SLOW = 4.8, 6, 1.0, 4.0
 _SLOW_ON, _SLOW_OFF = 4, 30
 _LADDER = ('normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit')

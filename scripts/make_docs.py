@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.config import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
-ALARMS = PAGE.with_name('alarms.md')
+RULE = PAGE.with_name('rule.md')
 SHIP = PAGE.with_name('ship.md')
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {
@@ -46,7 +46,7 @@ GROUPS = (
         INPUT,
         'Inputs: speed, load and level',
         'The same for `speed`, `load` and, where vibration is measured, `level` (what it adds is'
-        ' in [alarms.md](alarms.md#measured-vibration)). Where they differ, in this order.',
+        ' in [the rule](rule.md#measured-vibration)). Where they differ, in this order.',
     ),
     ('level', 'Level of measured vibration', ''),
     ('alarm', 'Alarm', ''),
@@ -262,7 +262,7 @@ def main() -> int:
     """Write the page, and the tables of the others."""
     SHIP.write_text(with_links(SHIP.read_text(encoding='utf-8')), encoding='utf-8')
     PAGE.write_text(render(), encoding='utf-8')
-    ALARMS.write_text(with_life(ALARMS.read_text(encoding='utf-8')), encoding='utf-8')
+    RULE.write_text(with_life(RULE.read_text(encoding='utf-8')), encoding='utf-8')
     return 0
 
 

@@ -46,8 +46,8 @@ def test_reference_page_and_the_parameters_of_the_links_are_fresh() -> None:
 
 
 def test_the_life_of_an_alarm_is_fresh() -> None:
-    page = make_docs.ALARMS.read_text(encoding='utf-8')
-    _check_fresh(make_docs.ALARMS, make_docs.with_life(page), make_docs.COMMAND)
+    page = make_docs.RULE.read_text(encoding='utf-8')
+    _check_fresh(make_docs.RULE, make_docs.with_life(page), make_docs.COMMAND)
     assert '| acknowledged | clear | latched if latching, else normal |' in page.splitlines()
     rows = re.findall(r'^\| ([a-z_, ]+) \| (\w+) \| (.*) \|$', page, flags=re.MULTILINE)
     for (state, trigger), choices in TABLE.items():

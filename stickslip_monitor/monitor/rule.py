@@ -2,7 +2,7 @@
 """The rule of the decision: what one sample changes in the memory of a bearing.
 
 :func:`arrive` judges a sample and lets time pass, :func:`take` takes a valid speed or load, in
-the order of docs/alarms.md: is the sample valid, has an input been lost, how has a disturbance
+the order of docs/rule.md: is the sample valid, has an input been lost, how has a disturbance
 grown since the last operating point, what does the new point ask for, which rungs of the alarm
 change. What a measured level says is in :mod:`.rule_level`. It is plain scalar Python: live it
 runs as it stands, over a recording :func:`run` is compiled (:mod:`stickslip_monitor.jit`).
@@ -45,7 +45,7 @@ VIBRATION, CAUTION, BISTABLE, STICK_SLIP, AMPLITUDE = range(5)
 """The rungs of the alarm, in the order of the ladder without normal."""
 RUNGS = 5
 
-# Each with the measurement that chose it: docs/alarms.md, "Why these numbers".
+# Each with the measurement that chose it: docs/rule.md, "Why these numbers".
 LATE = 2.5
 """Gaps after which an input that is slower than its time-out is lost."""
 NEAR = 10**9

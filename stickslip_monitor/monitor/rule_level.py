@@ -14,7 +14,7 @@ import math
 from stickslip_monitor.monitor.rule_state import DOUBT, RuleNumbers, State
 
 UNKNOWN, QUIET, VIBRATING = 0, 1, 2
-# Each with the measurement that chose it: docs/alarms.md, "Why these numbers".
+# Each with the measurement that chose it: docs/rule.md, "Why these numbers".
 DUE = 3 * 10**9
 """Net time of a level above its threshold, or below the deadband, that decides its state [ns]."""
 RISE, BACKGROUND = 10.0, 60.0

@@ -25,7 +25,7 @@ from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law
 
 NEVER = -(2**62)
 """Stands for a time that has not been [ns]."""
-# See docs/alarms.md, "Why these numbers".
+# See docs/rule.md, "Why these numbers".
 DECAY = 4.8
 """How long a cycle outlives the fold [2 m/c]."""
 DOUBT = 600 * 10**9

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each alarm's life, by name: what ISA-18.2 expects, or docs/alarms.md where it is ours."""
+"""Each alarm's life, by name: what ISA-18.2 expects, or docs/rule.md where it is ours."""
 
 from __future__ import annotations
 
@@ -304,7 +304,7 @@ def test_silence_is_a_flag_beside_the_life(panel: Build) -> None:
 
 
 def test_a_caution_is_shown_and_makes_no_sound(panel: Build) -> None:
-    """IMO MSC.302(87), and the manuals of equipment by IEC 62923 (docs/alarms.md)."""
+    """IMO MSC.302(87), and the manuals of equipment by IEC 62923 (docs/rule.md)."""
     aft = panel().at(0).goes('caution')
     aft.absurd().at(1).absurd().at(2).absurd()
     assert aft.states == {'margin_low': 'unacknowledged', 'input_implausible': 'unacknowledged'}
