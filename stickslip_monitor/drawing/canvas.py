@@ -7,7 +7,8 @@ as inline SVG with the page's colours and unique ids, or stacked in one PNG.
 
 The hues of regimes and conditions are those of Okabe and Ito, which people with any common colour
 blindness can tell apart; caution is a dark yellow, because green means that all is well (IEC
-60073). Fills get darker from stable to unstable, so that they keep their order in a grey print.
+60073). In a grey print fills and conditions get darker with trouble: steps of at least 4 in the
+lightness L* of CIE 1976, which is twice what is told apart in one look where they meet.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ else:
     Axes = Figure = Any
 
 INK = '#222222'
-MUTED = '#595959'
+MUTED = '#525252'
 PAPER = '#ffffff'
 
 REGIME_COLOUR = {
@@ -48,7 +49,7 @@ REGIME_COLOUR = {
 }
 """Strong colours, for lines, marks and words on white."""
 
-HOPF, FOLD = '#9c3d00', '#7a5400'
+HOPF, FOLD = '#913900', '#6e4b00'
 """The two boundaries, as lines on any of the fills; the fold is dashed (:data:`DASHES`)."""
 
 DASHES = (0, (4.5, 2.2))
@@ -60,26 +61,26 @@ BOUNDARY_LINES: dict[str, tuple[Regime, str, Any]] = {
 """Of each boundary the regime that begins there, and its line's colour and dashes."""
 
 REGIME_FILL = {
-    Regime.STABLE: '#eff6fb',
-    Regime.BISTABLE: '#fcedc4',
-    Regime.UNSTABLE: '#f6cdb8',
+    Regime.STABLE: '#f5fafe',
+    Regime.BISTABLE: '#f7dc9c',
+    Regime.UNSTABLE: '#f4bfab',
     Regime.UNDETERMINED: '#d9d9d9',
 }
 """Light colours, for areas behind lines and dark text."""
 
-CAUTION_FILL = '#faf7d6'
+CAUTION_FILL = '#f4efb1'
 """The stable stretch next to the fold in which the alarm says caution."""
 
 CONDITION_COLOUR = {
-    Condition.NORMAL: '#0072b2',
-    Condition.VIBRATION: '#6b4fb3',
-    Condition.CAUTION: '#a08c00',
-    Condition.BISTABLE: '#e69f00',
-    Condition.STICK_SLIP: '#d55e00',
-    Condition.AMPLITUDE: '#7a1f5c',
-    Condition.INPUT_STALE: '#595959',
+    Condition.NORMAL: '#2b9ee1',
+    Condition.VIBRATION: '#937eca',
+    Condition.CAUTION: '#927e00',
+    Condition.BISTABLE: '#a06500',
+    Condition.STICK_SLIP: '#a74300',
+    Condition.AMPLITUDE: '#62194a',
+    Condition.INPUT_STALE: '#525252',
 }
-"""Strong colours, for marks on any of the fills."""
+"""Strong colours, for marks on any of the fills and under white words."""
 
 CONDITION_NAMES = {
     Condition.NORMAL: 'Normal',
@@ -97,18 +98,21 @@ ON_DARK = {
     INK: '#e8eaed',
     MUTED: '#a9b0b8',
     '#0072b2': '#56b4e9',
-    '#a08c00': '#e0cc3f',
     '#e69f00': '#f0b429',
     '#d55e00': '#ff8f4d',
-    '#7a1f5c': '#e58fc6',
-    '#6b4fb3': '#b9a5f2',
+    '#2b9ee1': '#55b3e8',
+    '#937eca': '#b9a5f2',
+    '#927e00': '#e0cc3f',
+    '#a06500': '#f0b32a',
+    '#a74300': '#ff8f4e',
+    '#62194a': '#e58fc6',
     '#8c8c8c': '#9aa0a6',
     HOPF: '#ffb08a',
     FOLD: '#ffd97a',
-    '#eff6fb': '#16212b',
+    '#f5fafe': '#16212b',
     CAUTION_FILL: '#2e2c10',
-    '#fcedc4': '#4a3b12',
-    '#f6cdb8': '#5a2a17',
+    '#f7dc9c': '#4a3b12',
+    '#f4bfab': '#5a2a17',
     '#d9d9d9': '#33373c',
 }
 """What each colour above becomes on a dark page; there the fills get lighter with trouble."""

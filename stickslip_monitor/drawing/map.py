@@ -48,7 +48,7 @@ _EXACT_GRID, _EXACT_LOADS = (48, 32), 32
 _FOLDS_APART = 0.005
 _NARROW = 5.0
 # The legend below the map [inch].
-_LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.25, 0.2, 7
+_LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.45, 0.2, 10
 # Room around the axes [inch], whatever the size of the figure.
 _LEFT, _BESIDE_AXES, _BELOW, _ABOVE = 0.855, 1.08, 0.64, 0.24
 
@@ -215,19 +215,27 @@ def draw_map(
 def _regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
     """Fill the regions, each over the one below it, and draw the lines between them."""
     x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
+
+    def reached(load: FloatArray) -> FloatArray:
+        return np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / 1e3
+
     for load, colour, name in (
         (np.zeros_like(x), canvas.REGIME_FILL[Regime.STABLE], 'stable'),
         (curves.caution_load, canvas.CAUTION_FILL, 'margin low'),
         (curves.fold_load, canvas.REGIME_FILL[Regime.BISTABLE], 'bistable'),
         (curves.hopf_load, canvas.REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
-        bottom = np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / 1e3
-        axes.fill_between(x, bottom, ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name)
-    axes.plot(x, curves.caution_load / 1e3, color=canvas.MUTED, lw=1.0, ls=':', zorder=3)
-    axes.plot(x, curves.hopf_load / 1e3, color=canvas.HOPF, zorder=3, label='Hopf')
-    axes.plot(
-        x, curves.fold_load / 1e3, color=canvas.FOLD, ls=canvas.DASHES, zorder=3, label='fold'
-    )
+        axes.fill_between(
+            x, reached(load), ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name
+        )
+    # A line goes as far as its region, which ends where the next speed has no such load.
+    for load, name, colour, width, dashes in (
+        (curves.caution_load, 'caution margin', canvas.MUTED, 1.0, ':'),
+        (curves.hopf_load, 'Hopf', canvas.HOPF, 2.0, '-'),
+        (curves.fold_load, 'fold', canvas.FOLD, 2.0, canvas.DASHES),
+    ):
+        if np.isfinite(load).any():
+            axes.plot(x, reached(load), color=colour, lw=width, ls=dashes, zorder=3, label=name)
 
 
 def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
@@ -253,6 +261,7 @@ def _amplitudes(
         speed / bearing.speed.factor('rpm'), load / 1e3, np.ma.masked_invalid(exact), levels,
         colors=canvas.MUTED, linewidths=0.9, zorder=2,
     )  # fmt: skip
+    axes.plot([], [], color=canvas.MUTED, lw=0.9, label='amplitude')
     # High up, where a track seldom is: the range of loads has room above it. Of a line that only
     # touches a corner the label would stand over the boundaries.
     low, high = loads[0] / 1e3, loads[1] / 1e3
@@ -280,11 +289,12 @@ def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -
     if config.belief is None:
         return
     load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
-    for quantile, regime in (
-        (config.belief.fold_speed, Regime.BISTABLE),
-        (config.belief.hopf_speed, Regime.UNSTABLE),
+    for quantile, regime, name in (
+        (config.belief.fold_speed, Regime.BISTABLE, 'fold'),
+        (config.belief.hopf_speed, Regime.UNSTABLE, 'Hopf'),
     ):
         low, high = (quantile(load, p) / rpm for p in (QUANTILES[0], QUANTILES[-1]))
         axes.fill_betweenx(
-            load / 1e3, low, high, color=canvas.REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2
-        )
+            load / 1e3, low, high, color=canvas.REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2,
+            label=f'5 to 95 % of the {name}',
+        )  # fmt: skip

@@ -23,6 +23,10 @@ _STOPS = 150
 _STRIDE = 0.015
 # Colour and width of the course from its beginning to its end: a way back lies on the way out.
 _AGES = (('#8c8c8c', 4.0), (canvas.MUTED, 2.6), (canvas.INK, 1.3))
+# Size of the ring at the start [points]: an end within it is no mark of its own.
+_RING = 12.0
+# Where along a part of the course its arrow is.
+_ARROW = 0.35
 # The names of the marks above the map [inch].
 _LEGEND_COLUMN, _LEGEND_ROW, _MARGINS = 1.45, 0.2, 1.08
 _MARKER = {
@@ -92,7 +96,7 @@ class Track:
 
     def legend_height(self, width: float) -> float:
         """Room that the names of the marks take above a map of a width [both inch]."""
-        names = len(self.conditions()) + 2
+        names = len(self.conditions()) + 4
         return 0.1 + -(-names // _columns(width)) * _LEGEND_ROW
 
 
@@ -130,12 +134,15 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
         return
     # Every place that it has been to, faint.
     drawn = envelope(int(width * _POINTS_PER_INCH), x, y)
-    axes.plot(x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6)
+    axes.plot(x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6, label='measured')
     _course(axes, x, y)
-    for i, name, marker, size, face in (
-        (known[0], 'start', 'o', 12.0, canvas.PAPER),
-        (known[-1], 'end', 's', 6.5, canvas.INK),
-    ):
+    first, last = axes.transData.transform(np.column_stack([x, y])[known[[0, -1]]])
+    apart = np.hypot(*(last - first)) > _RING * axes.get_figure(root=True).dpi / 72.0
+    ends = [(known[0], 'start' if apart else 'start and end', 'o', _RING, canvas.PAPER)]
+    for i, name, marker, size, face in [
+        *ends,
+        *([(known[-1], 'end', 's', 6.5, canvas.INK)] if apart else ()),
+    ]:
         edge = canvas.INK if face == canvas.PAPER else canvas.PAPER
         axes.plot(
             x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11, label=name,
@@ -147,7 +154,8 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
             ls='', marker=_MARKER[condition], ms=8.5, mfc=canvas.CONDITION_COLOUR[condition],
             mec=canvas.PAPER, mew=1.0, zorder=10, label=f'to: {canvas.CONDITION_NAMES[condition]}',
         )  # fmt: skip
-    marks = [line for line in axes.lines if line.get_zorder() >= 10]
+    drawn_as = [line for line in axes.lines if line.get_label() in ('measured', 'smoothed')]
+    marks = [*drawn_as, *(line for line in axes.lines if line.get_zorder() >= 10)]
     canvas.legend_above(axes, _columns(width), handles=marks, handlelength=1.2)
 
 
@@ -174,6 +182,7 @@ def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> None:
             paths.append(np.array([*kept, run[-1]]))
     steps = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
     total, done = sum(float(each.sum()) for each in steps) or 1.0, 0.0
+    drawn = False
     for path, each in zip(paths, steps, strict=True):
         along = (done + np.cumsum(each) - 0.5 * each) / total
         done += float(each.sum())
@@ -183,4 +192,22 @@ def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> None:
             if own.size:
                 line = axes.transData.inverted().transform(path[own[0] : own[-1] + 2]).T
                 axes.plot(*line, color=canvas.PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
-                axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt')
+                name = '_' if drawn else 'smoothed'
+                axes.plot(
+                    *line, color=colour, lw=wide, zorder=8, solid_capstyle='butt', label=name
+                )
+                _arrow(axes, line, colour)
+                drawn = True
+
+
+def _arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
+    """The direction of a part of the course, of shape (2, n), before its middle.
+
+    On a way back that lies on the way out the arrows are elsewhere.
+    """
+    k = int(_ARROW * (line.shape[1] - 1))
+    axes.annotate(
+        '', line[:, k + 1], line[:, k], zorder=9,
+        arrowprops={'arrowstyle': '-|>,head_width=0.34,head_length=0.6', 'fc': colour,
+                    'ec': canvas.PAPER, 'lw': 0.6, 'shrinkA': 0.0, 'shrinkB': 0.0},
+    )  # fmt: skip

@@ -122,7 +122,8 @@ def names(legend: Any) -> list[str]:
 def test_the_map_names_regions_and_lines_of_one_amplitude() -> None:
     figure = draw_map(BEARING)
     assert names(figure.legends[0]) == [
-        'stable', 'margin low', 'bistable', 'unstable', 'Hopf', 'fold',
+        'stable', 'margin low', 'bistable', 'unstable', 'caution margin', 'Hopf', 'fold',
+        'amplitude',
     ]  # fmt: skip
     axes = figure.axes[0]
     assert len([text for text in axes.texts if text.get_text().endswith(' mm')]) >= 3
@@ -142,17 +143,35 @@ def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
     speed[200] = np.nan
     events = [TrackEvent(0.25 - 0.01 * i, 950.0, c) for i, c in enumerate(Condition)]
     axes = draw_map(BEARING, track=Track(speed, speed, load, events)).axes[0]
-    expected = ['start', 'end', *(f'to: {CONDITION_NAMES[condition]}' for condition in Condition)]
-    assert names(axes.get_legend()) == expected
+    expected = [f'to: {CONDITION_NAMES[condition]}' for condition in Condition]
+    # Start and end are one place, and one mark.
+    assert names(axes.get_legend()) == ['measured', 'smoothed', 'start and end', *expected]
     # Each at the operating point that it was told at, wherever a thinned track goes.
     marks = [line for line in axes.lines if line.get_zorder() == 10]
     for k, mark in enumerate(marks):
         assert mark.get_xdata() == pytest.approx([(0.25 - 0.01 * k) / RPM])
         assert mark.get_ydata() == pytest.approx([0.95])
-    # Start and end are one place: the ring is around the square.
-    start, end = [line for line in axes.lines if line.get_zorder() == 11]
-    assert (start.get_marker(), end.get_marker()) == ('o', 's')
-    assert start.get_markersize() > 1.5 * end.get_markersize()
+    assert [line.get_marker() for line in axes.lines if line.get_zorder() == 11] == ['o']
+
+
+def test_a_track_shows_which_way_it_goes() -> None:
+    speed = np.linspace(0.3, 0.1, 400)
+    axes = draw_map(BEARING, track=Track(speed, speed, np.full(400, 900.0))).axes[0]
+    assert names(axes.get_legend()) == ['measured', 'smoothed', 'start', 'end']
+    arrows = [text for text in axes.texts if getattr(text, 'arrow_patch', None) is not None]
+    assert len(arrows) == 3
+    assert all(arrow.xy[0] < arrow.xyann[0] for arrow in arrows)
+
+
+def test_the_hopf_line_goes_as_far_as_its_region() -> None:
+    # Where the law stops falling there is no Hopf load: the line rises out of the map there.
+    axes = draw_map(replace(BEARING, bearing=TABLE), loads=(0.0, 5e4)).axes[0]
+    (line,) = [each for each in axes.lines if each.get_label() == 'Hopf']
+    assert np.isfinite(line.get_ydata()).all()
+    (region,) = [each for each in axes.collections if each.get_label() == 'unstable']
+    corners = {(round(x, 6), round(y, 6)) for x, y in region.get_paths()[0].vertices}
+    drawn = {(round(x, 6), round(y, 6)) for x, y in zip(*line.get_data(), strict=True)}
+    assert drawn <= corners
 
 
 @pytest.mark.parametrize('points', [0, 1])
