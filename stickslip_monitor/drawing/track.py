@@ -28,7 +28,7 @@ _RING = 12.0
 # Where along a part of the course its arrow is.
 _ARROW = 0.35
 # The names of the marks above the map [inch].
-_LEGEND_COLUMN, _LEGEND_ROW, _MARGINS = 1.45, 0.2, 1.08
+_LEGEND_COLUMN, _LEGEND_ROW, _MARGINS = 1.6, 0.2, 1.08
 _MARKER = {
     Condition.NORMAL: 'o',
     Condition.VIBRATION: 'v',
