@@ -307,7 +307,6 @@ def tolerance_advice(config: MonitorConfig) -> str:
     if not names:
         return ''
     return (
-        f'{printable(", ".join(names))}: add tolerance: '
-        '{damping: 0.40, static: 0.15, kinetic: 0.15, decay: 0.30, load: 0.05} for probabilities'
-        ' and fewer missed episodes (docs/calibration.md).'
+        f'{printable(", ".join(names))}: a tolerance gives verdicts probabilities; see'
+        ' docs/calibration.md'
     )

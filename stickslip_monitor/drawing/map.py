@@ -295,6 +295,6 @@ def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -
     ):
         low, high = (quantile(load, p) / rpm for p in (QUANTILES[0], QUANTILES[-1]))
         axes.fill_betweenx(
-            load / 1e3, low, high, color=canvas.REGIME_COLOUR[regime], alpha=0.35, lw=0.0, zorder=2,
-            label=f'5 to 95 % of the {name}',
+            load / 1e3, low, high, color=canvas.REGIME_COLOUR[regime], alpha=0.35, lw=0.0,
+            zorder=2, label=f'5 to 95 % of the {name}',
         )  # fmt: skip

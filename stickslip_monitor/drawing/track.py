@@ -134,10 +134,12 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
         return
     # Every place that it has been to, faint.
     drawn = envelope(int(width * _POINTS_PER_INCH), x, y)
-    axes.plot(x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6, label='measured')
+    axes.plot(
+        x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6, label='measured'
+    )
     _course(axes, x, y)
     first, last = axes.transData.transform(np.column_stack([x, y])[known[[0, -1]]])
-    apart = np.hypot(*(last - first)) > _RING * axes.get_figure(root=True).dpi / 72.0
+    apart = np.hypot(*(last - first)) > _RING * axes.figure.dpi / 72.0
     ends = [(known[0], 'start' if apart else 'start and end', 'o', _RING, canvas.PAPER)]
     for i, name, marker, size, face in [
         *ends,
@@ -207,7 +209,7 @@ def _arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
     """
     k = int(_ARROW * (line.shape[1] - 1))
     axes.annotate(
-        '', line[:, k + 1], line[:, k], zorder=9,
+        '', tuple(line[:, k + 1]), tuple(line[:, k]), zorder=9,
         arrowprops={'arrowstyle': '-|>,head_width=0.34,head_length=0.6', 'fc': colour,
                     'ec': canvas.PAPER, 'lw': 0.6, 'shrinkA': 0.0, 'shrinkB': 0.0},
     )  # fmt: skip
