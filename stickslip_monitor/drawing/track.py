@@ -141,10 +141,9 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
     first, last = axes.transData.transform(np.column_stack([x, y])[known[[0, -1]]])
     apart = np.hypot(*(last - first)) > _RING * axes.figure.dpi / 72.0
     ends = [(known[0], 'start' if apart else 'start and end', 'o', _RING, canvas.PAPER)]
-    for i, name, marker, size, face in [
-        *ends,
-        *([(known[-1], 'end', 's', 6.5, canvas.INK)] if apart else ()),
-    ]:
+    if apart:
+        ends.append((known[-1], 'end', 's', 6.5, canvas.INK))
+    for i, name, marker, size, face in ends:
         edge = canvas.INK if face == canvas.PAPER else canvas.PAPER
         axes.plot(
             x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11, label=name,
