@@ -118,7 +118,7 @@ def test_a_curve_of_too_many_points(tmp_path: Path) -> None:
 def test_a_fault_of_the_program_has_a_sentence_and_a_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def broken(_: object) -> object:
+    def broken(*_: object) -> object:
         raise ZeroDivisionError('\x1b[31mred')
 
     monkeypatch.setattr(cli, '_run', broken)

@@ -203,7 +203,8 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(
         [sys.executable, '-m', 'stickslip_monitor', *line],
         stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=os.environ | {'TMPDIR': str(tmp_path)},
     ) as program:  # fmt: skip
-        program.stdin.write(next(BAG.glob('*.mcap')).read_bytes())
+        # More than the first piece, by which the file gets its name.
+        program.stdin.write(next(BAG.glob('*.mcap')).read_bytes() + bytes(2 << 20))
         program.stdin.flush()
         while not list(tmp_path.glob('stickslip-*/*')):
             time.sleep(0.02)

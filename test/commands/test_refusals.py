@@ -97,7 +97,7 @@ REFUSED = {
     "check '' -c own.yaml": 'bags is given an empty name',
     "simulate '' -o x": 'scene is given an empty name',
     "dashboard -c own.yaml --bag ''": '--bag is given an empty name',
-    'info own.yaml': "'own.yaml' is not an MCAP recording",
+    'info own.yaml': "log 'own.yaml' has no line with a time and a number",
     f'calibrate {BAG} -c own.yaml --bench cut.json': 'cannot be read',
     f'calibrate {BAG} -c own.yaml --add cut.json': 'is not JSON',
     f'calibrate {BAG} -c own.yaml --add other.json': "has the schema 'x/1' and must have",
