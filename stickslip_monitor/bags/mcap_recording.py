@@ -8,27 +8,22 @@ from dataclasses import replace
 from pathlib import Path
 
 from stickslip_monitor.bags.binding import bound_to_topics
-from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.contents import DATED, Contents
 from stickslip_monitor.bags.event_order import question_of_unit
-from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
+from stickslip_monitor.bags.recording import Bound, Progress, Recording
 from stickslip_monitor.bags.series import McapReading, Wanted, merged_messages
 from stickslip_monitor.bags.values import (
-    Cut,
     Findings,
     Message,
     Request,
-    Series,
     TimeSpans,
     TopicInfo,
 )
-from stickslip_monitor.errors import BagError
-from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.config import MonitorConfig
 
 
-class McapRecording:
-    """See :class:`~stickslip_monitor.bags.recording.Recording`."""
+class McapRecording(Recording):
+    """The files of a recording in MCAP."""
 
     def __init__(
         self,
@@ -39,38 +34,23 @@ class McapRecording:
     ) -> None:
         # Holds a folder of unpacked files for as long as the recording lives.
         self.path, self._kept = path, kept
-        self.topics: dict[str, TopicInfo] = _list_topics(files)
+        self._topics = _list_topics(files)
         self._contents = tuple(files)
         self._findings = findings
-        self.files: tuple[Path, ...] = tuple(file.path for file in files)
-        """The MCAP files in order."""
-        self.message_count = sum(file.counts.total() for file in files)
-        """Messages on all topics."""
-        self.cuts: tuple[Cut, ...] = tuple(file.cut for file in files if file.cut is not None)
-        """The files that end too early."""
+        self.files = tuple(file.path for file in files)
+        self._message_count = sum(file.counts.total() for file in files)
+        self.cuts = tuple(file.cut for file in files if file.cut is not None)
         # The least log time that is one: among dates, 0 is that of a clock that was not set.
         self._least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
         starts = [file.start_ns for file in files if file.start_ns is not None]
         if self._least_ns == 0 and any(file.has_zero for file in files):
             starts.append(0)
         ends = [file.end_ns for file in files if file.end_ns is not None]
-        self.start_ns: int | None = min(starts, default=None)
-        """Earliest log time [ns], None in a recording without messages."""
-        self.end_ns: int | None = max(ends, default=self.start_ns)
-        """Latest log time [ns], None in a recording without messages."""
+        self.start_ns = min(starts, default=None)
+        self.end_ns = max(ends, default=self.start_ns)
         most = max((topic.count for topic in self.topics.values()), default=0)
         if question := question_of_unit(self.start_ns, self.end_ns, most):
             findings.note(question)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What else is wrong with the recording, as far as it was noticed until now."""
-        return self._findings.texts
-
-    @property
-    def losses(self) -> tuple[str, ...]:
-        """What of it was not read."""
-        return (*(cut.text for cut in self.cuts), *self._findings.losses)
 
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration, and which inputs the recording lacks."""
@@ -78,9 +58,7 @@ class McapRecording:
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""
-        self._check([topic])
-        if not self.topics[topic].readable:
-            raise BagError(f"topic '{topic}' cannot be read: {self.topics[topic].problem}")
+        self._readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data
             for file in self._contents
@@ -89,46 +67,19 @@ class McapRecording:
         )
         return next(definitions).decode(errors='replace')
 
-    def read(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> dict[Request, Series]:
-        """Read numbers of some topics at once."""
-        return joined(self.reading(requests, progress))
-
     def reading(
         self, requests: Iterable[Request], progress: Progress | None = None
     ) -> McapReading:
         """Read numbers of some topics in blocks."""
-        asked: dict[str, dict[FieldPath, list[Request]]] = {}
-        for request in requests:
-            path = parse_field(request.field)
-            self._check([request.topic])
-            topic = self.topics[request.topic]
-            if not topic.readable:
-                raise BagError(
-                    f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
-                )
-            if request.type is not None and short_name(request.type) != short_name(topic.type):
-                raise BagError(
-                    f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
-                )
-            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
-        wanted = [Wanted(topic, paths) for topic, paths in asked.items()]
+        wanted = [Wanted(topic, paths) for topic, paths in self._asked(requests).items()]
         return McapReading(self._contents, wanted, self._least_ns, progress)
-
-    def _check(self, names: Iterable[str]) -> None:
-        """Raise BagError for a topic that is not in the recording."""
-        for name in names:
-            if name not in self.topics:
-                raise BagError(missing_topic(self.topics, name))
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
         """Yield messages by log time, then by place in the recording."""
         names = list(self.topics if topics is None else topics)
-        self._check(names)
-        types = {name: self.topics[name].type for name in names}
+        types = {name: self._topic(name).type for name in names}
         return merged_messages(self._contents, types, spans, self._least_ns)
 
 

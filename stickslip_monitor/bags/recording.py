@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,15 +12,19 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from stickslip_monitor.bags.cdr import short_name
 from stickslip_monitor.bags.values import (
     Cut,
     Fault,
+    Findings,
     Message,
     Request,
     Series,
     TimeSpans,
     TopicInfo,
 )
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.config import MonitorConfig
 
 Progress = Callable[[int, int], None]
@@ -54,62 +59,55 @@ class Bound:
     absent: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
-class Recording(Protocol):
-    """A recording that was opened; nothing stays open between calls."""
+class Recording(ABC):
+    """A recording that was opened; nothing stays open between calls.
 
-    @property
-    def path(self) -> Path:
-        """The file or folder."""
-        ...
+    Attributes:
+        path: The file or folder.
+        files: The files in order.
+        start_ns: Earliest log time [ns], None in a recording without messages.
+        end_ns: Latest log time [ns], likewise.
+        cuts: The files that end too early.
+    """
 
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """The files in order."""
-        ...
+    path: Path
+    files: tuple[Path, ...]
+    start_ns: int | None
+    end_ns: int | None
+    cuts: tuple[Cut, ...] = ()
+    _topics: Mapping[str, TopicInfo]
+    _message_count: int
+    _findings: Findings
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
         """The topics by name."""
-        ...
+        return self._topics
 
     @property
     def message_count(self) -> int:
         """Messages on all topics."""
-        ...
-
-    @property
-    def start_ns(self) -> int | None:
-        """Earliest log time [ns], None in a recording without messages."""
-        ...
-
-    @property
-    def end_ns(self) -> int | None:
-        """Latest log time [ns], None in a recording without messages."""
-        ...
-
-    @property
-    def cuts(self) -> tuple[Cut, ...]:
-        """The files that end too early."""
-        ...
+        return self._message_count
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is odd about it and what was guessed, as far as it was noticed until now."""
-        ...
+        return self._findings.texts
 
     @property
     def losses(self) -> tuple[str, ...]:
         """What of it was not read: cuts, and those of the warnings that cost data."""
-        ...
+        return (*(cut.text for cut in self.cuts), *self._findings.losses)
 
+    @abstractmethod
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration as it holds for this recording, and which inputs are not in it.
 
         Raises:
             BagError: It is not to be told which part of the recording an input is.
         """
-        ...
 
+    @abstractmethod
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
         """Read numbers of some topics in blocks, one stretch of time after the other.
 
@@ -118,7 +116,6 @@ class Recording(Protocol):
                 number, or a file cannot be read.
             ConfigurationError: A field is not a path.
         """
-        ...
 
     def read(
         self, requests: Iterable[Request], progress: Progress | None = None
@@ -127,8 +124,9 @@ class Recording(Protocol):
 
         What cannot be read is missing, and ``losses`` names it.
         """
-        ...
+        return joined(self.reading(requests, progress))
 
+    @abstractmethod
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
@@ -141,15 +139,39 @@ class Recording(Protocol):
         Raises:
             BagError: A topic is not there, or a file cannot be read.
         """
-        ...
 
+    @abstractmethod
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages.
 
         Raises:
             BagError: The topic is not there or cannot be decoded.
         """
-        ...
+
+    def _topic(self, name: str) -> TopicInfo:
+        """The topic of that name; a BagError where there is none."""
+        if name not in self.topics:
+            raise BagError(missing_topic(self.topics, name))
+        return self.topics[name]
+
+    def _readable(self, name: str) -> TopicInfo:
+        """The topic of that name; a BagError where its messages cannot be decoded."""
+        topic = self._topic(name)
+        if topic.problem:
+            raise BagError(f"topic '{name}' ({topic.type}) cannot be read: {topic.problem}")
+        return topic
+
+    def _asked(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
+        """The requests by topic and field; a BagError where a topic is not of its type."""
+        asked: dict[str, dict[FieldPath, list[Request]]] = {}
+        for request in requests:
+            path, topic = parse_field(request.field), self._readable(request.topic)
+            if request.type is not None and short_name(request.type) != short_name(topic.type):
+                raise BagError(
+                    f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
+                )
+            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
+        return asked
 
 
 def joined(reading: Reading) -> dict[Request, Series]:

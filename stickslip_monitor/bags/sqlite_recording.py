@@ -23,12 +23,11 @@ from mcap.records import Schema
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.binding import bound_to_topics
-from stickslip_monitor.bags.cdr import FieldReader, short_name
+from stickslip_monitor.bags.cdr import FieldReader
 from stickslip_monitor.bags.definitions import definition_of
 from stickslip_monitor.bags.event_order import StepClock
-from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
+from stickslip_monitor.bags.recording import Bound, Progress, Recording
 from stickslip_monitor.bags.values import (
-    Cut,
     Fault,
     Findings,
     Message,
@@ -38,7 +37,7 @@ from stickslip_monitor.bags.values import (
     TopicInfo,
 )
 from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.fields import FieldPath, parse_field
+from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.config import MonitorConfig
 
 MAGIC = b'SQLite format 3\0'
@@ -58,8 +57,8 @@ class _Row(NamedTuple):
     data: bytes
 
 
-class SqliteRecording:
-    """See :class:`~stickslip_monitor.bags.recording.Recording`.
+class SqliteRecording(Recording):
+    """The files of a recording in SQLite.
 
     Args:
         path: The file or folder.
@@ -78,7 +77,6 @@ class SqliteRecording:
         kept: tempfile.TemporaryDirectory[str],
     ) -> None:
         self.path, self.files = path, tuple(files)
-        self.cuts: tuple[Cut, ...] = ()
         self._is_packed, self._findings = is_packed, findings
         self._texts: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
@@ -87,10 +85,8 @@ class SqliteRecording:
         times = [time for file in files for time in self._look(file)]
         self.start_ns = min(times, default=None)
         self.end_ns = max(times, default=None)
-        self.topics: Mapping[str, TopicInfo] = {
-            name: self._info(name, *self._types[name]) for name in sorted(self._types)
-        }
-        self.message_count = self._counts.total()
+        self._topics = {name: self._info(name, *self._types[name]) for name in sorted(self._types)}
+        self._message_count = self._counts.total()
 
     def _info(self, name: str, kind: str, encoding: str) -> TopicInfo:
         text = self._texts.get(kind) or definition_of(kind)
@@ -227,28 +223,13 @@ class SqliteRecording:
                     return
                 last, step = max(last, 0) + step, 2 * step
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What is odd about it."""
-        return self._findings.texts
-
-    @property
-    def losses(self) -> tuple[str, ...]:
-        """What of it was not read."""
-        return self._findings.losses
-
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration, and which inputs the recording lacks."""
         return bound_to_topics(self.path, self.topics, config)
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""
-        info = self.topics.get(topic)
-        if info is None:
-            raise BagError(missing_topic(self.topics, topic))
-        if info.problem:
-            raise BagError(f"topic '{topic}' ({info.type}) cannot be read: {info.problem}")
-        return self._texts[info.type]
+        return self._texts[self._readable(topic).type]
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -256,8 +237,7 @@ class SqliteRecording:
         """Yield messages in the order of time."""
         names = list(self.topics if topics is None else topics)
         for name in names:
-            if name not in self.topics:
-                raise BagError(missing_topic(self.topics, name))
+            self._topic(name)
         for batch in self.batches(names):
             for time_ns, topic, data in batch:
                 if spans is None or spans.overlap(time_ns, time_ns):
@@ -307,27 +287,11 @@ class SqliteRecording:
         if odd:
             self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
 
-    def read(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> dict[Request, Series]:
-        """Read numbers at once."""
-        return joined(self.reading(requests, progress))
-
     def reading(
         self, requests: Iterable[Request], progress: Progress | None = None
     ) -> SqliteReading:
         """Read numbers in blocks."""
-        asked: dict[str, dict[FieldPath, list[Request]]] = {}
-        for request in requests:
-            path, text = parse_field(request.field), self.definition(request.topic)
-            kind = self.topics[request.topic].type
-            if request.type is not None and short_name(request.type) != short_name(kind):
-                raise BagError(
-                    f"topic '{request.topic}' has type {kind} in the bag, not {request.type}"
-                )
-            del text
-            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
-        return SqliteReading(self, asked, progress)
+        return SqliteReading(self, self._asked(requests), progress)
 
 
 def _unpacked(unpack: zstandard.ZstdDecompressor, data: bytes) -> bytes | None:

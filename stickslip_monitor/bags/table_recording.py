@@ -19,9 +19,8 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.binding import FLOAT64, ColumnBinding, LogColumn, SourceColumn
 from stickslip_monitor.bags.encode import encode_float64s
 from stickslip_monitor.bags.event_order import StepClock
-from stickslip_monitor.bags.recording import Bound, Progress, joined, missing_topic
+from stickslip_monitor.bags.recording import Bound, Progress, Recording, missing_topic
 from stickslip_monitor.bags.values import (
-    Cut,
     Fault,
     Findings,
     Message,
@@ -58,8 +57,8 @@ class Part(NamedTuple):
     numbers: dict[str, tuple[IntArray, FloatArray]]
 
 
-class TableRecording:
-    """A table as a :class:`~stickslip_monitor.bags.recording.Recording`.
+class TableRecording(Recording):
+    """A table as the recording that it stands for.
 
     Its topics are its columns, or the names in a table of one value a line; once a configuration
     was bound to it, they are the topics of that.
@@ -67,7 +66,6 @@ class TableRecording:
 
     def __init__(self, path: Path) -> None:
         self.path, self.files = path, (path,)
-        self.cuts: tuple[Cut, ...] = ()
         self.table = _table(path)
         self._findings = Findings()
         for text in self.table.said:
@@ -179,16 +177,6 @@ class TableRecording:
         """Numbers that were read, or before that the lines."""
         return self.counts.total() or self.table.line_count
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was guessed, and what is wrong."""
-        return self._findings.texts
-
-    @property
-    def losses(self) -> tuple[str, ...]:
-        """What was not used."""
-        return self._findings.losses
-
     def bound(self, config: MonitorConfig) -> Bound:
         """Let columns stand for the topics of a configuration."""
         binding = ColumnBinding(self.path, self.all_columns, self._interval)
@@ -220,12 +208,6 @@ class TableRecording:
             if column.heading == topic:
                 return SourceColumn(column)
         raise BagError(missing_topic(self.topics, topic))
-
-    def read(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> dict[Request, Series]:
-        """Read numbers at once."""
-        return joined(self.reading(requests, progress))
 
     def reading(
         self, requests: Iterable[Request], progress: Progress | None = None

@@ -64,11 +64,6 @@ class TopicInfo:
     encoding: str
     problem: str
 
-    @property
-    def readable(self) -> bool:
-        """Whether a field of this topic can be asked for."""
-        return not self.problem
-
 
 @dataclass(frozen=True, slots=True)
 class Cut:
