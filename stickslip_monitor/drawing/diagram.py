@@ -45,7 +45,7 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_speed,
     stationary_amplitudes,
 )
-from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.oscillator import Bearing
 
 _LOW = 1e-3
@@ -124,7 +124,7 @@ def bifurcation_diagram(
         branches=tuple(_branches(speed, turns, cycles[rows])),
         marks=tuple(marks),
         spans=_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
-        exact=np.asarray(exact_cycle(bearing, speed, load).amplitude),
+        exact=np.asarray(exact_amplitude(bearing, speed, load)),
         exact_fold=exact_fold,
     )
 

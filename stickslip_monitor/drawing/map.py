@@ -26,7 +26,7 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_load,
     hopf_speed,
 )
-from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import QUANTILES
@@ -281,7 +281,7 @@ def _exact_amplitudes(
     columns, rows = _EXACT_GRID
     speed = np.linspace(speeds[0], speeds[1], columns + 1)[1:]
     load = np.linspace(loads[0], loads[1], rows + 1)[1:]
-    return speed, load, exact_cycle(bearing, speed[None, :], load[:, None]).amplitude * 1e3
+    return speed, load, exact_amplitude(bearing, speed[None, :], load[:, None]) * 1e3
 
 
 def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -> None:

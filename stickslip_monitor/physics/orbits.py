@@ -246,6 +246,8 @@ class Route(NamedTuple):
         contact: Whether contact with the belt ends them.
         weigh: Whether to integrate the divergence.
         most: Steps.
+        locate: Whether the contact is wanted to the digits of the step that it ends; otherwise
+            its time and place are those of a cubic, but whether there is one is as certain.
     """
 
     last: Any
@@ -254,6 +256,7 @@ class Route(NamedTuple):
     contact: bool = False
     weigh: bool = False
     most: int = _MOST_STEPS
+    locate: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -468,7 +471,9 @@ class _Run:
             z[beyond], rate[beyond] = cut.z, cut.rate
         met = z < 0.0
         first = _first_length(0.0, begin, Stepped(end.e, z, rate, end.error, end.gain), length)
-        length = np.where(met, self._until(field, begin, length, first, of_place=False), length)
+        if self.route.locate:
+            first = self._until(field, begin, length, first, of_place=False)
+        length = np.where(met, first, length)
         now = orbit_steps(field, begin, length, self.route.weigh)
         return met, length, now.e, now.gain
 

@@ -126,7 +126,7 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
     monkeypatch.setattr(folds, 'follow', counted)
     bearing = bench(measured(count, noise, count))
     table = boundary_table(bearing)
-    assert 100 < followed < 4000
+    assert 500 < followed < 800
     # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
     for load, rtol in (500.0, 1e-4), (3000.0, 1e-4), (9000.0, 1e-4), (150_000.0, 1e-3):
         np.testing.assert_allclose(table.exact(load), exact_fold_speed(bearing, load), rtol=rtol)
@@ -147,7 +147,7 @@ def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
     law = Tabulated(speed, [0.3, 0.26, 0.22, 0.17, 0.13, 0.11, 0.1])
     bearing = replace(bench(law), stiffness=2.0e4)
     table = boundary_table(bearing)
-    assert 1000 < steps < 300_000
+    assert 20_000 < steps < 50_000
     assert table.exact(2000.0) == pytest.approx(exact_fold_speed(bearing, 2000.0), rel=1e-4)
 
 

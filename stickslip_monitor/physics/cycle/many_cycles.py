@@ -39,8 +39,10 @@ from stickslip_monitor.physics.orbits import (
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import root_on_bracket
 
-# Error of a step.
-_ERROR = 1e-13
+# Error of a step of a cycle, and of one whose amplitude alone is wanted: that errs by 1e-9.
+_ERROR, _OF_AMPLITUDES = 1e-13, 1e-10
+# How roughly a cubic knows the place of a contact: measured 0.011 at 40,000 points.
+_ROUGHLY = 0.03
 # Panels in which a sign change of the energy gain is looked for, a gain that is rounding, and
 # fourfold increases in search of the far side of an overtaking cycle.
 _PANELS, _BALANCED, _QUADRUPLINGS = 24, 1e-13, 40
@@ -51,8 +53,8 @@ _GREATEST_FORCE = 1e150
 _LESS = 0.9
 # How much lower, as a share, rho has to be at the sliding limit than at its highest.
 _SAME = 1e-4
-# Orbits that are followed together: they stay in the cache.
-_BLOCK = 4096
+# Orbits that are followed together, in some 10 MB: 4,096 take a third longer.
+_BLOCK = 16384
 
 
 class FoundCycles(NamedTuple):
@@ -342,6 +344,24 @@ def amplitudes_together(bearing: Bearing, speed: FloatArray, load: FloatArray) -
         speed: Shape (n,) [m/s].
         load: Shape (n,) [N].
     """
-    found = cycles_together(bearing, speed, load, stable=True, weigh=False)
-    amplitude: FloatArray = 0.5 * (found.crest - found.trough) * np.abs(speed)
+    stroke = np.full(speed.size, np.nan)
+    rows = np.flatnonzero(why_no_cycles(bearing, speed, load) == STICK_SLIP)
+    for first in range(0, rows.size, _BLOCK):
+        part = rows[first : first + _BLOCK]
+        with np.errstate(all='ignore'):
+            stroke[part] = _sticking_strokes(slip_field(bearing, np.abs(speed[part]), load[part]))
+    rest = rows[np.isnan(stroke[rows])]
+    found = cycles_together(bearing, speed[rest], load[rest], stable=True, weigh=False)
+    stroke[rest] = found.crest - found.trough
+    amplitude: FloatArray = 0.5 * stroke * np.abs(speed)
     return amplitude / bearing.natural_frequency
+
+
+def _sticking_strokes(field: SlipField) -> FloatArray:
+    """From turn to turn of the cycles that certainly stick; ``nan`` for all others."""
+    nothing = np.zeros(field.speed.size)
+    route = Route(3, _OF_AMPLITUDES, contact=True, locate=False)
+    one = follow(field, nothing, nothing, route)
+    stroke = _stroke(field)
+    sticks = (one.end == LANDED) & (one.place >= stroke + _ROUGHLY * (1.0 - stroke))
+    return np.where(sticks, one.turns[0] - one.turns[1], np.nan)

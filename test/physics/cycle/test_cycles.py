@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from stickslip_monitor.physics.cycle.cycles import (
     CycleKind,
+    exact_amplitude,
     exact_cycle,
     exact_fold_speed,
     exact_unstable_cycle,
@@ -267,6 +268,17 @@ def test_a_table_has_a_cycle_at_every_speed_alone_and_together():
     alone = [exact_cycle(bearing, v, 2200.0) for v in speed[70:]]
     assert_array_equal([one.kind for one in alone], cycle.kind[70:])
     assert_allclose([one.amplitude for one in alone], cycle.amplitude[70:], rtol=1e-12)
+
+
+def test_amplitudes_of_many_points_are_those_of_cycles_one_by_one():
+    """Bulk amplitudes take steps of 1e-10 and no contact; a cycle by itself takes other steps."""
+    draw, bearing = np.random.default_rng(35), unit_bearing(1e-3)
+    speed, load = 10.0 ** draw.uniform(-2.0, 1.0, (2, 300))
+    alone = [exact_cycle(bearing, v, n) for v, n in zip(speed, load, strict=True)]
+    kinds = {one.kind for one in alone}
+    assert kinds == {CycleKind.STICK_SLIP, CycleKind.OVERTAKING, CycleKind.NONE}
+    together = exact_amplitude(bearing, speed, load)
+    assert_allclose(together, [one.amplitude for one in alone], rtol=1e-9)
 
 
 def test_a_vibration_that_never_sticks_has_amplitude_and_period():
