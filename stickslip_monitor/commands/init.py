@@ -29,7 +29,7 @@ from stickslip_monitor.lab.bearing_estimate import (
     fold_shifts,
 )
 from stickslip_monitor.monitor.config import LOAD_UNITS
-from stickslip_monitor.monitor.configure import bearing_names
+from stickslip_monitor.monitor.configure import bearing_names, check_topic
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
@@ -77,6 +77,8 @@ class Quantity:
                 f"{self.option} '{text}' must be from {self.low / factor:g} to"
                 f' {self.high / factor:g} {name}'.rstrip()
             )
+        if spread and not 0.0 < float(spread.group(2)) < 100.0:
+            raise ConfigurationError(f"{self.option} '{text}' must have a spread of 0 to 100 %")
         return Given(value, float(spread.group(2)) / 100.0) if spread else Given(value)
 
 
@@ -153,6 +155,9 @@ def run(args: argparse.Namespace) -> int:
         output.check_files(args)
     require_all(given)
     bearing_names({'bearings': [args.name]})
+    check_topic('--speed-topic', args.speed_topic)
+    if args.load_topic is not None:
+        check_topic('--load-topic', args.load_topic)
     values = estimate(given, args.material)
     text = parameter_file(values, args)
     if args.json:
@@ -226,7 +231,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
     spreads = ', '.join(f'{name}: {_written(own[name].spread, 2)}' for name in _TOLERANCES)
     load = (
         f'{{topic: {args.load_topic}, unit: {args.load_unit}}}'
-        if args.load_topic
+        if args.load_topic is not None
         else f'{{constant: {_written(own["load"].value / 1e3)}, unit: kN}}  # assumed'
     )
     law = ', '.join(

@@ -141,6 +141,16 @@ _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _NEWTONS = {'N': 1.0, 'kN': 1000.0}
 
 
+def check_topic(whose: str, topic: str) -> None:
+    """Refuse what is no name of a topic.
+
+    Raises:
+        ConfigurationError: It is none; the text names it after ``whose``.
+    """
+    if not _TOPIC.fullmatch(topic):
+        raise ConfigurationError(f'{whose} {topic!r} must be a ROS topic name')
+
+
 def build_config(values: Mapping[str, Any]) -> config.MonitorConfig:
     """Validate flat, dotted parameters and build the configuration.
 
@@ -352,8 +362,8 @@ def _input(
             f"parameter '{name}.{quantity}.topic' is missing: give the topic that carries the"
             f' {quantity}, {name}.{quantity}.column for a log{remedy}'
         )
-    if topic and not _TOPIC.fullmatch(topic):
-        raise ConfigurationError(f'{name}.{quantity}.topic = {topic!r} must be a ROS topic name')
+    if topic:
+        check_topic(f'{name}.{quantity}.topic =', topic)
     if not _TYPE.fullmatch(type_name):
         raise ConfigurationError(
             f'{name}.{quantity}.type = {type_name!r} must be written package/msg/Type, e.g.'

@@ -97,6 +97,9 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
         ((*DRAWING, '--thickness', '20'), "--thickness '20' must be a number in mm or m"),
         ((*DRAWING, '--journal-diameter', '400m'), 'must be from 20 to 2000 mm'),
         ((*DRAWING, '--kinetic', '0.4'), '--static 0.3 must be above --kinetic 0.4'),
+        ((*DRAWING, '--speed-topic', 'x{}y:'), "--speed-topic 'x{}y:' must be a ROS topic name"),
+        ((*DRAWING, '--load-topic', ''), "--load-topic '' must be a ROS topic name"),
+        ((*DRAWING, '--static', '0.3~300%'), 'must have a spread of 0 to 100 %'),
         ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
     ],
 )
