@@ -124,7 +124,9 @@ _ALARMS: dict[str, Reader] = {
         _ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}
     ),
     'rows': _each(
-        _ALARM | {'kinds': _texts, 'came_back': _may(int, 0), 'came_back_since': _milliseconds}
+        _ALARM
+        | {'kinds': _texts, 'came_back': _may(int, 0)}
+        | dict.fromkeys(('came_back_since', 'back_since', 'clears_at'), _milliseconds)
     ),
     'changes': _each(dict.fromkeys(_CHANGE, _must(str)) | {'time': _milliseconds}),
     'notes': _each(dict.fromkeys(('what', 'text'), _must(str)) | {'time': _milliseconds}),

@@ -368,7 +368,8 @@ class Session:
     def _alarm(self, changes: list[AlarmChange], events: list[Event]) -> None:
         """Publish and keep what has changed of the alarms, by these events too."""
         changes += [c for event in events for c in self.annunciator.take_event(event)]
-        if changes:
+        # An input that is back changes no alarm yet, but its row says when it clears.
+        if changes or any(event.before is Condition.INPUT_STALE for event in events):
             self._list(changes)
             self.keep()
 

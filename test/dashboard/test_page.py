@@ -77,6 +77,9 @@ def test_an_alarm_appears_without_reloading_and_is_said(dashboard: Any, page: An
     page.until(
         'document.querySelector(".bearing .badge").textContent === "▲ Stick-slip predicted"'
     )
+    # One sentence, in its row; one matter, in one row.
+    page.until('!document.querySelector(".verdict").checkVisibility()')
+    assert page.text('#tally') == '1 not acknowledged'
     # Averaging and the exact cycle both, and what is said is what is shown.
     gauge = page.js('document.querySelectorAll(".gauge")[2].ariaValueText')
     assert re.fullmatch(
@@ -138,10 +141,29 @@ def test_a_lost_input_and_a_silent_monitor_are_shown(dashboard: Any, page: Any) 
     assert page.js('document.getElementById("banner").hidden')
     page.until('document.body.dataset.link === "silent"')
     assert 'The monitor /stickslip_monitor has been silent for' in page.text('#banner')
+    page.until('document.querySelector("[data-input=load]").textContent.includes("last heard")')
+    assert ' ago' not in page.text('.inputs')
     assert page.js('document.getElementById("quiet").hidden')
     dashboard.do(dashboard.ship.look)
     page.until('document.body.dataset.link === "live"')
     assert page.js('document.getElementById("banner").hidden')
+
+
+def test_an_input_that_is_back_says_when_its_alarm_clears(dashboard: Any, page: Any) -> None:
+    dashboard.do(lambda: dashboard.ship.wait(30.0))
+    row = '[data-alarm="aft_stern/input_lost"]'
+    page.until(f'document.querySelector(`{row} h3`)?.textContent === "WARNING: Input lost"')
+    dashboard.sail(60.0, 1000.0, 10.0)
+    page.until(f'document.querySelector(`{row} h3`).textContent === "Input back"')
+    times = re.fullmatch(
+        r'back since \d\d:(\d\d):(\d\d), clears \d\d:(\d\d):(\d\d)', page.text(f'{row} .course')
+    )
+    assert times is not None
+    # The off-delay of inputs is a minute.
+    since, clears = (60 * int(times[k]) + int(times[k + 1]) for k in (1, 3))
+    assert (clears - since) % 3600 == 60
+    dashboard.sail(60.0, 1000.0, 120.0)
+    page.until(f'document.querySelector(`{row} .state`).textContent.includes("gone, not ackn")')
 
 
 def test_it_comes_back_after_the_server_restarts(
@@ -617,6 +639,39 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     ]
     assert entries[0][1].startswith('22 bearings, not acknowledged')
     assert fleet.text('#alarm-list .places').startswith('b00, b01, b02')
+
+
+def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None:
+    from stickslip_monitor.dashboard.watched import Watched
+
+    dashboard.sail(20.0, 1000.0, 5.0)
+    shown = dashboard.ship.shown
+    (own,) = shown.bearings.values()
+    (alarm,) = shown.alarms['rows']
+
+    def grow() -> None:
+        own.at = shown._received_at = shown._clock() + 1e6
+        shown.bearings, rows = {}, []
+        for side, base in (('port', 60), ('stbd', 30)):
+            for k in range(25):
+                name, text = f'{side}/b{k:02}', f'Stick-slip predicted. Go above {base + k} rpm.'
+                shown.bearings[name] = Watched(name, own.view)
+                shown.bearings[name].take(own.record | {'bearing': name, 'text': text}, own.at)
+                rows.append(alarm | {'bearing': name, 'text': text})
+        shown.alarms = shown.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': 50}
+
+    dashboard.do(grow)
+    browser.open(dashboard.url)
+    browser.until('document.querySelectorAll("#alarm-list > li").length === 2')
+    texts = '[...document.querySelectorAll("#alarm-list .text")].map((e) => e.textContent)'
+    # The highest of the speeds of its bearings.
+    assert sorted(browser.js(texts)) == [
+        '25 bearings of /port: go above 84 rpm',
+        '25 bearings of /stbd: go above 54 rpm',
+    ]
+    assert browser.text('#tally') == '2 not acknowledged'
+    height = 'document.querySelector("#alarm-list > li").getBoundingClientRect().height'
+    assert browser.js(height) < 200
 
 
 def test_paper_has_badges_and_no_buttons(dashboard: Any, page: Any) -> None:

@@ -24,6 +24,8 @@ const STATES = {
 const BUTTONS = { acknowledge: 'Acknowledge', silence: 'Silence', reset: 'Reset', shelve: 'Shelve', unshelve: 'Unshelve' };
 const ORDER = Object.keys(STATES);
 const PRIORITIES = ['alarm', 'warning', 'caution'];
+// So many bearings of one shaft have a row each, and so many of a group are named.
+const FEW = 4, NAMED = 5;
 const ASIDE = ['shelved', 'suppressed', 'out_of_service'];
 const WAITING = ['unacknowledged', 'returned_unacknowledged'];
 // Triangle, circle and square, as on a bridge: the priority can be seen without its colour.
@@ -46,9 +48,11 @@ export function clock(ms) {
 }
 /** The worst priority among some rows; empty for none. */
 export const worst = (rows) => PRIORITIES.find((priority) => rows.some((row) => row.priority === priority)) ?? '';
+/** The name of the shaft: the namespace of its monitor, else the topic of its speed. */
+export const shaftName = (bearing, topic) => (bearing.includes('/') ? `/${bearing.slice(0, bearing.lastIndexOf('/'))}` : topic);
 export const nameOf = (alarm) => NAMES[alarm.alarm] ?? alarm.alarm;
 export const withoutName = ({ text, bearing }) => (text.startsWith(`${bearing}: `) ? text.slice(bearing.length + 2) : text);
-const keyOf = (row) => (row.members?.length > 1 ? `${row.members.length} bearings/${row.alarm}/${row.state}/${withoutName(row)}` : row.aside ? `${row.bearing}/${row.alarm}` : row.bearing);
+const keyOf = (row) => (row.shaft ? `${row.shaft}/${row.alarm}/${row.state}` : row.members?.length > 1 ? `${row.members.length} bearings/${row.alarm}/${row.state}/${withoutName(row)}` : row.aside ? `${row.bearing}/${row.alarm}` : row.bearing);
 
 /**
  * The order in which alarms are to be dealt with: what stands and nobody has acknowledged above all
@@ -61,10 +65,19 @@ export function rank(alarm) {
   return 100 * part + 10 * PRIORITIES.indexOf(alarm.priority) + ORDER.indexOf(alarm.state);
 }
 
-/** One row where many bearings have the same alarm from one cause, as from one lost speed. */
-export function grouped(rows) {
-  const groups = new Map();
+/**
+ * One row where many bearings have the same alarm from one cause: one lost speed, or one shaft that
+ * turns too slowly. shaftOf gives the shaft of a bearing.
+ */
+export function grouped(rows, shaftOf) {
+  const groups = new Map(), shafts = new Map();
+  const shaftKey = (row) => [row.alarm, row.state, row.sounding, shaftOf(row.bearing)].join('\n');
+  for (const row of rows) shafts.set(shaftKey(row), (shafts.get(shaftKey(row)) ?? 0) + 1);
   for (const row of rows) {
+    if (!row.aside && !row.alarm.startsWith('input') && shafts.get(shaftKey(row)) > FEW) {
+      groups.set(shaftKey(row), [...(groups.get(shaftKey(row)) ?? []), { ...row, shaft: shaftOf(row.bearing) }]);
+      continue;
+    }
     const text = withoutName(row).replace(/ *\d+(\.\d+)?( s\b| seconds?)/g, '');
     const key = row.alarm.startsWith('input') && !row.aside ? [row.alarm, row.state, row.sounding, text].join('\n') : keyOf(row);
     groups.set(key, [...(groups.get(key) ?? []), row]);
@@ -83,6 +96,7 @@ function stateOf(alarm) {
 
 /** Since when a matter stands, how often it came back, and what else it has. */
 function courseOf(row) {
+  if (row.back_since !== null && row.back_since !== undefined) return `back since ${clock(row.back_since)}, clears ${clock(row.clears_at)}`;
   const came = `came ${clock(row.since)}${row.came_back ? `, came back ${row.came_back === 1 ? 'once' : `${row.came_back} times`} since ${clock(row.came_back_since)}` : ''}`;
   const others = (row.kinds ?? []).filter((kind) => kind !== row.alarm).map((kind) => (NAMES[kind] ?? kind).toLowerCase());
   return others.length ? `${came}; with it: ${others.join(', ')}` : came;
@@ -90,9 +104,10 @@ function courseOf(row) {
 
 export class AlarmList {
   /** act is called with an action, an alarm and the button; say with words that cannot wait; now gives
-      the text of a bearing now. */
-  constructor(act, say, now) {
-    [this.act, this.say, this.now] = [act, say, now];
+      the text of a bearing now, shaftOf its shaft. */
+  constructor(act, say, now, shaftOf) {
+    [this.act, this.say, this.now, this.shaftOf] = [act, say, now, shaftOf];
+    this.waitingRows = 0;
     this.items = new Map();
     this.known = null;
     this.standing = [];
@@ -105,7 +120,7 @@ export class AlarmList {
 
   show(record) {
     const aside = record.alarms.filter((alarm) => ASIDE.includes(alarm.state)).map((alarm) => ({ ...alarm, aside: true }));
-    const rows = grouped([...record.rows, ...aside]);
+    const rows = grouped([...record.rows, ...aside], this.shaftOf);
     rows.sort((a, b) => rank(a) - rank(b) || (b.since ?? 0) - (a.since ?? 0));
     const focused = document.activeElement;
     const within = this.section.contains(focused);
@@ -124,6 +139,8 @@ export class AlarmList {
     this.silence.hidden = !record.sounding;
     this.waiting = record.rows.filter((row) => row.actions.includes('acknowledge'));
     this.seen.hidden = this.waiting.length < 2;
+    this.waitingRows = rows.filter((row) => !row.aside && WAITING.includes(row.state)).length;
+    this.told = new Set(rows.filter((row) => !row.aside && row.members.length === 1).map((row) => row.bearing));
     this.count(record);
     this.announce(record.rows);
   }
@@ -138,9 +155,9 @@ export class AlarmList {
   }
 
   count(record) {
-    const parts = [`${record.unacknowledged} not acknowledged`];
+    const parts = [`${this.waitingRows} not acknowledged`];
     if (record.flood.flooding) parts.push(`flood: ${record.flood.alarms_10min} in ten minutes`);
-    this.tally.textContent = record.unacknowledged || record.flood.flooding ? parts.join(', ') : '';
+    this.tally.textContent = this.waitingRows || record.flood.flooding ? parts.join(', ') : '';
   }
 
   /** Say aloud what was not given before. */
@@ -168,8 +185,17 @@ export class AlarmList {
   refresh() { for (const item of this.items.values()) this.describe(item); }
 
   describe({ root, alarm }) {
+    if (alarm.shaft) { put(root.querySelector('.text'), this.ofShaft(alarm)); return; }
     const now = alarm.aside || alarm.members.length > 1 ? null : this.now(alarm.bearing);
     put(root.querySelector('.text'), withoutName(now ? { text: now, bearing: alarm.bearing } : alarm));
+  }
+
+  /** What many bearings of one shaft ask for: the highest of their speeds. */
+  ofShaft({ members, shaft }) {
+    const texts = members.map((each) => this.now(each.bearing) ?? each.text);
+    const speeds = texts.map((text) => Number(/go above ([\d.]+) rpm/i.exec(text)?.[1]));
+    const known = speeds.every((speed) => speed > 0);
+    return `${members.length} bearings of ${shaft}: ${known ? `go above ${Math.max(...speeds)} rpm` : texts[0]}`;
   }
 
   create(alarm) {
@@ -192,20 +218,20 @@ export class AlarmList {
 
   fill(item, alarm) {
     item.alarm = alarm;
-    const { root } = item;
-    root.className = `alarm priority-${alarm.priority}${WAITING.includes(alarm.state) ? ' waiting' : ''}${['returned_unacknowledged', 'latched'].includes(alarm.state) ? ' gone' : ''}${alarm.sounding ? ' sounding' : ''}`;
+    const { root } = item, back = alarm.back_since > 0;
+    root.className = `alarm priority-${alarm.priority}${WAITING.includes(alarm.state) ? ' waiting' : ''}${['returned_unacknowledged', 'latched'].includes(alarm.state) || back ? ' gone' : ''}${alarm.sounding ? ' sounding' : ''}`;
     Object.assign(root.dataset, { state: alarm.state, alarm: alarm.members.length > 1 ? keyOf(alarm) : `${alarm.bearing}/${alarm.alarm}` });
     if (item.priority !== alarm.priority) {
       const [kind, attributes, y] = SHAPES[alarm.priority] ?? SHAPES.caution;
       root.querySelector('.shape').replaceChildren(make(kind, { class: 'fill', ...attributes }), make('text', { class: 'mark', x: 17, y }, '!'));
       item.priority = alarm.priority;
     }
-    root.querySelector('h3').textContent = `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
+    root.querySelector('h3').textContent = back ? 'Input back' : `${alarm.priority.toUpperCase()}: ${nameOf(alarm)}`;
     const places = alarm.members.map((each) => each.bearing);
-    const where = places.length > 1 ? `${places.length} bearings` : alarm.bearing;
+    const where = places.length > 1 ? `${places.length} bearings${alarm.shaft ? ` of ${alarm.shaft}` : ''}` : alarm.bearing;
     root.querySelector('.state').textContent = `${where}, ${stateOf(alarm)}`;
     root.querySelector('.course').textContent = courseOf(alarm);
-    root.querySelector('.places').textContent = places.length > 1 ? places.join(', ') : '';
+    root.querySelector('.places').textContent = places.length > 1 ? `${places.slice(0, NAMED).join(', ')}${places.length > NAMED ? ` and ${places.length - NAMED} more` : ''}` : '';
     this.describe(item);
     const focused = document.activeElement;
     for (const [action, button] of Object.entries(item.buttons)) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, moment, nameOf, time, withoutName, worst } from './alarms.js';
+import { AlarmList, clock, moment, nameOf, shaftName, time, withoutName, worst } from './alarms.js';
 import { Overview } from './overview.js';
 import { Sound } from './sound.js';
 import { AmplitudeGauge, MarginGauge } from './gauges.js';
@@ -32,7 +32,8 @@ class Bearing {
     this.name = bearing.name;
     this.topics = bearing.topics;
     [this.rpm, this.shelveTime] = [bearing.rpm, bearing.shelve_time];
-    this.shown = true;
+    this.shown = this.current = true;
+    this.shaft = shaftName(bearing.name, bearing.topics.speed);
     this.charts = new Charts(this.find('.charts'), bearing, this.history, events);
     this.map = new StabilityMap(this.find('.map svg'), bearing);
     this.fold = new MarginGauge('Fold margin', bearing, { near: true, look: 'between', words: 'below the fold: stick-slip possible' }, 'above the fold: safe');
@@ -58,6 +59,13 @@ class Bearing {
       if (answer.ok) this.history.precede((await answer.json()).rows); else this.asked = false;
     } catch { this.asked = false; }
     if (this.shown && this.status) { this.show(this.status); this.charts.show(); }
+  }
+
+  /** Whether what is shown is heard now: what is not is told with its time, not as fresh. */
+  keep(current) {
+    if (this.current === current) return;
+    this.current = current;
+    if (this.status) this.show(this.status);
   }
 
   /** What is not looked at is not drawn. */
@@ -92,7 +100,7 @@ class Bearing {
     this.gauge(status);
     const point = status.speed === null || status.load === null ? null : [status.speed, status.load];
     this.map.show(point, this.history.trail, point ? `${speedText(status.rpm)}, ${loadText(status.load)}, ${status.regime}` : 'no operating point');
-    this.inputs(status.inputs);
+    this.inputs(status);
   }
 
   gauge({ regime = null, fold_margin: fold = null, hopf_margin: hopf = null, ...rest }) {
@@ -101,16 +109,17 @@ class Bearing {
     this.amplitude.show({ amplitude: null, amplitude_exact: null, ...rest, regime });
   }
 
-  inputs(inputs) {
+  inputs({ inputs, time: at }) {
     const body = this.find('.inputs tbody');
     for (const [name, input] of Object.entries(inputs)) {
       const row = body.querySelector(`[data-input="${name}"]`) ?? inputRow(body, name, this.topics[name]);
       const [state, count] = row.querySelectorAll('td');
       state.className = input.lost || input.fault ? 'lost' : '';
       put(row.querySelector('.fault'), input.fault);
-      if (name !== 'level') put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost ? ', last known' : ''}`);
+      if (name !== 'level') put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost || !this.current ? ', last known' : ''}`);
       const ago = input.age === null ? 'no valid value yet' : `${input.age.toFixed(input.age < 9.95 ? 1 : 0)} s ago`;
-      put(state, `${input.lost ? '✕ lost, ' : input.age === null ? '' : '✓ '}${input.rate === null || input.lost ? '' : `${+input.rate.toPrecision(2)} Hz, `}${ago}`);
+      if (!this.current) put(state, input.age === null ? '' : `last heard ${clock(at - 1000 * input.age)}`);
+      else put(state, `${input.lost ? '✕ lost, ' : input.age === null ? '' : '✓ '}${input.rate === null || input.lost ? '' : `${+input.rate.toPrecision(2)} Hz, `}${ago}`);
       const refused = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
       put(count, refused.length ? `refused: ${refused.join(', ')}` : '');
     }
@@ -134,7 +143,7 @@ class Page {
     this.sound = new Sound(get('sound'));
     this.replay = new ReplayBar();
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
-    this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text), (name) => this.bearings.get(name)?.status?.text);
+    this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text), (name) => this.bearings.get(name)?.status?.text, (name) => this.bearings.get(name)?.shaft);
     this.receivedAt = Date.now();
     setInterval(() => this.watch(), 1000);
     document.addEventListener('visibilitychange', () => this.watch());
@@ -197,6 +206,8 @@ class Page {
     [this.record, this.log] = [alarms, log];
     if (alarms) {
       this.alarms.show(alarms);
+      // What its row says needs not be said again below.
+      for (const [name, bearing] of this.bearings) bearing.find('.verdict').hidden = this.alarms.told.has(name);
       this.sound.ring(alarms.sounding ? worst(alarms.rows.filter((row) => row.sounding)) : '');
       this.trust(this.trusted);
     }
@@ -222,7 +233,11 @@ class Page {
     this.replay.show(null, monitor.finished);
     if (get('notices').textContent !== monitor.notices.join(' ')) { put(get('notices'), monitor.notices.join(' ')); put(get('say'), monitor.notices.join(' ')); }
     get('notices').hidden = !monitor.notices.length;
-    for (const [name, bearing] of this.bearings) bearing.root.classList.toggle('missing', monitor.missing.includes(name));
+    for (const [name, bearing] of this.bearings) {
+      const missing = monitor.missing.includes(name);
+      bearing.root.classList.toggle('missing', missing);
+      bearing.keep(monitor.finished || (monitor.there && !missing));
+    }
     this.overview.mark(monitor.missing);
     this.trust(monitor.there && !monitor.faults.length);
   }
@@ -231,11 +246,12 @@ class Page {
   trust(trusted) {
     this.alarms.trust(trusted);
     this.trusted = trusted;
-    const waiting = this.record?.unacknowledged ? `(${this.record.unacknowledged}) ` : '';
+    const rows = this.alarms.waitingRows, waiting = rows ? `(${rows}) ` : '';
     document.title = `${trusted || get('banner').hidden || document.body.dataset.link === 'over' ? '' : '✕ '}${waiting}Stick-slip monitor`;
   }
 
   lose() {
+    for (const bearing of this.bearings.values()) bearing.keep(false);
     this.showLink('lost', 'connection lost', 'The connection to the dashboard is lost: nothing here is current. Trying again …');
     this.trust(false);
   }

@@ -111,6 +111,12 @@ class Causes:
             there = self._absurd
         return there or kind in self.recalled
 
+    @property
+    def back(self) -> tuple[int, int] | None:
+        """Since when the inputs are fine again, and when their alarm clears; else ``None``."""
+        until = self._lost_until
+        return (until - self.config.alarm.input_off_delay_ns, until) if until else None
+
     def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
         """Why the cause means nothing now; empty where it counts."""
         suppressible = kind in SUPPRESSIBLE

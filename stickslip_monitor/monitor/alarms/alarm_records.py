@@ -68,7 +68,7 @@ def alarms_record(
         'changes': [change_record(change) for change in changes],
         'notes': [{'time': n.time_ns, 'what': n.what, 'text': n.text} for n in notes],
         'alarms': [alarm_record(annunciator, alarm) for alarm in annunciator],
-        'rows': list(row_records(annunciator, text_of)),
+        'rows': list(row_records(annunciator, time_ns, text_of)),
     }
 
 
@@ -110,7 +110,7 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
 
 
 def row_records(
-    annunciator: Annunciator, text_of: Callable[[str], str]
+    annunciator: Annunciator, time_ns: int, text_of: Callable[[str], str]
 ) -> Iterator[dict[str, Any]]:
     """One row for each bearing of which anything is on show: its worst alarm, and what is now."""
     for name, own in annunciator.alarms.items():
@@ -127,6 +127,8 @@ def row_records(
         text = text_of(name)
         if worst.kind is AlarmKind.INPUT_IMPLAUSIBLE:
             text = f'{worst.text} {text}'
+        back = annunciator.causes[name].back if worst.kind is AlarmKind.INPUT_LOST else None
+        shift = time_ns - annunciator.now_ns
         yield {
             'bearing': name,
             'alarm': worst.kind.value,
@@ -143,6 +145,8 @@ def row_records(
             'first_time': worst.first_ns,
             'came_back': worst.came_back,
             'came_back_since': worst.first_ns if worst.came_back else None,
+            'back_since': None if back is None else back[0] + shift,
+            'clears_at': None if back is None else back[1] + shift,
             'kinds': [alarm.kind.value for alarm in shown],
         }
 
