@@ -16,6 +16,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk
 
 from fuzz.files import HEAD, MAGIC, compressed, encoded
+from fuzz.logs import change_cell, change_value
 
 _NUMBERS = (
     0,
@@ -35,12 +36,12 @@ _OPCODES = (*range(16), 0x80, 0xFF)
 Records = list[bytes]
 
 
-def mutant(seed: int, sources: Sequence[bytes]) -> bytes:
-    """A mutant; the same for the same seed and sources."""
+def mutant(seed: int, sources: Sequence[bytes], kind: str = 'mcap') -> bytes:
+    """A mutant; the same for the same seed and sources of a kind."""
     rng = random.Random(seed)
     data = rng.choice(sources)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        data = rng.choice(_WAYS)(rng, data, sources)
+        data = rng.choice(_WAYS[kind])(rng, data, sources)
     return data
 
 
@@ -149,14 +150,9 @@ def _with_number(rng: random.Random, record: bytes) -> bytes:
 
 
 _Way = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
-_WAYS: tuple[_Way, ...] = (
-    _flip,
-    _overwrite,
-    _cut,
-    _join,
-    _records,
-    _records,
-    _inside,
-    _inside,
-    _inside,
-)
+_BYTES: tuple[_Way, ...] = (_flip, _overwrite, _cut, _join)
+_WAYS: dict[str, tuple[_Way, ...]] = {
+    'mcap': (*_BYTES, _records, _records, _inside, _inside, _inside),
+    'csv': (*_BYTES, *[change_cell] * 6),
+    'db3': (*_BYTES, *[change_value] * 6),
+}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read thousands of mutants beside MCAP's own reader, within limits of memory and time.
+"""Read thousands of mutants within limits of memory and time, those of MCAP beside its own reader.
 
 Each is opened, read and checked through the command line. What fails is kept in build/fuzz.
 """
@@ -21,6 +21,7 @@ from pathlib import Path
 from types import FrameType
 
 from fuzz.corpus import ODD
+from fuzz.logs import databases, tables
 from fuzz.mutants import mutant
 from fuzz.oracle import difference, digest
 from stickslip_monitor.cli import main as stickslip
@@ -47,11 +48,15 @@ def sources() -> list[bytes]:
     return [odd.make() for odd in ODD.values()]
 
 
+SOURCES = {'mcap': sources, 'csv': tables, 'db3': databases}
+"""What mutants are made of, by the ending of their names."""
+
+
 def judge(path: Path) -> str:
     """What is wrong with how a recording is read; empty if nothing."""
     try:
         with _limited(SECONDS):
-            found = difference(path)
+            found = difference(path) if path.suffix == '.mcap' else ''
             return found or _command(path)
     except _TooSlow:
         return f'not done in {SECONDS} s'
@@ -86,14 +91,14 @@ def _limited(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def batch(seed: int, first: int, count: int) -> list[tuple[int, str]]:
+def batch(seed: int, first: int, count: int, kind: str = 'mcap') -> list[tuple[int, str]]:
     """Judge some mutants; the number of each that fails, and why."""
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
-    made, failed = sources(), []
+    made, failed = SOURCES[kind](), []
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / 'mutant.mcap'
+        path = Path(folder) / f'mutant.{kind}'
         for number in range(first, first + count):
-            data = mutant((seed << 32) + number, made)
+            data = mutant((seed << 32) + number, made, kind)
             path.write_bytes(data)
             text = judge(path)
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
@@ -102,11 +107,11 @@ def batch(seed: int, first: int, count: int) -> list[tuple[int, str]]:
             if text:
                 failed.append((number, text))
                 FAILED.mkdir(parents=True, exist_ok=True)
-                (FAILED / f'{number}-{digest(data)}.mcap').write_bytes(data)
+                (FAILED / f'{number}-{digest(data)}.{kind}').write_bytes(data)
     return failed
 
 
-def _batch(call: tuple[int, int, int]) -> list[tuple[int, str]]:
+def _batch(call: tuple[int, int, int, str]) -> list[tuple[int, str]]:
     return batch(*call)
 
 
@@ -114,11 +119,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the fuzzer; 1 if anything failed."""
     parser = argparse.ArgumentParser(prog='python -m fuzz', description=__doc__)
     parser.add_argument('--seed', type=int, default=int(time.time()), help='default: the time')
-    parser.add_argument('--count', type=int, default=5000, help='mutants (default 5000)')
+    parser.add_argument(
+        '--count', type=int, default=5000, help='mutants of each kind (default 5000)'
+    )
+    parser.add_argument('--kind', choices=SOURCES, help='default: all')
     args = parser.parse_args(argv)
-    sys.stdout.write(f'seed {args.seed}, {args.count} mutants\n')
+    kinds = [args.kind] if args.kind else list(SOURCES)
+    sys.stdout.write(f'seed {args.seed}, {args.count} mutants of {", ".join(kinds)}\n')
     starts = range(0, args.count, _BATCH)
-    calls = [(args.seed, first, min(_BATCH, args.count - first)) for first in starts]
+    calls = [
+        (args.seed, first, min(_BATCH, args.count - first), kind)
+        for kind in kinds
+        for first in starts
+    ]
     count = 0
     # A process for each batch: what one takes in memory is not the next one's.
     with multiprocessing.get_context('spawn').Pool(2, maxtasksperchild=1) as pool:
