@@ -66,7 +66,7 @@ _COLUMNS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = 'rosbag2 folder or .mcap file; or scene files (.yaml)'
+    text = 'recording or log; or scene files (.yaml)'
     options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser, required=False)
     options.add_bearing(parser)

@@ -64,7 +64,7 @@ def near_name(path: str | Path) -> str:
     if path.is_symlink():
         return f": it is a link that leads nowhere, to '{path.readlink()}'"
     try:
-        names = [entry.name for entry in path.parent.iterdir()]
+        names = [entry.name for entry in path.parent.iterdir() if entry.name != path.name]
     except OSError:
         return ''
     return did_you_mean(path.name, names)

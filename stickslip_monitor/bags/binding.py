@@ -246,6 +246,9 @@ class ColumnBinding:
             f"{quantity} of {bearing.name} is column '{column.heading}' in"
             f' {unit or source.unit}, {why}'
         )
+        if unit is None and column.has_unit:
+            stated = parse_heading(column.heading).unit
+            said += f": is that right? Its heading says '{stated}'"
         timeout_ns = source.timeout_ns
         if round(_TIMEOUT_LINES * every * 1e9) > timeout_ns:
             timeout_ns = round(_TIMEOUT_LINES * every * 1e9)

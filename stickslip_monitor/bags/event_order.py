@@ -17,6 +17,8 @@ _STEP_GAPS, _STEP_NS = 2.5, 10**9
 _LEAST, _BEHIND_NS = 20, 10**7
 # The years 2001 to 2099 [ns].
 _DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
+LATEST_NS = 1 << 62
+"""Of the year 2116: later times are none, and two of them would have no sum [ns]."""
 # Messages of a topic a second that no telemetry has.
 _TOO_MANY = 1000.0
 
@@ -63,6 +65,8 @@ class StepClock:
                 break
             begin += int(set_back[0])
             step = int(before[begin]) - int(shifted[begin]) + self._gap_ns
+            if self._shift_ns + step > LATEST_NS:
+                break
             self.steps_ns.append(step - self._gap_ns)
             self._shift_ns += step
             shifted = np.append(shifted[:begin], shifted[begin:] + step)

@@ -14,7 +14,7 @@ import yaml
 from stickslip_monitor.bags.recording import MOST_NAMED
 from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT, Findings
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import read_file
+from stickslip_monitor.files import near_name, read_file
 
 # Of metadata: ten thousand topics or files [bytes].
 _LARGEST = 8 << 20
@@ -104,11 +104,14 @@ def folder_files(folder: Path, findings: Findings) -> FolderFiles:
         BagError: There are none, or those of several recordings.
     """
     try:
-        names = [path.name for path in folder.iterdir()]
+        paths = sorted(p for p in folder.iterdir() if is_recording(p.name))
+        there = sorted((p.name for p in paths if p.exists()), key=natural)
     except OSError as error:
         raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
     metadata = read_metadata(folder)
-    there = sorted(filter(is_recording, names), key=natural)
+    for path in paths:
+        if path.name not in there:
+            findings.lose(f"file '{path.name}' was not read{near_name(path)}")
     if not there:
         raise BagError(f"bag '{folder}' has no .mcap and no .db3 file")
     if isinstance(metadata, str):

@@ -225,8 +225,13 @@ def _recordings(
     folder: Path, names: Iterable[str], is_wanted: Callable[[str], bool]
 ) -> list[Path]:
     """The folder, if its files are parts of one recording, or else each of its files."""
-    # As Path.is_dir does, Path.is_file raises behind a closed folder.
-    names = [name for name in names if os.path.isfile(folder / name)]  # noqa: PTH113
+    # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
+    # stays: whoever reads it says so.
+    names = [
+        name
+        for name in names
+        if os.path.isfile(folder / name) or os.path.islink(folder / name)  # noqa: PTH113, PTH114
+    ]
     loose = [name for name in names if is_wanted(name)]
     stems = {stem_of(name) for name in loose}
     if METADATA_NAME in names and is_wanted is is_recording:

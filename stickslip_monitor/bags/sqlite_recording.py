@@ -25,7 +25,7 @@ from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.binding import bound_to_topics
 from stickslip_monitor.bags.cdr import FieldReader
 from stickslip_monitor.bags.definitions import definition_of
-from stickslip_monitor.bags.event_order import StepClock
+from stickslip_monitor.bags.event_order import LATEST_NS, StepClock
 from stickslip_monitor.bags.recording import Bound, Progress, Recording
 from stickslip_monitor.bags.values import (
     Fault,
@@ -143,7 +143,8 @@ class SqliteRecording(Recording):
                 'SELECT id, name, type, serialization_format FROM topics'
             ):
                 name, kind, encoding = map(str, row)
-                names[key] = name
+                if isinstance(key, int):
+                    names[key] = name
                 known = self._types.setdefault(name, (kind, encoding))
                 if known != (kind, encoding):
                     self._findings.lose(f"topic '{name}' has several types: {known[0]}, {kind}")
@@ -153,7 +154,7 @@ class SqliteRecording(Recording):
                     'SELECT topic_type, encoding, encoded_message_definition'
                     ' FROM message_definitions'
                 ):
-                    if encoding == 'ros2msg' and text:
+                    if encoding == 'ros2msg' and text and isinstance(text, str):
                         self._texts.setdefault(kind, text)
             counts, times = self._count(file, database)
             for key, count in counts.items():
@@ -176,13 +177,14 @@ class SqliteRecording(Recording):
             )  # fmt: skip
             ends = database.execute(
                 'SELECT min(timestamp), max(timestamp) FROM messages NOT INDEXED'
+                f' WHERE timestamp BETWEEN 0 AND {LATEST_NS}'
             ).fetchone()
             return counts, [time for time in ends if isinstance(time, int)]
         except sqlite3.Error:
             counts, times = Counter(), []
             for rows in self._rows(file, database, 'timestamp, topic_id'):
                 counts.update(row[2] for row in rows)
-                known = [row[1] for row in rows if isinstance(row[1], int)]
+                known = [row[1] for row in rows if _is_time(row[1])]
                 times += [min(known), max(known)] if known else []
             return counts, [min(times), max(times)] if times else []
 
@@ -266,20 +268,20 @@ class SqliteRecording(Recording):
         for file in self.files:
             with self._opened(file) as database:
                 ids = {
-                    key: name
+                    key: str(name)
                     for key, name in database.execute('SELECT id, name FROM topics')
-                    if name in topics
+                    if isinstance(key, int) and str(name) in topics
                 }
                 if not ids:
                     continue
-                where = f'topic_id IN ({",".join(str(int(key)) for key in ids)})'
+                where = f'topic_id IN ({",".join(map(str, ids))})'
                 for rows in self._rows(file, database, 'timestamp, topic_id, data', where):
                     batch = []
                     for _, time_ns, key, data in rows:
-                        sound = isinstance(time_ns, int) and isinstance(data, bytes)
+                        sound = _is_time(time_ns) and isinstance(data, bytes)
                         if sound and self._is_packed:
                             data = _unpacked(unpack, data)
-                        if sound and time_ns >= 0 and data is not None:
+                        if sound and data is not None:
                             batch.append(_Row(time_ns, ids[key], data))
                     odd += len(rows) - len(batch)
                     if batch:
@@ -292,6 +294,10 @@ class SqliteRecording(Recording):
     ) -> SqliteReading:
         """Read numbers in blocks."""
         return SqliteReading(self, self._asked(requests), progress)
+
+
+def _is_time(value: object) -> bool:
+    return isinstance(value, int) and 0 <= value <= LATEST_NS
 
 
 def _unpacked(unpack: zstandard.ZstdDecompressor, data: bytes) -> bytes | None:

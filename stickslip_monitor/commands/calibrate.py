@@ -57,7 +57,7 @@ from stickslip_monitor.physics.probability import EXACT, QUANTILES
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = 'rosbag2 folder or .mcap file'
+    text = 'recording or log'
     options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser)
     options.add_bearing(parser, options.ONE_OF_SEVERAL)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from shared import record
 
 from stickslip_monitor.bags.reader import find_bags, open_bag
 from stickslip_monitor.errors import BagError
@@ -62,6 +63,21 @@ def test_numbered_files_are_one_recording_only_if_they_bear_one_name(tmp_path: P
     assert found == ['one', 'two/a_0.mcap', 'two/b_0.mcap']
     with pytest.raises(BagError, match=r"two' holds 2 recordings: name one of them"):
         open_bag(tmp_path / 'two')
+
+
+def test_a_link_that_leads_nowhere_is_named_and_the_rest_read(tmp_path: Path) -> None:
+    record(tmp_path / 'voyage', {'/a': ([0, 10**9], [1.0, 2.0])})
+    (file,) = (tmp_path / 'voyage').glob('*.mcap')
+    file.rename(tmp_path / 'b.mcap')
+    (tmp_path / 'voyage' / 'metadata.yaml').unlink()
+    (tmp_path / 'voyage').rmdir()
+    (tmp_path / 'a.mcap').symlink_to('gone.mcap')
+    recording = open_bag(tmp_path)
+    assert recording.message_count == 2
+    assert recording.losses == (
+        "file 'a.mcap' was not read: it is a link that leads nowhere, to 'gone.mcap'",
+    )
+    assert find_bags([tmp_path]) == [tmp_path / 'a.mcap', tmp_path / 'b.mcap']
 
 
 def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:

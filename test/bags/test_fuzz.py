@@ -14,7 +14,7 @@ import pytest
 
 from fuzz.corpus import LARGE, ODD
 from fuzz.mutants import mutant
-from fuzz.run import CONFIG, MEGABYTES, judge, sources
+from fuzz.run import CONFIG, MEGABYTES, SOURCES, judge
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
@@ -84,10 +84,11 @@ def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
     assert int(done.stderr.split()[-1]) < MEGABYTES
 
 
-def test_mutants_lose_nothing_without_a_word(tmp_path: Path) -> None:
-    made, path = sources(), tmp_path / 'mutant.mcap'
+@pytest.mark.parametrize('kind', SOURCES)
+def test_mutants_lose_nothing_without_a_word(kind: str, tmp_path: Path) -> None:
+    made, path = SOURCES[kind](), tmp_path / f'mutant.{kind}'
     for seed in range(150):
-        path.write_bytes(mutant(seed, made))
+        path.write_bytes(mutant(seed, made, kind))
         assert judge(path) == '', f'seed {seed}'
 
 

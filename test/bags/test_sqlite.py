@@ -171,3 +171,27 @@ def test_built_in_definitions_are_those_of_ros(kind: str) -> None:
     own = get_types_from_msg(text, kind)
     for name, (_, fields) in own.items():
         assert fields == STORE.fielddefs[name][1], name
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        'UPDATE topics SET id = NULL WHERE id = 1',
+        'UPDATE messages SET timestamp = 9223372036854775807 WHERE id % 7 = 0',
+        'UPDATE message_definitions SET encoded_message_definition = 7',
+    ],
+)
+def test_values_of_another_kind_are_told(change: str, tmp_path: Path) -> None:
+    (file,) = make(tmp_path / 'bag', version=9).glob('*.db3')
+    with sqlite3.connect(file) as database:
+        for table in ('topics', 'message_definitions'):
+            database.execute(f'CREATE TABLE copy AS SELECT * FROM {table}')
+            database.execute(f'DROP TABLE {table}')
+            database.execute(f'ALTER TABLE copy RENAME TO {table}')
+        database.execute(change)
+    database.close()
+    (tmp_path / 'bag/metadata.yaml').unlink()
+    recording = open_bag(file)
+    count = sum(1 for _ in recording.messages())
+    assert count == 2 * COUNT or recording.losses
+    assert recording.end_ns == START + (COUNT - 1) * 10_000_000

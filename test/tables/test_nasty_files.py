@@ -370,3 +370,29 @@ def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(
     recording.read([Request('speed', 'data')])
     # The usual gap of a second takes the place of the step.
     assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 103 * 10**9)
+
+
+def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
+    path, text = tmp_path / 'voyage.csv', CONFIG.read_text()
+    own = text.replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
+    assert own != text
+    (tmp_path / 'own.yaml').write_text(own)
+    path.write_text('time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
+    recording = open_bag(path)
+    assert not recording.bound(load_config(tmp_path / 'own.yaml')).absent
+    assert any(
+        "column 'Load [klbf]' in N, as aft_stern.load.unit says: is that right? Its heading says"
+        " 'klbf'" in said
+        for said in recording.warnings
+    )
+
+
+def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
+    recording = open_bag(path)
+    (bearing,) = recording.bound(load_config(CONFIG)).config.bearings
+    assert bearing.speed.timeout_ns == bearing.load.timeout_ns == 60 * 10**9
+    said = ' '.join(recording.warnings)
+    assert said.count('lines are 20 s apart, so its timeout is 60 s here') == 2
+    assert 'lines are 20 s apart: stick-slip shorter than some minutes cannot be seen' in said
