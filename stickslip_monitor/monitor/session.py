@@ -15,13 +15,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 from stickslip_monitor.errors import AlarmStateError, cause
-from stickslip_monitor.monitor.alarms.alarm_records import (
-    ActionRequest,
-    Note,
-    alarms_record,
-    recall_state,
-    state_record,
-)
+from stickslip_monitor.monitor.alarms import alarm_records
 from stickslip_monitor.monitor.alarms.annunciator import MONITOR, AlarmChange, Annunciator
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph, InputWatch
@@ -161,7 +155,7 @@ class Session:
         self.annunciator = Annunciator(config)
         self._begun_ns = self._listed_ns = self._sequence = 0
         self._unkept = ''
-        self._notes: deque[Note] = deque(maxlen=NOTES_KEPT)
+        self._notes: deque[alarm_records.Note] = deque(maxlen=NOTES_KEPT)
         known = {} if store is None else self._recalled(store)
         self.monitor = Monitor(config, known)
         for name in self.monitor.bearings.keys() & known.keys():
@@ -176,7 +170,7 @@ class Session:
             document = store.read()
             if document is None:
                 return {}
-            recall_state(self.annunciator, document, self._clock())
+            alarm_records.recall_state(self.annunciator, document, self._clock())
         except AlarmStateError as error:
             try:
                 end = f'it is now {store.set_aside()}, and the alarms start fresh'
@@ -313,9 +307,9 @@ class Session:
 
     def note(self, what: str, text: str) -> None:
         """Put something on record, with the next list of alarms; see :class:`.Note`."""
-        self._notes.append(Note(self._clock(), what, text))
+        self._notes.append(alarm_records.Note(self._clock(), what, text))
 
-    def act(self, request: ActionRequest) -> list[AlarmChange]:
+    def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
         """Do what a person asks for, put on record why, and return what it changed."""
         action, by, bearing, kind = request.action, request.by, request.bearing, request.kind
         changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
@@ -379,7 +373,7 @@ class Session:
         self._sequence += 1
         notes = list(self._notes)
         self._notes.clear()
-        record = alarms_record(
+        record = alarm_records.alarms_record(
             self.annunciator,
             changes,
             self._clock(),
@@ -402,7 +396,7 @@ class Session:
         if self._store is None:
             return
         states = {name: b.state.record() for name, b in self.monitor.bearings.items()}
-        document = state_record(self.annunciator, self._clock()) | {'states': states}
+        document = alarm_records.state_record(self.annunciator, self._clock()) | {'states': states}
         try:
             self._store.write(document)
             self._unkept = ''
