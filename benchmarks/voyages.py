@@ -17,24 +17,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.warning_quality import (
-    Interval,
-    Quality,
-    RuleOutput,
-    merged,
-    quality_of,
-)
+from benchmarks.warning_quality import Interval, Quality, RuleOutput, merged, quality_of
 from stickslip_monitor import jit
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.scenes.settings import with_parameter_errors
-from stickslip_monitor.lab.truth import (
-    TruthRecord,
-    has_truth,
-    known_truth,
-    read_truth,
-)
+from stickslip_monitor.lab.truth import TruthRecord, has_truth, known_truth, read_truth
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.bulk import BearingScan, Scan

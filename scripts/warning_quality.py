@@ -31,13 +31,7 @@ from benchmarks.voyages import (
     cases_of,
     output_of,
 )
-from benchmarks.warning_quality import (
-    FIGURES,
-    Quality,
-    pooled,
-    quality_of,
-    written,
-)
+from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, written
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.lab.scenes.scene import load_scene
 from stickslip_monitor.lab.truth import TruthRecord

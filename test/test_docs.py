@@ -17,11 +17,7 @@ import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.monitor.alarms.alarm import TABLE, AlarmKind, AlarmState
-from stickslip_monitor.monitor.config import (
-    BEARING_PARAMETERS,
-    INPUT_PARAMETERS,
-    NODE_PARAMETERS,
-)
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, INPUT_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.ladder import Condition

@@ -12,13 +12,7 @@ from stickslip_monitor.bags.contents import DATED, Contents
 from stickslip_monitor.bags.event_order import question_of_unit
 from stickslip_monitor.bags.recording import Bound, Progress, Recording
 from stickslip_monitor.bags.series import McapReading, Wanted, merged_messages
-from stickslip_monitor.bags.values import (
-    Findings,
-    Message,
-    Request,
-    TimeSpans,
-    TopicInfo,
-)
+from stickslip_monitor.bags.values import Findings, Message, Request, TimeSpans, TopicInfo
 from stickslip_monitor.monitor.config import MonitorConfig
 
 

@@ -16,13 +16,7 @@ from dataclasses import dataclass, field
 from stickslip_monitor.monitor.ladder import Unknown
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.rule import NEAR, si_value
-from stickslip_monitor.monitor.signals import (
-    INPUTS,
-    LEVEL,
-    QUANTITIES,
-    STATUS_SENTENCES,
-    Status,
-)
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.source_faults import SourceWatch, fault_text, least_gap
 
 MOSTLY = 1.0 / 3.0

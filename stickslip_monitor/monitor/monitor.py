@@ -24,12 +24,7 @@ from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.rule_level import UNKNOWN
 from stickslip_monitor.monitor.rule_state import NEVER, State, settings_of
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
-from stickslip_monitor.monitor.verdict import (
-    Event,
-    Standing,
-    Verdict,
-    size_cycle,
-)
+from stickslip_monitor.monitor.verdict import Event, Standing, Verdict, size_cycle
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,12 +29,7 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.input_check import (
-    InputCheck,
-    InputReport,
-    Plausibility,
-    bound_to,
-)
+from stickslip_monitor.offline.input_check import InputCheck, InputReport, Plausibility, bound_to
 from stickslip_monitor.offline.log_times import LogTimes
 from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
 

@@ -29,12 +29,7 @@ from stickslip_monitor.monitor.signals import (
     Status,
     Stream,
 )
-from stickslip_monitor.monitor.source_faults import (
-    SourceFault,
-    SourceWatch,
-    fault_text,
-    least_gap,
-)
+from stickslip_monitor.monitor.source_faults import SourceFault, SourceWatch, fault_text, least_gap
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 
 _MOST_NAMED = 5

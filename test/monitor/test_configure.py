@@ -18,11 +18,7 @@ from stickslip_monitor.lab.calibration.result import (
     prior_from,
     prior_with_bench,
 )
-from stickslip_monitor.monitor.configure import (
-    belief_of,
-    load_calibration,
-    require_same_sensors,
-)
+from stickslip_monitor.monitor.configure import belief_of, load_calibration, require_same_sensors
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import EXACT

@@ -23,11 +23,7 @@ from stickslip_monitor.lab.accuracy.measurement import (
     found,
     not_converged,
 )
-from stickslip_monitor.lab.accuracy.time_stepping import (
-    event_driven,
-    smoothed,
-    switching,
-)
+from stickslip_monitor.lab.accuracy.time_stepping import event_driven, smoothed, switching
 from stickslip_monitor.lab.findings import REFERENCE
 from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle

@@ -17,13 +17,7 @@ from stickslip_monitor.lab.calibration.evidence import TelemetryBins, VibrationR
 from stickslip_monitor.lab.calibration.level import LevelBins, level_reports, modes_of
 from stickslip_monitor.lab.calibration.posterior import Posterior, Prior, Spreads, doubt, infer
 from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.probability import (
-    QUANTILES,
-    UNKNOWN_FALL,
-    Belief,
-    Tolerance,
-    moved,
-)
+from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
 
 FLOOR = 0.01
 """Relative error of a boundary's speed that no evidence takes away: the model's own."""

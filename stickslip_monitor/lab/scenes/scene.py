@@ -27,12 +27,7 @@ from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.lab.scenes import telemetry
 from stickslip_monitor.lab.scenes.effects import lining_motion, sensors, ship
 from stickslip_monitor.lab.scenes.effects.effect import DECLARED, Effect, SceneRun
-from stickslip_monitor.lab.scenes.settings import (
-    Settings,
-    drawn,
-    read_parameter_error,
-    suggestion,
-)
+from stickslip_monitor.lab.scenes.settings import Settings, drawn, read_parameter_error, suggestion
 from stickslip_monitor.lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
 from stickslip_monitor.monitor.config import MonitorConfig

@@ -27,13 +27,7 @@ from stickslip_monitor.physics.motion.slip_step import (
     slip_step,
     until_kink,
 )
-from stickslip_monitor.physics.roots import (
-    begun_bracket,
-    best_of,
-    is_found,
-    narrowed,
-    next_trial,
-)
+from stickslip_monitor.physics.roots import begun_bracket, best_of, is_found, narrowed, next_trial
 from stickslip_monitor.physics.scalar_law import LawInUse, friction_drop, friction_slope
 
 

@@ -8,15 +8,9 @@ import math
 import pytest
 
 from stickslip_monitor.lab.accuracy.cases import CASES, METHODS, averaging, exact
-from stickslip_monitor.lab.accuracy.harmonic_balance import (
-    harmonic_balance,
-)
+from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance
 from stickslip_monitor.lab.accuracy.measurement import CYCLE, NO_CYCLE, REFUSED
-from stickslip_monitor.lab.accuracy.time_stepping import (
-    event_driven,
-    smoothed,
-    switching,
-)
+from stickslip_monitor.lab.accuracy.time_stepping import event_driven, smoothed, switching
 from stickslip_monitor.lab.findings import REFERENCE as BENCH
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stribeck

@@ -16,12 +16,7 @@ import pytest
 
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck, Tabulated
-from stickslip_monitor.physics.motion.integrator import (
-    Drive,
-    MotionState,
-    Phase,
-    integrate,
-)
+from stickslip_monitor.physics.motion.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 
 pytestmark = pytest.mark.filterwarnings('error')

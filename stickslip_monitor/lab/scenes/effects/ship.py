@@ -21,11 +21,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.effects.effect import (
-    SceneRun,
-    channel_effect,
-    unit_of,
-)
+from stickslip_monitor.lab.scenes.effects.effect import SceneRun, channel_effect, unit_of
 from stickslip_monitor.lab.scenes.profile import Profile, check_times, read_profile, read_steps
 from stickslip_monitor.lab.scenes.settings import Settings, suggestion
 from stickslip_monitor.lab.scenes.telemetry import Channel
