@@ -124,7 +124,9 @@ def changed_config(
     rebuilt = False
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
-        if value is None and node.get_parameter(name).value is not None:
+        has_value = _as_written(name, node.get_parameter(name).value) is not None
+        # What is deleted is not declared any more, whether it had a value or not.
+        if change.type_ == RosParameter.Type.NOT_SET or (value is None and has_value):
             raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
         if name == USE_SIM_TIME and active and value != node.get_parameter(name).value:
             raise _read_only(name, value)
@@ -342,6 +344,7 @@ class MonitorNode(LifecycleNode):
             inputs = (
                 f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
                 for name, source in bearing.inputs.items()
+                if not source.is_assumed
             )
             log(f'{bearing.name}: {", ".join(inputs)}')
 

@@ -394,6 +394,11 @@ class Watchdog:
         if base > 1:
             return base
         if now.time_ns:
+            if base:
+                bearing.follow(now.time_ns - base - elapsed)  # the step into ROS time is no wait
             return now.time_ns - elapsed
         timeouts = (bearing.config.speed.timeout_ns, bearing.config.load.timeout_ns)
-        return 1 if elapsed > min(timeouts) else base
+        if not base and elapsed > min(timeouts):
+            self._session.pass_time(name, 1, now)  # the wait began before
+            return 1
+        return base

@@ -168,3 +168,57 @@ def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
         return text in kit.status(diagnostics).get('load fault', '')
 
     peer.until(told, 'the fault')
+
+
+def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
+    from std_msgs.msg import Float64
+
+    monitor = host(kit.parameters({'speed.timeout': 1.0}))
+    peer, diagnostics = monitor.peer, monitor.diagnostics()
+    load, speed = monitor.talk('aft/load'), peer.talk(Float64, monitor.input('shaft/speed'))
+    sent: list[Any] = [load]
+
+    def told(key: str, text: str) -> Any:
+        def check() -> bool:
+            for each in sent:
+                each(60.0)
+            peer.spin(0.05)
+            return kit.status(diagnostics).get(key, '').startswith(text)
+
+        return check
+
+    # The graph is looked at while an input is not there.
+    peer.until(told('speed fault', f'/{peer.node.get_name()} publishes on'), 'silence')
+    sent.append(lambda value: speed.publish(Float64(data=value)))
+    peer.until(told('reason', 'normal'), 'a quiet bearing')
+    sent.pop()
+    peer.node.destroy_publisher(speed)
+    peer.until(told('message', 'aft: Input speed lost'), 'the loss')
+    topic, name = monitor.input('shaft/speed'), f'/{peer.node.get_name()}'
+    text = f'No publisher on {topic}: {name}, which published on it, has gone.'
+    peer.until(told('speed fault', text), 'who has gone')
+    assert kit.status(diagnostics)['message'].count(text) == 1
+
+
+def test_a_constant_load_and_a_speed_by_its_name(host: Any) -> None:
+    """The load comes with the speed, whose place in the message changes."""
+    from sensor_msgs.msg import JointState
+
+    speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
+    values = kit.parameters(speed | {'speed.field': 'velocity[shaft]', 'load.unit': 'kN'})
+    del values['aft.load.topic']
+    monitor = host(values | {'aft.load.constant': 30})
+    diagnostics = monitor.diagnostics()
+    shaft = monitor.peer.talk(JointState, monitor.input('shaft'))
+    for names in (['rudder', 'shaft'], ['shaft', 'rudder'], ['rudder']):
+        velocity = [60.0 if name == 'shaft' else 3.0 for name in names]
+        shaft.publish(JointState(name=names, velocity=velocity))
+    expected = {
+        'speed samples accepted': '2',
+        'speed samples not finite': '1',
+        'shaft speed [rpm]': '60',
+        'load [N]': '30000',
+    }
+    monitor.peer.until(lambda: expected.items() <= kit.status(diagnostics).items(), f'{expected}')
+    assert 'Now 60 rpm, 30 kN (assumed)' in kit.status(diagnostics)['message']
+    assert 'load in kN from' not in monitor.output

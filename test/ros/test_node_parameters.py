@@ -77,9 +77,10 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
         'use_sim_time = True cannot be set: it is read-only while the node is active;'
         ' deactivate it first'
     )
-    assert refused(aft__alarm__on_delay=None) == (
-        'aft.alarm.on_delay cannot be deleted: set it to a value'
-    )
+    # What rclpy deletes cannot be set again, whether it had a value or not.
+    for name in ('aft.alarm.on_delay', 'aft.friction.speed'):
+        text = f'{name} cannot be deleted: set it to a value'
+        assert refused(**{name.replace('.', '__'): None}) == text
     for changes in (
         {'aft__mass': 60.0},
         {'aft__speed__topic': 'elsewhere'},
@@ -96,6 +97,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
     assert monitor.set(aft__mass=50.0, bearings=['aft']) == [(True, '')] * 2
     # 'ros2 param load' of what 'ros2 param dump' wrote sets what has no value to this word.
     unset = {'aft__friction__speed': 'None', 'aft__level__threshold': 'None'}
+    assert monitor.set(**unset) == [(True, '')] * 2
     assert monitor.set(**unset) == [(True, '')] * 2
     assert monitor.set(aft__alarm__on_delay=2.5) == [(True, '')]
 

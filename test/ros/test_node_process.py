@@ -138,6 +138,47 @@ def test_signals_during_start_up(run: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
+    """Of 80 messages of 160 kB at once some find no room in the buffers of the system."""
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    monitor = start(kit.parameters(kit.STAMPED))
+    peer, diagnostics, topic = monitor.peer, monitor.diagnostics(), monitor.input('shaft')
+    best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+    talk = peer.node.create_publisher(JointState, topic, best_effort)
+    peer.until(talk.get_subscription_count, 'the input')
+    small = JointState(velocity=[60.0], effort=[1000.0])
+    large = JointState(velocity=[60.0] * 10_000, effort=[1000.0] * 10_000)
+
+    def counted() -> int:
+        heard = kit.status(diagnostics).get('speed samples accepted', '0')
+        lost = kit.status(diagnostics, 'the node').get('messages lost on the way', '0')
+        return int(heard) + int(lost)
+
+    # What is missing shows by the numbers between two that came.
+    talk.publish(small)
+    peer.until(lambda: counted() == 1, 'the first')
+    for _ in range(80):
+        talk.publish(large)
+    sent = 81
+
+    def all_counted() -> bool:
+        nonlocal sent
+        talk.publish(small)
+        sent += 1
+        peer.spin(1.2)
+        return counted() == sent
+
+    peer.until(all_counted, 'every one', 30.0)
+
+
+def test_without_ros_one_sentence_says_so(run: Any) -> None:
+    text = "import sys; sys.modules['rclpy'] = None; from stickslip_monitor import live"
+    refused(run(sys.executable, '-c', f'{text}; sys.exit(live.main())'), 'source its setup file')
+
+
+@pytest.mark.slow
 def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
     monitor = start(kit.parameters({'speed.timeout': 2.0, 'load.timeout': 2.0}))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
@@ -354,3 +395,20 @@ def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPa
         )
     finally:
         double.destroy_node()
+
+
+def test_a_second_publisher_of_the_clock_is_named(
+    host: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rosgraph_msgs.msg import Clock
+
+    monkeypatch.setattr('stickslip_monitor.ros.running._DOUBLE_LOOKS', 1)
+    monitor = host(kit.parameters(use_sim_time=True))
+    diagnostics = monitor.diagnostics()
+    for _ in range(2):
+        monitor.peer.talk(Clock, monitor.input('clock'))
+    own = f'/{monitor.peer.node.get_name()}'
+    text = f'Several nodes publish /clock, so time jumps to and fro: {own}, {own}.'
+    monitor.peer.until(
+        lambda: text in kit.status(diagnostics, 'the node').get('message', ''), 'both names'
+    )

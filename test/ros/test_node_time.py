@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import kit
@@ -182,6 +183,29 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
     # The player has gone: a clock that stands still says nothing, the steady clock does.
     warnings.clear()
     peer.until(heard('input_stale'), 'the loss')
+
+
+def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
+    """It starts after the time-out of the speed, and before that of the load."""
+    from stickslip_monitor.monitor.session import Moment
+    from stickslip_monitor.ros.running import Watchdog
+
+    config = load_config(CONFIG)
+    (bearing,) = config.bearings
+    slow = replace(bearing, load=replace(bearing.load, timeout_ns=1000 * SECOND))
+    ship = Ship(replace(config, bearings=(slow,)))
+    watchdog, watched = Watchdog(ship.session), ship.session.monitor.bearings[bearing.name]
+    seconds = 0.0
+    while not watched.lost() and seconds < 60.0:
+        seconds += 0.1
+        watchdog.tick(Moment(round(seconds * SECOND), 0), SECOND // 10)
+    # Told half a second late, as on the clock of the system.
+    assert seconds == pytest.approx(bearing.speed.timeout_ns / SECOND + 0.5, abs=0.3)
+    assert list(watched.lost()) == ['speed']
+    for tenth in range(10):
+        steady_ns = round(seconds * SECOND) + tenth * SECOND // 10
+        watchdog.tick(Moment(steady_ns, ROS + tenth * SECOND // 10), SECOND // 10)
+    assert list(watched.lost()) == ['speed']
 
 
 ROS, TICK = 10**18, 6 * 10**8
