@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor import jit
-from stickslip_monitor.arrays import FloatArray, flatten, mapped, restore
+from stickslip_monitor.arrays import BoolArray, FloatArray, flatten, mapped, restore
 from stickslip_monitor.physics import roots, scalar_law
 from stickslip_monitor.physics.cycle import slip
 from stickslip_monitor.physics.cycle.many_cycles import (
@@ -37,6 +37,9 @@ from stickslip_monitor.physics.cycle.many_cycles import (
     cycles_together,
     may_vibrate,
     put_cycles,
+    reach_belt,
+    slides_steadily,
+    why_no_cycles,
 )
 from stickslip_monitor.physics.folds import exact_fold
 from stickslip_monitor.physics.motion import slip_step
@@ -65,6 +68,12 @@ class CycleKind(IntEnum):
     NO_CONTACT = 5, 'The bearing carries no load: there is no friction.'
     NOT_FINITE = 6, 'Speed or load is not a finite number.'
     UNRESOLVED = 7, 'The motion was not resolved within the allowed number of steps.'
+    AT_FOLD = 8, 'The fold is within 1e-9 of this speed: whether the lining sticks is ill-posed.'
+    TOO_UNSTABLE = (
+        9,
+        'There is an unstable cycle, but a turn multiplies what is off it by more than 1e12:'
+        ' double precision does not resolve it.',
+    )
 
     def __str__(self) -> str:
         return self.name.lower()
@@ -75,6 +84,9 @@ class CycleKind(IntEnum):
 _MANY_STABLE, _MANY_UNSTABLE = 24, 8
 # Modules that are compiled together.
 _MODULES = (scalar_law, roots, slip_step, slip)
+# Share of a speed within which rounding decides on which side of the fold it is: independent
+# codes part there. And the logarithm of a multiplier that leaves four of sixteen digits in a turn.
+_AT_FOLD, _UNSTABLE = 1e-9, math.log(1e12)
 # Exponent beyond which a Floquet multiplier is as good as infinite.
 _LARGEST = 700.0
 
@@ -112,7 +124,7 @@ class Cycle:
 
         Returns:
             Time [s], displacement [m] and velocity [m/s], each of shape (..., count); ``nan``
-            where there is no cycle.
+            where there is no cycle, or none that a motion stays on.
         """
         kind = np.ravel(self.kind)
         period = np.ravel(np.asarray(self.period, dtype=float))
@@ -162,17 +174,50 @@ def _one_by_one(
     return FoundCycles(*np.array(columns).reshape(7, -1))
 
 
+def _decided(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, found: FoundCycles, stable: bool
+) -> FloatArray:
+    """The kinds of what is found, with those that double precision does not decide."""
+    kind = found.kind.copy()
+    kind[(kind == CycleKind.PURE_SLIP) & (found.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
+    rows = np.flatnonzero(why_no_cycles(bearing, speed, load) == CycleKind.STICK_SLIP)
+    rows = rows[kind[rows] != CycleKind.UNRESOLVED]
+    below, above = (
+        _reaches_belt(bearing, speed[rows] * share, load[rows])
+        for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
+    )
+    if not stable:  # something has to part stable sliding from stick-slip (Poincare and Bendixson)
+        parts = rows[below & above & (kind[rows] == CycleKind.NONE)]
+        steady = slides_steadily(slip_field(bearing, np.abs(speed[parts]), load[parts]))
+        kind[parts[steady]] = CycleKind.TOO_UNSTABLE
+    kind[rows[below != above]] = CycleKind.AT_FOLD
+    return kind
+
+
+def _reaches_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
+    if speed.size >= _MANY_STABLE:
+        return reach_belt(bearing, speed, load)
+    law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
+    points = zip(speed.tolist(), load.tolist(), strict=True)
+    return np.array([slip.reaches_belt(law.plain, body, *point) for point in points], bool)
+
+
 def _body(bearing: Bearing) -> slip.Oscillator:
     return slip.Oscillator(float(bearing.mass), float(bearing.damping), float(bearing.stiffness))
+
+
+def _amplitudes(bearing: Bearing, speed: FloatArray, found: FoundCycles) -> FloatArray:
+    amplitude: FloatArray = 0.5 * (found.crest - found.trough) * np.abs(speed)
+    return amplitude / bearing.natural_frequency
 
 
 def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
     shape, (v, n) = flatten(speed, load)
     found = _found(bearing, v, n, stable)
     omega, period = bearing.natural_frequency, found.slipping + found.sticking
-    kinds = restore(found.kind.astype(np.int8), shape)
+    kinds = restore(_decided(bearing, v, n, found, stable).astype(np.int8), shape)
     return Cycle(
-        amplitude=restore(0.5 * (found.crest - found.trough) * np.abs(v) / omega, shape),
+        amplitude=restore(_amplitudes(bearing, v, found), shape),
         period=restore(period / omega, shape),
         stick_fraction=restore(found.sticking / period, shape),
         multiplier=restore(np.exp(np.minimum(found.exponent, _LARGEST)), shape),
@@ -194,7 +239,8 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
     Returns:
         The cycle of every point, ``nan`` with its kind where there is none. About a steady sliding
         that is unstable and leads to no stick-slip it is of kind ``PURE_SLIP``: a measured curve
-        may fall over some speeds only.
+        may fall over some speeds only. Where the kind is ``AT_FOLD`` the numbers, or their
+        absence, are those of the side on which rounding put the point.
     """
     return _cycle(bearing, speed, load, stable=True)
 
@@ -209,7 +255,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
 
     Returns:
         The smallest cycle about a stable steady sliding beyond which disturbances grow; ``nan``
-        with its kind where there is none.
+        with its kind where there is none, or one that is ``TOO_UNSTABLE``.
     """
     return _cycle(bearing, speed, load, stable=False)
 
@@ -242,7 +288,7 @@ def exact_amplitude(
     shape, (v, n) = flatten(speed, load)
     if v.size >= _MANY_STABLE:
         return restore(amplitudes_together(bearing, v, n), shape)
-    return exact_cycle(bearing, speed, load).amplitude
+    return restore(_amplitudes(bearing, v, _found(bearing, v, n, stable=True)), shape)
 
 
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:

@@ -249,6 +249,20 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
     return found
 
 
+def reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
+    """Where the slip phase from breakaway meets the belt, whatever comes then.
+
+    Args:
+        bearing: The bearing.
+        speed: ``|V|`` > 0, shape (n,) [m/s].
+        load: ``N`` > 0, shape (n,) [N].
+    """
+    nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True, locate=False)
+    with np.errstate(all='ignore'):
+        field = slip_field(bearing, np.abs(speed), load)
+        return np.asarray(follow(field, nothing, nothing, route).end == LANDED)
+
+
 def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:
     """Cycles that pass the belt's speed twice and are never held: fixed points of a round.
 

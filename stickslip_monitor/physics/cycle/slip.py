@@ -329,6 +329,12 @@ def through_belt(law: LawInUse, medium: Medium, weigh: float) -> FoundCycle:
     return absent_cycle(UNRESOLVED if one.end == EXHAUSTED else NO_CYCLE)
 
 
+def reaches_belt(law: LawInUse, body: Oscillator, speed: float, load: float) -> bool:
+    """Whether the slip phase from breakaway meets the belt at a speed [m/s] and a load > 0 [N]."""
+    medium = slip_medium(law, body, abs(speed), load)
+    return follow_slip(law, medium, 0.0, 0.0, BEHIND, ONLY).end == LANDED
+
+
 def overtaking(law: LawInUse, medium: Medium, first: float, weigh: float) -> FoundCycle:
     """A cycle that passes the belt's speed twice and is never held: the fixed point of a round.
 

@@ -11,6 +11,7 @@ import pytest
 import taylor
 from numpy.testing import assert_allclose, assert_array_equal
 
+from stickslip_monitor.physics.averaging.boundaries import growth_rate
 from stickslip_monitor.physics.cycle.cycles import (
     CycleKind,
     exact_amplitude,
@@ -178,6 +179,30 @@ def test_branches_meet_at_the_fold():
         assert exact_unstable_cycle(bearing, speed, load).amplitude == pytest.approx(
             stable, rel=1e-10
         )
+
+
+@pytest.mark.parametrize('points', [1, 40])  # one after another, and together as arrays
+def test_within_1e_9_of_the_fold_the_kind_is_ill_posed(points):
+    fold = exact_fold_speed(BENCH, 1000.0)
+    kinds = {-5e-9: CycleKind.STICK_SLIP, 0.0: CycleKind.AT_FOLD, 5e-9: CycleKind.NONE}
+    for away, kind in kinds.items():
+        speed = np.full(points, fold * (1.0 + away))
+        assert_array_equal(exact_cycle(BENCH, speed, 1000.0).kind, kind)
+    assert exact_unstable_cycle(BENCH, fold, 1000.0).kind is CycleKind.AT_FOLD
+    assert 'ill-posed' in CycleKind.AT_FOLD.sentence
+
+
+@pytest.mark.parametrize('points', [1, 40])
+def test_an_unstable_cycle_that_doubles_do_not_resolve_says_so(points):
+    """It exists: something parts stable sliding from stick-slip (Poincare and Bendixson)."""
+    bearing, load = unit_bearing(0.1), 300.0
+    speed = np.full(points, 0.7 * exact_fold_speed(bearing, load))
+    assert exact_cycle(bearing, speed[0], load).kind is CycleKind.STICK_SLIP
+    assert growth_rate(bearing, speed[0], load) < 0.0
+    cycle = exact_unstable_cycle(bearing, speed, load)
+    assert_array_equal(cycle.kind, CycleKind.TOO_UNSTABLE)
+    assert np.all(np.isnan(cycle.waveform(3)))
+    assert '1e12' in CycleKind.TOO_UNSTABLE.sentence
 
 
 def test_the_waveform_closes_and_obeys_the_equation():
