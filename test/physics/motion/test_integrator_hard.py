@@ -40,11 +40,12 @@ def last_speed(load: float) -> float:
     """The last speed with a stick-slip cycle to rounding, by bisection about the fold."""
     fold = float(exact_fold_speed(REFERENCE, load))
     low, high = fold * (1.0 - 1e-9), fold * (1.0 + 1e-9)
-    assert exact_cycle(REFERENCE, low, load).kind is CycleKind.STICK_SLIP
-    assert exact_cycle(REFERENCE, high, load).kind is not CycleKind.STICK_SLIP
+    # So close the kind is ill-posed: the numbers tell on which side our solver puts a speed.
+    assert exact_cycle(REFERENCE, low, load).amplitude > 0.0
+    assert math.isnan(exact_cycle(REFERENCE, high, load).amplitude)
     while high - low > 4e-16 * high:
         middle = 0.5 * (low + high)
-        sticks = exact_cycle(REFERENCE, middle, load).kind is CycleKind.STICK_SLIP
+        sticks = exact_cycle(REFERENCE, middle, load).amplitude > 0.0
         low, high = (middle, high) if sticks else (low, middle)
     return low
 
