@@ -171,8 +171,8 @@ INPUTS = rows("""
 {aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: wrench.force.z}},
     fwd: {speed: {topic: /fwd}}}
   => topic /bearing/aft/load serves aft and fwd with different types or fields: they
-{aft: {load: {topic: /shaft/speed}}}
-  => topic /shaft/speed serves aft and aft, as speed and as load: use two topics
+{aft: {}, fwd: {speed: {topic: /fwd}, load: {topic: /shaft/speed}}}
+  => topic /shaft/speed serves aft and fwd, as speed and as load: use two topics
 {aft: {}, fwd: {load: {topic: /fwd}, speed: {scale: 2.0}}}
   => topic /shaft/speed serves aft and fwd with different units, scales or offsets
 """)
