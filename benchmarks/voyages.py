@@ -29,7 +29,9 @@ from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.bulk import BearingScan, Scan
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
-from stickslip_monitor.monitor.signals import Stream, to_si
+from stickslip_monitor.monitor.rule import si_value
+from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.verdict import Verdict
 from stickslip_monitor.offline.archive import run_in_processes
@@ -300,9 +302,10 @@ def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
 def _has_wrong_source(sent: Sent) -> bool:
     """Whether the source of an input is told to be wrong."""
     config, stream = sent.config, sent.stream
-    for place, source in enumerate((config.speed, config.load)):
+    live = settings_of(config).live
+    for place in (Input.SPEED, Input.LOAD):
         own = stream.inputs == place
-        si = to_si(source, stream.value[own])
+        si = si_value(live, place, stream.value[own])
         watch = SourceWatch(least_gap(config, place))
         if watch.see_column(stream.arrival_ns[own], si):
             return True
