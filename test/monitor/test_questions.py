@@ -42,10 +42,11 @@ def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
             'speed counts as rest up to 0.5 m/s (95.5 rpm), 2.3 times the fold speed',
         ),
         ({'journal_diameter': 100.0}, 'speed turns a journal of 100 m'),
-        ({'stiffness': 2.0}, 'at 0.0318 Hz: are mass and stiffness in kg and N/m?'),
+        ({'stiffness': 2.0, 'damping': 0.0}, 'at 0.0318 Hz: are mass and stiffness in kg and N/m?'),
         # sqrt(2000/50) rad/s = 6.32: 0.2132/6.32 m.
         ({'stiffness': 2000.0, 'mass': 50.0}, 'would move the lining by 0.0337 m'),
-        ({'mass': 5.0e-8}, 'at 1.01e+06 Hz'),
+        # sqrt(2e6/1e-5)/(2 pi) Hz.
+        ({'mass': 1.0e-5, 'damping': 1.0}, 'at 7.12e+04 Hz'),
         ({'alarm__amplitude_limit': 0.9}, 'load may move the lining by 0.9 m'),
         ({'friction__static': 0.1, 'friction__kinetic': 0.3}, 'are static and kinetic swapped?'),
         (
