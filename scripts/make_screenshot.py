@@ -21,6 +21,7 @@ from typing import Any
 
 import aiohttp
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / 'docs' / 'images' / 'dashboard.png'
@@ -37,6 +38,7 @@ DESK, PHONE, GAP = 1270, 390, 30
 # A little after stick-slip is predicted, the trail is long enough to see.
 LOOK = "document.body.innerText.includes('ALARM')"
 AFTERWARDS = 2.5
+SAID = "[...document.querySelectorAll('#log small')].map((e) => e.textContent)"
 
 
 @contextmanager
@@ -86,8 +88,8 @@ class Page:
         return Image.open(io.BytesIO(base64.b64decode(shot['data']))).convert('RGB')
 
 
-async def take(url: str, port: int) -> Image.Image:
-    """Both views of the page, side by side."""
+async def take(url: str, port: int) -> tuple[Image.Image, list[str]]:
+    """Both views of the page, side by side, and the sentences of its log."""
     async with aiohttp.ClientSession() as session:
         async with session.get(f'http://127.0.0.1:{port}/json') as answer:
             (tab,) = [tab for tab in await answer.json() if tab['type'] == 'page']
@@ -97,12 +99,13 @@ async def take(url: str, port: int) -> Image.Image:
             while not await page.js(LOOK):
                 await asyncio.sleep(0.1)
             await asyncio.sleep(AFTERWARDS)
+            said = await page.js(SAID)
             desk = await page.picture(DESK, 0, 'day')
             phone = await page.picture(PHONE, desk.height, 'night')
     both = Image.new('RGB', (DESK + GAP + PHONE, desk.height), 'white')
     both.paste(desk, (0, 0))
     both.paste(phone, (DESK + GAP, 0))
-    return both
+    return both, said
 
 
 def main() -> int:
@@ -117,7 +120,11 @@ def main() -> int:
         url = dashboard.stdout.readline().split()[-1]
         ready = (re.search(r'DevTools listening on ws://[^:]+:(\d+)', s) for s in browser.stderr)
         port = next(int(found[1]) for found in ready if found)
-        asyncio.run(take(url, port)).quantize(256).save(PICTURE, optimize=True)
+        picture, said = asyncio.run(take(url, port))
+        # What a test compares with what the program says now.
+        told = PngInfo()
+        told.add_text('Description', json.dumps(said))
+        picture.quantize(256).save(PICTURE, optimize=True, pnginfo=told)
     print(f'{PICTURE.relative_to(ROOT)} is new')
     return 0
 

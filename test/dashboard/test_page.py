@@ -654,7 +654,10 @@ def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None
         shown.bearings, rows = {}, []
         for side, base in (('port', 60), ('stbd', 30)):
             for k in range(25):
-                name, text = f'{side}/b{k:02}', f'Stick-slip predicted. Go above {base + k} rpm.'
+                name, text = (
+                    f'{side}/b{k:02}',
+                    f'Stick-slip predicted. Raise speed above {base + k} rpm.',
+                )
                 shown.bearings[name] = Watched(name, own.view)
                 shown.bearings[name].take(own.record | {'bearing': name, 'text': text}, own.at)
                 rows.append(alarm | {'bearing': name, 'text': text})
@@ -666,8 +669,8 @@ def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None
     texts = '[...document.querySelectorAll("#alarm-list .text")].map((e) => e.textContent)'
     # The highest of the speeds of its bearings.
     assert sorted(browser.js(texts)) == [
-        '25 bearings of /port: go above 84 rpm',
-        '25 bearings of /stbd: go above 54 rpm',
+        '25 bearings of /port: raise speed above 84 rpm',
+        '25 bearings of /stbd: raise speed above 54 rpm',
     ]
     assert browser.text('#tally') == '2 not acknowledged'
     height = 'document.querySelector("#alarm-list > li").getBoundingClientRect().height'

@@ -193,9 +193,9 @@ export class AlarmList {
   /** What many bearings of one shaft ask for: the highest of their speeds. */
   ofShaft({ members, shaft }) {
     const texts = members.map((each) => this.now(each.bearing) ?? each.text);
-    const speeds = texts.map((text) => Number(/go above ([\d.]+) rpm/i.exec(text)?.[1]));
+    const speeds = texts.map((text) => Number(/above ([\d.]+) rpm/.exec(text)?.[1]));
     const known = speeds.every((speed) => speed > 0);
-    return `${members.length} bearings of ${shaft}: ${known ? `go above ${Math.max(...speeds)} rpm` : texts[0]}`;
+    return `${members.length} bearings of ${shaft}: ${known ? `raise speed above ${Math.max(...speeds)} rpm` : texts[0]}`;
   }
 
   create(alarm) {
