@@ -178,7 +178,7 @@ def test_built_in_definitions_are_those_of_ros(kind: str) -> None:
     [
         'UPDATE topics SET id = NULL WHERE id = 1',
         'UPDATE messages SET timestamp = 9223372036854775807 WHERE id % 7 = 0',
-        'UPDATE message_definitions SET encoded_message_definition = 7',
+        'UPDATE message_definitions SET encoded_message_definition = zeroblob(7)',
     ],
 )
 def test_values_of_another_kind_are_told(change: str, tmp_path: Path) -> None:
@@ -194,4 +194,6 @@ def test_values_of_another_kind_are_told(change: str, tmp_path: Path) -> None:
     recording = open_bag(file)
     count = sum(1 for _ in recording.messages())
     assert count == 2 * COUNT or recording.losses
+    values = recording.read([SPEED])[SPEED].value
+    assert values.size == COUNT or recording.losses
     assert recording.end_ns == START + (COUNT - 1) * 10_000_000
