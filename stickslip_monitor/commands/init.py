@@ -181,7 +181,9 @@ def ask(answer: Callable[[str], str]) -> dict[str, Given]:
                 units = ' or '.join(name for name in item.units if name)
                 text = answer(f'{item.text}{f", in {units}" if units else ""}: ').strip()
                 try:
-                    given |= {item.name: item.read(text)} if text else {}
+                    own = {item.name: item.read(text)} if text else {}
+                    _require_fall(given | own)
+                    given |= own
                 except ConfigurationError as error:
                     answer(f'{printable(str(error))}; press Enter ')
                 if item.name in given:
@@ -208,10 +210,15 @@ def require_all(given: Mapping[str, Given]) -> None:
             f'missing: {"; ".join(missing)}. They have no typical value worth a warning; a spread'
             ' may follow a tilde, as in 0.15~30%'
         )
-    if given['static'].value <= given['kinetic'].value:
+    _require_fall(given)
+
+
+def _require_fall(given: Mapping[str, Given]) -> None:
+    static, kinetic = given.get('static'), given.get('kinetic')
+    if static and kinetic and static.value <= kinetic.value:
         raise ConfigurationError(
-            f'--static {given["static"].value:g} must be above --kinetic'
-            f' {given["kinetic"].value:g}: friction that does not fall brings no stick-slip'
+            f'--static {static.value:g} must be above --kinetic {kinetic.value:g}: friction that'
+            ' does not fall brings no stick-slip'
         )
 
 

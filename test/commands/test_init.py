@@ -111,10 +111,10 @@ def test_refusals(
 
 
 def test_dialogue_takes_the_other_value_and_asks_again() -> None:
-    """Empty for what may be given otherwise, and a unit that is none, as a person types."""
+    """Empty for what may be given otherwise, and values that cannot be, as a person types."""
     typed = iter(
-        ['400mm', '', '0.32 m2', 'thick', '', '20mm', '70', '', '0.15~40%', '0.3', '0.1', '10s/m',
-         '30 kN']
+        ['400mm', '', '0.32 m2', 'thick', '', '20mm', '70', '', '0.15~40%', '0.3', '0.4', '',
+         '0.1', '10s/m', '30 kN']
     )  # fmt: skip
     shown: list[str] = []
 
@@ -125,6 +125,7 @@ def test_dialogue_takes_the_other_value_and_asks_again() -> None:
     given = ask(answer)
     assert given['area'] == Given(0.32)
     assert given['loss_factor'] == Given(0.15, 0.4)
+    assert given['kinetic'] == Given(0.1)
     assert all(any(item.name in given for item in need) for need in NEEDS)
     assert any("'thick' must be a number in mm or m" in text for text in shown)
 
