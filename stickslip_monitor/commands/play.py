@@ -35,6 +35,11 @@ def run(args: argparse.Namespace) -> int:
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")
+    if all(topic.encoding == 'table' for topic in bag.topics.values()):
+        raise BagError(
+            f"log '{args.bag}' has columns and no messages: make a bag of it by stickslip check"
+            ' with --config and --mcap, and play that'
+        )
     try:
         from stickslip_monitor.ros.player import open_player
     except ImportError as error:

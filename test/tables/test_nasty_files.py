@@ -19,6 +19,7 @@ import pytest
 
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.values import Request
+from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config_file import load_config
 
@@ -396,3 +397,11 @@ def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path:
     said = ' '.join(recording.warnings)
     assert said.count('lines are 20 s apart, so its timeout is 60 s here') == 2
     assert 'lines are 20 s apart: stick-slip shorter than some minutes cannot be seen' in said
+
+
+def test_a_log_is_not_played_and_a_way_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'voyage.csv').write_text('time,speed,load\n0,30,900\n1,31,901\n')
+    assert main(['play', str(tmp_path / 'voyage.csv')]) == 2
+    assert 'make a bag of it by stickslip check with' in capsys.readouterr().err
