@@ -7,6 +7,7 @@ One that dies costs its own call only.
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import multiprocessing
 import os
@@ -158,12 +159,17 @@ def on_cluster(
     place = f"scheduler '{address}'"
     # One sentence stands for what it would log, tracebacks and all.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    client, fault = None, ''
     try:
         client = Client(address, timeout=_PATIENCE, set_as_default=False)
     except TypeError:  # a worker is asked as a scheduler is
-        raise FleetError(f'{place} cannot be used: it is another part of Dask') from None
+        fault = 'cannot be used: it is another part of Dask'
     except (OSError, ValueError, RuntimeError) as error:
-        raise FleetError(f'{place} cannot be reached: {_line(error)}') from None
+        fault = f'cannot be reached: {_line(error)}'
+    if client is None:
+        # What is left of it ends itself when it is collected, which hangs amid the next one's start.
+        gc.collect()
+        raise FleetError(f'{place} {fault}')
     with client:
         own = versions()
         for worker, there in client.run(versions, on_error='return').items():
@@ -174,7 +180,10 @@ def on_cluster(
                 )
         try:
             yield from spread(
-                lambda _: contextlib.nullcontext(client.get_executor()), function, calls, _MANY
+                lambda _: contextlib.nullcontext(client.get_executor(pure=False)),
+                function,
+                calls,
+                _MANY,
             )
         except FleetError as error:
             raise FleetError(f'{place}: {error}') from None
