@@ -102,6 +102,8 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
             # Without ROS an input needs no topic.
             for name in bearing_names(parameters):
                 for quantity in QUANTITIES:
+                    if parameters.get(f'{name}.{quantity}.constant') is not None:
+                        continue
                     parameters.setdefault(f'{name}.{quantity}.topic', f'{name}/{quantity}')
         config = build_config(parameters)
         links = build_links(section, config)
@@ -119,14 +121,16 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
                 f'{bearing.name}.level.topic = {bearing.level.topic!r}: without --node only speed'
                 ' and load come from a bus, and no level; leave it out'
             )
-        for place in (Input.SPEED, Input.LOAD):
+        # A constant load comes with the speed.
+        places = {Input.SPEED, Input.SPEED if bearing.load.is_assumed else Input.LOAD}
+        for place in sorted(places):
             if (bearing.name, place) not in labels:
                 raise ConfigurationError(
                     f"{SECTION}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
                     ' every input comes from a bus'
                 )
         speed = replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])
-        load = replace(bearing.load, topic=labels[bearing.name, Input.LOAD])
+        load = replace(bearing.load, topic=labels[bearing.name, max(places)])
         bearings.append(replace(bearing, speed=speed, load=load))
     return replace(config, bearings=tuple(bearings))
 

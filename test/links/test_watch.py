@@ -90,6 +90,16 @@ def test_a_ship_without_ros(watch: Callable[..., Program], tmp_path: Path) -> No
     assert (tmp_path / 'alarms.json').exists()
 
 
+def test_a_constant_load_needs_no_bus(watch: Callable[..., Program], tmp_path: Path) -> None:
+    bus = Bus()
+    links = bus.links('aft_stern')
+    del links['aft_stern.load']
+    ship = watch(ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'}))
+    ship.until(bus.sails('20.0', lambda: bus.alarms.get('10002') == 'V'))
+    assert 'Now 20 rpm, 1 kN (assumed)' in ship.output
+    assert ship.stop() == 0
+
+
 def refusal(path: Path, *arguments: str) -> str:
     """The one line that the command ends with."""
     done = subprocess.run(
