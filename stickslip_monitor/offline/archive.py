@@ -167,7 +167,7 @@ def on_cluster(
     except (OSError, ValueError, RuntimeError) as error:
         fault = f'cannot be reached: {_line(error)}'
     if client is None:
-        # What is left of it ends itself when it is collected, which hangs amid the next one's start.
+        # What is left of it ends itself when collected, which hangs amid the next one's start.
         gc.collect()
         raise FleetError(f'{place} {fault}')
     with client:
