@@ -68,7 +68,7 @@ def input_fault(facts: InputFacts) -> str:
     topic, publishers = facts.topic, facts.publishers
     if facts.without_clock:
         return 'use_sim_time is set, but nothing comes on /clock: no input can be used.'
-    if facts.lost and (fault := _sender_fault(facts)):
+    if (facts.lost or facts.undecodable) and (fault := _sender_fault(facts)):
         return fault
     if facts.share >= MOSTLY and facts.reason is not None:
         return (
