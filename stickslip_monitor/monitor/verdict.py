@@ -314,7 +314,10 @@ def _what(b: Standing, point: Assessment) -> str:
     if clears is not None:
         held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''
         return f'{_OVER[condition]}: {condition} clears in {about(max(clears, 1.0))}.{held}'
-    if point.outcome is Outcome.STICK_SLIP and not b.sticking:
+    if point.outcome is Outcome.AT_REST and condition is Condition.BISTABLE and not b.sticking:
+        return 'The shaft is at rest: bistable is about to clear.'
+    starting = point.outcome is Outcome.STICK_SLIP and not b.sticking
+    if starting and condition is not Condition.NORMAL:
         return 'Steady sliding is unstable: stick-slip is starting.'
     if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
