@@ -156,19 +156,22 @@ def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
         lost = kit.status(diagnostics, 'the node').get('messages lost on the way', '0')
         return int(heard) + int(lost)
 
-    # What is missing shows by the numbers between two that came.
-    talk.publish(small)
-    peer.until(lambda: counted() == 1, 'the first')
+    def one_more() -> int:
+        talk.publish(small)
+        peer.spin(1.2)
+        return counted()
+
+    # What is missing shows by the numbers between two that came: before the first nothing does.
+    peer.until(lambda: one_more() > 0, 'the first')
+    due = one_more()
     for _ in range(80):
         talk.publish(large)
-    sent = 81
+    due += 80
 
     def all_counted() -> bool:
-        nonlocal sent
-        talk.publish(small)
-        sent += 1
-        peer.spin(1.2)
-        return counted() == sent
+        nonlocal due
+        due += 1
+        return one_more() == due
 
     peer.until(all_counted, 'every one', 30.0)
 
