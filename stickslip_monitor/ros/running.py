@@ -111,6 +111,7 @@ class Running:
         self._watchdog, self._passing = Watchdog(self._session), PassingTime(simulated, now)
         self._running_ns = self._looks = self._lost_told = self._lost_seen = 0
         self._turned_ns = self._ticked_ns = now.steady_ns
+        self._late = False
         self._set_ns = now.set_ns
         self._shown_ns = -SHOW_NS
         self._lost_told_at = self._lost_at = -math.inf
@@ -145,7 +146,8 @@ class Running:
             return  # a call that waited while the node was deactivated
         now = self._now()
         held_ns, self._turned_ns = now.steady_ns - self._turned_ns, now.steady_ns
-        late = held_ns > LATE_NS
+        begun_ns = now.steady_ns
+        self._late = late = held_ns > LATE_NS
         if late:
             self._excuse(held_ns, now)
         # What waits comes first: no input is lost whose messages are there.
@@ -154,6 +156,8 @@ class Running:
         for number in self.inputs.numbers():
             self._take(number)
         now = self._now()
+        if not late and now.steady_ns - begun_ns > LATE_NS:
+            return  # held up amid the turn: the next one excuses it, before time passes
         if not self._latest:
             self._session.catch_up(now)
         if late or now.steady_ns - self._ticked_ns >= WATCHDOG_NS:
@@ -165,8 +169,9 @@ class Running:
     def _receive(self, number: Number) -> None:
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
-        # Of what came before the clock was set it tells no time.
-        if now.set_ns == self._set_ns:
+        # Of what came before the clock was set it tells no time; and of what waited while we were
+        # held up some was left out, so that the arrivals of the rest have gaps that are ours.
+        if now.set_ns == self._set_ns and not self._late:
             now = now._replace(time_ns=arrival_ns)
         update = self._session.take(name, place, time_ns, value, now, self._latest)
         if update.status.valid and place != LEVEL:
