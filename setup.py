@@ -102,17 +102,8 @@ setup(
             'setuptools>=70.1',
         ],
         # What the benchmarks compare with.
-        'bench': [
-            'numba>=0.57',
-            'pathsim>=0.20',
-            'rosbags>=0.10',
-        ],
+        'bench': ['numba>=0.57', 'pathsim>=0.20', 'rosbags>=0.10'],
         'lint': ['mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
     },
-    entry_points={
-        'console_scripts': [
-            f'monitor = {NAME}.live:main',
-            f'stickslip = {NAME}.cli:main',
-        ],
-    },
+    entry_points={'console_scripts': [f'monitor = {NAME}.live:main', f'stickslip = {NAME}.cli:main']},
 )

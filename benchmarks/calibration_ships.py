@@ -121,9 +121,14 @@ def make_ships(count: int, random: np.random.Generator, kind: Kind) -> list[Ship
         onset = damping / (0.2 * 10.0)
         load = onset * random.uniform(3.0, 12.0)
         ship = Ship(
-            true, drawn, load, float(np.exp(random.uniform(*np.log([0.5, 10.0])))),
-            random.uniform(*kind.lag), random.uniform(0.1, 0.6), random.uniform(14.0, 26.0),
-        )  # fmt: skip
+            true,
+            drawn,
+            load,
+            float(np.exp(random.uniform(*np.log([0.5, 10.0])))),
+            random.uniform(*kind.lag),
+            random.uniform(0.1, 0.6),
+            random.uniform(14.0, 26.0),
+        )
         low, high = (1.0 - kind.spread) * load, (1.0 + kind.spread) * load
         told = float(fold_speed(drawn, low))
         ratio = ship.hopf(low) / ship.fold(low)
@@ -147,9 +152,7 @@ def _drives(ships: Sequence[Ship]) -> tuple[Array, Array, Array]:
     return np.stack(tables), np.array(first), np.array(steps)
 
 
-def sail(
-    ships: Sequence[Ship], passages: int, random: np.random.Generator, kind: Kind
-) -> list[list[Sent]]:
+def sail(ships: Sequence[Ship], passages: int, random: np.random.Generator, kind: Kind) -> list[list[Sent]]:
     """Passages of each ship from fast to slow and up again."""
     count = len(ships) * passages
     who, number = np.divmod(np.arange(count), passages)
@@ -165,9 +168,7 @@ def sail(
     turn, stay = (top - low) / rate, random.uniform(10.0, 60.0, count)
     length = 2.0 * turn + stay
     order = np.argsort(-length)
-    amplitude = _followed(
-        ships, who, order, (top, low, rate, turn, stay), load * factor, random, kind
-    )
+    amplitude = _followed(ships, who, order, (top, low, rate, turn, stay), load * factor, random, kind)
     made: list[list[Sent]] = [[] for _ in ships]
     for j in range(count):
         course = (top[j], rate[j], turn[j], stay[j])

@@ -27,12 +27,7 @@ from benchmarks.calibration_ships import Kind, Sent, Ship, make_ships, sail
 from stickslip_monitor.drawing.calibration import draw_calibration
 from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.calibrate import (
-    Calibration,
-    Evidence,
-    calibrate,
-    read_levels,
-)
+from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence, calibrate, read_levels
 from stickslip_monitor.lab.calibration.evidence import VibrationReport, course_of
 from stickslip_monitor.lab.calibration.level import level_over_speed
 from stickslip_monitor.physics.averaging.boundaries import fold_load, hopf_load
@@ -73,12 +68,17 @@ def listed(own: Sequence[Sent], random: np.random.Generator) -> list[Evidence]:
         edges.append(float(sent.time[-1]))
         reports = tuple(
             VibrationReport(
-                'ship', round(1e9 * a), round(1e9 * b), bool(i % 2) ^ (random.random() < 0.1),
-                10.0, 0.9, f'list {k}, line {i + 1}',
+                'ship',
+                round(1e9 * a),
+                round(1e9 * b),
+                bool(i % 2) ^ (random.random() < 0.1),
+                10.0,
+                0.9,
+                f'list {k}, line {i + 1}',
             )
             for i, (a, b) in enumerate(pairwise(edges))
             if b > a
-        )  # fmt: skip
+        )
         found.append(Evidence(course.name, (course,), reports))
     return found
 
@@ -145,9 +145,13 @@ def reached(
                 rows.setdefault(name, []).append(judged(found, ship, share))
     costs = {n: float(np.median([s for m, s in seconds if m == n])) for n in counts}
     return {
-        'ships': count, 'refused': refused, 'changed': told, 'doubted': doubted,
-        'seconds': costs, 'rows': [[name, *_summary(own)] for name, own in rows.items()],
-    }  # fmt: skip
+        'ships': count,
+        'refused': refused,
+        'changed': told,
+        'doubted': doubted,
+        'seconds': costs,
+        'rows': [[name, *_summary(own)] for name, own in rows.items()],
+    }
 
 
 def slow() -> dict[str, Any]:
@@ -243,10 +247,8 @@ def _binned(said: Array, was: Array) -> dict[str, Any]:
 
 PARTS: dict[str, Callable[[], dict[str, Any]]] = {
     part.__name__: part
-    for part in (
-        slow, many, other_loads, wrong_drawing, fast, loud, operator, drift, reliability,
-    )
-}  # fmt: skip
+    for part in (slow, many, other_loads, wrong_drawing, fast, loud, operator, drift, reliability)
+}
 
 MARK = '<!-- What follows is made by `make calibration-study`. -->\n'
 _OF_EACH = ('error', 'bias', 'half-width', 'cover')

@@ -74,11 +74,19 @@ def _table(found: dict[int, dict[str, float]], start: float) -> Table:
             f' {duration(start)} and is not in the table.'
         ),
         columns=(
-            'messages', 'reading', 'check', 'ratio', 'reading, processor', 'check, processor',
-            'ratio', '--mcap', '--clips', 'peak memory',
+            'messages',
+            'reading',
+            'check',
+            'ratio',
+            'reading, processor',
+            'check, processor',
+            'ratio',
+            '--mcap',
+            '--clips',
+            'peak memory',
         ),
         rows=[_row(messages, parts) for messages, parts in found.items()],
-    )  # fmt: skip
+    )
 
 
 def _row(messages: int, parts: dict[str, float]) -> list[str]:

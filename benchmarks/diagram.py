@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.physics.averaging.boundaries import (
-    fold_speed,
-    hopf_speed,
-    stationary_amplitudes,
-)
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.cycle.cycles import (
     exact_amplitude,
     exact_cycle,

@@ -31,10 +31,7 @@ _SETTLED = 8.0
 def run(quick: bool) -> Table:
     """Measure both."""
     seconds = 5.0 if quick else 30.0
-    os.environ |= {
-        'ROS_DOMAIN_ID': str(150 + os.getpid() % 50),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
+    os.environ |= {'ROS_DOMAIN_ID': str(150 + os.getpid() % 50), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     rclpy.init()
     driver = rclpy.create_node('driver')
     try:
@@ -131,9 +128,7 @@ def _monitor(count: int) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
         file.write_text(yaml.safe_dump(document), 'utf-8')
         command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
         with log.open('wb') as output:
-            process = subprocess.Popen(
-                [*command, '--params-file', str(file)], stdout=output, stderr=output
-            )
+            process = subprocess.Popen([*command, '--params-file', str(file)], stdout=output, stderr=output)
         try:
             yield process, log
         finally:

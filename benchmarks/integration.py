@@ -54,9 +54,7 @@ class _Result:
 def run(quick: bool) -> Table:
     """Compare ways to follow the motion at 20 rpm."""
     repeat = 2 if quick else 7
-    timed: dict[str, tuple[Callable[[], float], float]] = {
-        PLAIN: (lambda: _ours(False, SPAN), SPAN)
-    }
+    timed: dict[str, tuple[Callable[[], float], float]] = {PLAIN: (lambda: _ours(False, SPAN), SPAN)}
     if find_spec('numba'):
         timed[COMPILED] = (lambda: _ours(True, SPAN), SPAN)
         timed[LONG] = (lambda: _ours(True, 100.0), 100.0)
@@ -67,8 +65,7 @@ def run(quick: bool) -> Table:
     amplitudes = {name: follow() for name, (follow, _) in timed.items()}
     times = in_turns({name: follow for name, (follow, _) in timed.items()}, repeat)
     found: dict[str, _Result | str] = {
-        name: _Result(times[name].median / span, amplitudes[name])
-        for name, (_, span) in timed.items()
+        name: _Result(times[name].median / span, amplitudes[name]) for name, (_, span) in timed.items()
     }
     for name in (COMPILED, LONG, PATHSIM):
         found.setdefault(name, 'not installed')

@@ -85,16 +85,12 @@ class Subject:
         self.process = subprocess.Popen([sys.executable, '-m', *command, *arguments])
         self._speed = driver.create_publisher(Float64, f'/{space}/speed', _DEPTH)
         self._load = driver.create_publisher(Float64, f'/{space}/load', _DEPTH)
-        self._answers = driver.create_subscription(
-            Float64, f'/{space}/{answer}', lambda _: None, _DEPTH
-        )
+        self._answers = driver.create_subscription(Float64, f'/{space}/{answer}', lambda _: None, _DEPTH)
         for topic in others:
             kind = String if topic.endswith('regime') else Float64
             driver.create_subscription(kind, f'/{space}/{topic}', lambda _: None, 1)
         if diagnosed:
-            self._counts = driver.create_subscription(
-                DiagnosticArray, '/diagnostics', lambda _: None, 1
-            )
+            self._counts = driver.create_subscription(DiagnosticArray, '/diagnostics', lambda _: None, 1)
         self._greet()
 
     def _greet(self) -> None:

@@ -35,9 +35,7 @@ def machine() -> str:
     versions = [f'{name} {found}' for name in PACKAGES if (found := _version(name))] + _debian()
     return (
         f'Machine: {_processor()}, {os.cpu_count()} cores, {platform.system()}'
-        f' {platform.release()}, Python {platform.python_version()}.\nVersions: '
-        + ', '.join(versions)
-        + '.'
+        f' {platform.release()}, Python {platform.python_version()}.\nVersions: ' + ', '.join(versions) + '.'
     )
 
 

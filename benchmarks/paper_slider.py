@@ -128,11 +128,18 @@ def table_of(folder: Path) -> Table:
         title='Measured stick-slip: a paper slider',
         text=__doc__.split('\n\n')[0] if __doc__ else '',
         columns=(
-            'spring and speed', 'events', 'static / kinetic', 'scatter of static',
-            'loading slope over k V', 'amplitude [um]', 'model', 'period [ms]', 'model',
+            'spring and speed',
+            'events',
+            'static / kinetic',
+            'scatter of static',
+            'loading slope over k V',
+            'amplitude [um]',
+            'model',
+            'period [ms]',
+            'model',
         ),
         rows=[compared(path) for path in sorted(folder.glob('*_k*_v*.npz'))],
-    )  # fmt: skip
+    )
 
 
 def main() -> None:

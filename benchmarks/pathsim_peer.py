@@ -44,9 +44,7 @@ class Oscillator:
             ZeroCrossingUp(self._strain, self._release, tolerance=1e-9),
             ZeroCrossing(lambda _: self._state[1], self._turn, tolerance=1e-10),
         ]
-        simulation = Simulation(
-            [self.block], [], events, dt=_STEP, Solver=RKCK54, log=False, **_TOLERANCES
-        )
+        simulation = Simulation([self.block], [], events, dt=_STEP, Solver=RKCK54, log=False, **_TOLERANCES)
         simulation.run(duration, adaptive=True)
         late = [x for time, x in self.turns if time > _WATCHED * duration]
         return 0.5 * float(np.ptp(late))

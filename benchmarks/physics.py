@@ -14,22 +14,11 @@ from itertools import count
 import numpy as np
 
 from benchmarks.table import Table, duration, ratio
-from stickslip_monitor import (
-    Assessment,
-    Bearing,
-    Monitor,
-    Sample,
-    Stribeck,
-    Tabulated,
-    assess,
-    build_config,
-)
+from stickslip_monitor import Assessment, Bearing, Monitor, Sample, Stribeck, Tabulated, assess, build_config
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 _SPEEDS = np.linspace(0.0, 0.6, 15)
-MEASURED = Bearing(
-    50.0, 400.0, 2.0e6, Tabulated(_SPEEDS, 0.1 + 0.2 * np.exp(-10.0 * _SPEEDS)), 0.100
-)
+MEASURED = Bearing(50.0, 400.0, 2.0e6, Tabulated(_SPEEDS, 0.1 + 0.2 * np.exp(-10.0 * _SPEEDS)), 0.100)
 CLOSED = ('hopf_margin', 'fold_margin', 'hopf_load', 'fold_load', 'growth_rate')
 THRESHOLD, STABLE, EXACT = 'threshold_amplitude', 'amplitude', 'amplitude_exact'
 _TURNS = 5
@@ -107,9 +96,7 @@ def _updates(speed: float) -> Callable[[], None]:
     def update() -> None:
         time_ns = next(clock) * 50_000_000
         load = time_ns % 100_000_000 == 0
-        monitor.update(
-            Sample('aft', 'load' if load else 'speed', time_ns, next(loads) if load else speed)
-        )
+        monitor.update(Sample('aft', 'load' if load else 'speed', time_ns, next(loads) if load else speed))
 
     update()
     return update

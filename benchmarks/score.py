@@ -23,25 +23,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from benchmarks.voyages import (
-    BELOW_FOLD,
-    BELOW_HOPF,
-    OURS,
-    Call,
-    Sailed,
-    Voyage,
-    judge_bag,
-    judge_calls,
-)
-from benchmarks.warning_quality import (
-    FIGURES,
-    Episode,
-    Quality,
-    announced,
-    false_alarms,
-    pooled,
-    written,
-)
+from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Voyage, judge_bag, judge_calls
+from benchmarks.warning_quality import FIGURES, Episode, Quality, announced, false_alarms, pooled, written
 from stickslip_monitor.cli import main as run_command
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
@@ -70,9 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser, required=False)
     options.add_bearing(parser)
-    text = (
-        'speed, load, margins, amplitude, truth and warnings over time, for one bearing of a bag'
-    )
+    text = 'speed, load, margins, amplitude, truth and warnings over time, for one bearing of a bag'
     options.add_picture(parser, text)
     text = 'for scenes: number of seeds of each (default 1)'
     options.add_number(parser, '--seeds', 1, default=1, metavar='N', help=text)
@@ -80,9 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, '--first-seed', 0, metavar='S', help=text)
     text = "for scenes: a file of sensors, in place of the scene's own; repeat for more"
     options.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
-    options.add_number(
-        parser, '--jobs', 1, metavar='J', help='for scenes: processes (default: all cores)'
-    )
+    options.add_number(parser, '--jobs', 1, metavar='J', help='for scenes: processes (default: all cores)')
     options.add_force(parser)
     options.add_json(parser)
 
@@ -116,9 +95,7 @@ def _judged_bags(args: argparse.Namespace) -> list[tuple[Voyage, Sailed]]:
 def _judged_scenes(args: argparse.Namespace, scenes: Sequence[str]) -> list[Voyage]:
     bags = [path for path in args.bags if path not in scenes]
     if bags:
-        raise ConfigurationError(
-            f"'{bags[0]}' is no scene: give either scenes (.yaml) or bags, not both"
-        )
+        raise ConfigurationError(f"'{bags[0]}' is no scene: give either scenes (.yaml) or bags, not both")
     for name in ('config', 'bearing', 'picture'):
         if getattr(args, name) is not None:
             raise ConfigurationError(f'--{name} is for bags: a scene says what is judged')
@@ -149,8 +126,7 @@ def _bags_json(judged: Sequence[tuple[Voyage, Sailed]]) -> dict[str, Any]:
             'figures': voyage.rules[OURS].figures(),
             'episodes': [asdict(episode) for episode in announced(given, case.truth)],
             'false_alarms': [
-                {'start_ns': start, 'end_ns': end}
-                for start, end in false_alarms(given, case.truth)
+                {'start_ns': start, 'end_ns': end} for start, end in false_alarms(given, case.truth)
             ],
         }
     return {
@@ -171,9 +147,7 @@ def _scenes_json(voyages: Sequence[Voyage]) -> dict[str, Any]:
             {
                 'file': sensors,
                 'total': _totals(own),
-                'scenes': {
-                    scene: _ours(parts).figures() for scene, parts in _grouped(own, _SCENE).items()
-                },
+                'scenes': {scene: _ours(parts).figures() for scene, parts in _grouped(own, _SCENE).items()},
             }
             for sensors, own in _grouped(voyages, _SENSORS).items()
         ],

@@ -199,9 +199,7 @@ class SmallServer:
                 await self._take(socket_, patterns, json.loads(message.data))
         return socket_
 
-    async def _take(
-        self, socket_: web.WebSocketResponse, patterns: list[str], frame: dict[str, Any]
-    ) -> None:
+    async def _take(self, socket_: web.WebSocketResponse, patterns: list[str], frame: dict[str, Any]) -> None:
         for item in frame.get('subscribe', ()):
             self.subscriptions.append(frame)
             patterns.append(item['path'])
@@ -249,10 +247,7 @@ def _matches(path: str, patterns: list[str]) -> bool:
 def _delta(source: str, path: str, value: Any, stamp: str, context: str = SHIP) -> str:
     values = [{'path': path, 'value': value}]
     return json.dumps(
-        {
-            'context': context,
-            'updates': [{'$source': source, 'timestamp': stamp, 'values': values}],
-        }
+        {'context': context, 'updates': [{'$source': source, 'timestamp': stamp, 'values': values}]}
     )
 
 

@@ -27,9 +27,7 @@ class Times:
         return statistics.median(self.seconds)
 
 
-def in_turns(
-    rivals: Mapping[str, Callable[[], object]], repeat: int, warm: bool = True
-) -> dict[str, Times]:
+def in_turns(rivals: Mapping[str, Callable[[], object]], repeat: int, warm: bool = True) -> dict[str, Times]:
     """Run each rival once, and again, until each has run so often.
 
     Args:

@@ -63,9 +63,7 @@ class Voyage:
     rules: dict[str, Quality]  # the judgement of each rule by name
 
 
-def judge_calls(
-    calls: Sequence[Call], jobs: int
-) -> Generator[tuple[int, list[Voyage]], None, None]:
+def judge_calls(calls: Sequence[Call], jobs: int) -> Generator[tuple[int, list[Voyage]], None, None]:
     """Judge calls in processes, or one after the other in this one if ``jobs`` is 1.
 
     Yields:
@@ -209,8 +207,7 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[tuple[Voyage, Sai
 def _is_plain(scene: Scene) -> bool:
     """Whether what happens shows in speed and load, and does so once: no knocks, wear, waves."""
     return not any(
-        effect.name in ('load_in_waves', 'friction_drift') or 'knocks' in effect
-        for effect in scene.effects
+        effect.name in ('load_in_waves', 'friction_drift') or 'knocks' in effect for effect in scene.effects
     )
 
 

@@ -164,9 +164,7 @@ class Quality:
 
     def __add__(self, other: Quality) -> Quality:
         """Both together."""
-        return Quality(
-            **{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(Quality)}
-        )
+        return Quality(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(Quality)})
 
     @property
     def episodes(self) -> int:
@@ -209,53 +207,44 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     'lead_p10': ('lead in s, lowest tenth', '.1f', lambda q: _quantile(q.leads, 0.1)),
     'lead_median': ('lead in s, median', '.1f', lambda q: _quantile(q.leads, 0.5)),
     'lead_10s': ('lead of 10 s or more', '.1%', lambda q: _share(q, q.leads, ENOUGH_LEAD)),
-    'newly_given': (
-        'a warning newly given 10 s before', '.1%', lambda q: _ratio(q.newly, q.bouts)
-    ),
+    'newly_given': ('a warning newly given 10 s before', '.1%', lambda q: _ratio(q.newly, q.bouts)),
     'missed': ('missed', '.1%', lambda q: _ratio(q.missed, q.episodes)),
     'detected': ('detected', '.1%', lambda q: _ratio(len(q.alarm_leads), q.episodes)),
     'told': ('detected within 5 s', '.1%', lambda q: _share(q, q.alarm_leads, -SOON)),
     'detected_plain': (
-        'detected, without knocks, wear and waves', '.1%',
+        'detected, without knocks, wear and waves',
+        '.1%',
         lambda q: _ratio(q.plain_detected, q.plain),
     ),
-    'alarm_least': (
-        'lead of the alarm in s, least', '.1f', lambda q: min(q.alarm_leads, default=None)
-    ),
-    'false_per_100h': (
-        'false alarms per 100 h', '.1f', lambda q: _ratio(q.false * 360_000.0, q.seconds)
-    ),
+    'alarm_least': ('lead of the alarm in s, least', '.1f', lambda q: min(q.alarm_leads, default=None)),
+    'false_per_100h': ('false alarms per 100 h', '.1f', lambda q: _ratio(q.false * 360_000.0, q.seconds)),
     'wrong_hours': ('hours wrongly in alarm', '.2f', lambda q: q.wrong / 3600.0),
-    'unfounded_hours': (
-        'hours in stick-slip without an episode', '.2f', lambda q: q.unfounded / 3600.0
-    ),
-    'unalarmed_hours': (
-        'hours of episodes without the alarm', '.2f', lambda q: q.unalarmed / 3600.0
-    ),
+    'unfounded_hours': ('hours in stick-slip without an episode', '.2f', lambda q: q.unfounded / 3600.0),
+    'unalarmed_hours': ('hours of episodes without the alarm', '.2f', lambda q: q.unalarmed / 3600.0),
     'far_hours': ('hours far from the boundary', '.1f', lambda q: q.far_seconds / 3600.0),
     'far_per_1000h': (
-        'warnings per 1000 h there', '.1f',
+        'warnings per 1000 h there',
+        '.1f',
         lambda q: _ratio(q.far_warnings * 3_600_000.0, q.far_seconds),
     ),
     'far_warned_hours': ('hours under a warning there', '.2f', lambda q: q.far_warned / 3600.0),
     'far_warned': (
-        'share of the time under a warning there', '.1%',
+        'share of the time under a warning there',
+        '.1%',
         lambda q: _ratio(q.far_warned, q.far_seconds),
     ),
     'changes_per_hour': (
-        'changes of condition an hour', '.1f', lambda q: _ratio(q.changes * 3600.0, q.seconds)
+        'changes of condition an hour',
+        '.1f',
+        lambda q: _ratio(q.changes * 3600.0, q.seconds),
     ),
-    'largest_burst': (
-        'most raised conditions in 10 min', 'd', lambda q: max(q.bursts, default=None)
-    ),
-    'bursts': (
-        'voyages with more than 10 in 10 min', 'd', lambda q: sum(b > MANY for b in q.bursts)
-    ),
+    'largest_burst': ('most raised conditions in 10 min', 'd', lambda q: max(q.bursts, default=None)),
+    'bursts': ('voyages with more than 10 in 10 min', 'd', lambda q: sum(b > MANY for b in q.bursts)),
     'sounds': ('sounds an hour, median voyage', '.1f', lambda q: _quantile(q.sounds, 0.5)),
     'loudest': ('most sounds in 10 min', 'd', lambda q: max(q.loudest, default=None)),
     'unheard': ('onsets of stick-slip without a sound', 'd', lambda q: q.unheard),
     'wrong_source': ('voyages with a wrong source reported', 'd', lambda q: q.wrong_source),
-}  # fmt: skip
+}
 """Each figure with what it is called, how it is written, and how it is made."""
 
 

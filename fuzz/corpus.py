@@ -48,9 +48,7 @@ def _pieces(*middle: Piece) -> list[Piece]:
 def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
     """A chunk of a few kilobytes that grows; what it holds is one record of an unknown kind."""
     head, zeros = HEAD.pack(0x80, size - HEAD.size), bytes(1 << 20)
-    rest = [zeros] * ((size - HEAD.size) // len(zeros)) + [
-        zeros[: (size - HEAD.size) % len(zeros)]
-    ]
+    rest = [zeros] * ((size - HEAD.size) // len(zeros)) + [zeros[: (size - HEAD.size) % len(zeros)]]
     if compression == 'zstd':
         packer = zstandard.ZstdCompressor(level=1).compressobj()
         data = b''.join([packer.compress(part) for part in (head, *rest)] + [packer.flush()])
@@ -59,9 +57,13 @@ def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
         parts = [frame.begin(), *(frame.compress(part) for part in (head, *rest)), frame.flush()]
         data = b''.join(parts)
     chunk = Chunk(
-        compression=compression, data=data, message_end_time=START, message_start_time=START,
-        uncompressed_crc=0, uncompressed_size=size if declared is None else declared,
-    )  # fmt: skip
+        compression=compression,
+        data=data,
+        message_end_time=START,
+        message_start_time=START,
+        uncompressed_crc=0,
+        uncompressed_size=size if declared is None else declared,
+    )
     return encoded(chunk)
 
 
@@ -83,9 +85,13 @@ def _grown(*parts: tuple[bytes, int]) -> bytes:
     packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
     pieces = [packer.compress(data) for data, count in parts for _ in range(count)]
     chunk = Chunk(
-        compression='zstd', data=b''.join([*pieces, packer.flush()]), message_end_time=START,
-        message_start_time=START, uncompressed_crc=0, uncompressed_size=size,
-    )  # fmt: skip
+        compression='zstd',
+        data=b''.join([*pieces, packer.flush()]),
+        message_end_time=START,
+        message_start_time=START,
+        uncompressed_crc=0,
+        uncompressed_size=size,
+    )
     return encoded(chunk)
 
 
@@ -213,97 +219,120 @@ ODD: dict[str, Odd] = {
     'index lacks a channel': Odd(
         lambda: file(_pieces(Piece(messages(20), left_out=frozenset({1})))), _ALL, 30, 30
     ),
-    'index lacks entries': Odd(
-        lambda: file(_pieces(Piece(messages(20), most_entries=5))), _ALL, 30, 30
-    ),
+    'index lacks entries': Odd(lambda: file(_pieces(Piece(messages(20), most_entries=5))), _ALL, 30, 30),
     'index and statistics lack entries': Odd(
         lambda: file(_pieces(Piece(messages(20), most_entries=5)), counts={1: 25, 2: 25}),
-        "its statistics count 25 messages of '" + SPEED, 30, 30,
+        "its statistics count 25 messages of '" + SPEED,
+        30,
+        30,
     ),
     'statistics count more': Odd(
         lambda: file(_pieces(Piece(messages(20))), counts={1: 31, 2: 30}),
-        f"its statistics count 31 messages of '{SPEED}', and 30 can be read", 30, 30,
+        f"its statistics count 31 messages of '{SPEED}', and 30 can be read",
+        30,
+        30,
     ),
-    'name that is no UTF-8': Odd(
-        _bad_name, 'has 1 record that cannot be read: passed over', 30, 30
-    ),
+    'name that is no UTF-8': Odd(_bad_name, 'has 1 record that cannot be read: passed over', 30, 30),
     'record of kind 0 in a chunk': Odd(
         lambda: file(_pieces(Piece([*messages(20, 10), raw(0, b'odd'), *messages(30, 10)]))),
-        'has 1 record that cannot be read: passed over', 30, 30,
+        'has 1 record that cannot be read: passed over',
+        30,
+        30,
     ),
     'record of kind 0 in a bare run': Odd(
         lambda: file(
-            [Piece([*DEFINITIONS, *messages(0, 30), raw(0, b'odd'), *messages(30, 30)],
-                   is_bare=True)],
+            [Piece([*DEFINITIONS, *messages(0, 30), raw(0, b'odd'), *messages(30, 30)], is_bare=True)],
             summary=False,
         ),
-        'has 1 record of kind 0, which is none: passed over', 30, 30,
+        'has 1 record of kind 0, which is none: passed over',
+        30,
+        30,
     ),
     'message shorter than its head': Odd(
         lambda: file(_pieces(Piece([*messages(20, 10), raw(5, b'odd'), *messages(30, 10)]))),
-        'has 1 record that cannot be read: passed over', 30, 30,
+        'has 1 record that cannot be read: passed over',
+        30,
+        30,
     ),
     'bytes at the end of a chunk': Odd(
         lambda: file(_pieces(Piece([*messages(20), b'\x05' + b'\xff' * 20]))),
-        'has 21 bytes at its end, no record', 30, 30,
+        'has 21 bytes at its end, no record',
+        30,
+        30,
     ),
     'joined files': Odd(
-        lambda: file([Piece([*DEFINITIONS, *messages(0, 30)])])
-        + file([Piece([*_SWAPPED, *messages(30, 30, swapped=True)])], _SWAPPED),
-        'behind its end, not read', 15, 15,
+        lambda: (
+            file([Piece([*DEFINITIONS, *messages(0, 30)])])
+            + file([Piece([*_SWAPPED, *messages(30, 30, swapped=True)])], _SWAPPED)
+        ),
+        'behind its end, not read',
+        15,
+        15,
     ),
     'a cut file joined to another': Odd(
         lambda: sound(summary=False)[:-200] + file([Piece([*_SWAPPED, *messages(60, 20, True)])]),
-        'is cut', 30, 30,
+        'is cut',
+        30,
+        30,
     ),
-    'bytes behind the end': Odd(
-        lambda: sound() + b'something else', 'has 14 bytes behind its end', 30, 30
-    ),
+    'bytes behind the end': Odd(lambda: sound() + b'something else', 'has 14 bytes behind its end', 30, 30),
     'channels that change their meaning': Odd(
-        lambda: file(
-            _pieces(Piece([channel(1, LOAD), channel(2, SPEED), *messages(20, 40, True)]))[:2]
-        ),
-        f"defines channel 1 {_OTHERWISE} '{SPEED}'", 10, 10,
+        lambda: file(_pieces(Piece([channel(1, LOAD), channel(2, SPEED), *messages(20, 40, True)]))[:2]),
+        f"defines channel 1 {_OTHERWISE} '{SPEED}'",
+        10,
+        10,
     ),
     'channels that change inside a chunk': Odd(
-        lambda: file(
-            _pieces(Piece([*messages(20, 10), *_SWAPPED[1:], *messages(30, 10, True)]))[:2]
-        ),
-        f"defines channel 1 {_OTHERWISE} '{SPEED}'", 15, 15,
+        lambda: file(_pieces(Piece([*messages(20, 10), *_SWAPPED[1:], *messages(30, 10, True)]))[:2]),
+        f"defines channel 1 {_OTHERWISE} '{SPEED}'",
+        15,
+        15,
     ),
     'a channel changes beside a third topic': Odd(
         lambda: file(
             [
                 Piece([*DEFINITIONS, channel(3, '/other'), *messages(0)]),
                 Piece(
-                    [*messages(20, 10), message(3, START + 25 * STEP, 0.0), channel(1, '/odd'),
-                     *messages(30, 10)]
+                    [
+                        *messages(20, 10),
+                        message(3, START + 25 * STEP, 0.0),
+                        channel(1, '/odd'),
+                        *messages(30, 10),
+                    ]
                 ),
             ],
             summary=False,
         ),
-        f"defines channel 1 {_OTHERWISE} '{SPEED}'", 15, 20,
+        f"defines channel 1 {_OTHERWISE} '{SPEED}'",
+        15,
+        20,
     ),
     'a channel that nothing defines': Odd(
-        lambda: file(
-            _pieces(Piece([*messages(20), message(7, START + 20 * STEP, 1.0)])), summary=False
-        ),
-        '1 message of channel 7, which is defined nowhere, were not read', 30, 30,
+        lambda: file(_pieces(Piece([*messages(20), message(7, START + 20 * STEP, 1.0)])), summary=False),
+        '1 message of channel 7, which is defined nowhere, were not read',
+        30,
+        30,
     ),
     'an index that names a message twice': Odd(
         lambda: file(_pieces(Piece(messages(20), repeated=True))), _ALL, 30, 30
     ),
     'a late definition of another type': Odd(
         lambda: _late_redefinition(schema(1, 'std_msgs/msg/Float32', b'float32 data\n')),
-        f"defines schema 1 {_OTHERWISE} '{SPEED}'", 20, 20,
+        f"defines schema 1 {_OTHERWISE} '{SPEED}'",
+        20,
+        20,
     ),
     'a late definition that is no text': Odd(
         lambda: _late_redefinition(schema(1, text=b'float64 \xff\n')),
-        f"defines schema 1 {_OTHERWISE} '{SPEED}'", 20, 20,
+        f"defines schema 1 {_OTHERWISE} '{SPEED}'",
+        20,
+        20,
     ),
     'a chunk that is older than it says': Odd(
         lambda: file(_pieces(Piece(messages(20), changes={'message_start_time': START + 10**12}))),
-        _ALL, 30, 30,
+        _ALL,
+        30,
+        30,
     ),
     'damaged chunk': Odd(_damaged, 'is damaged', 20, 20),
     'only chunk damaged': Odd(_all_damaged, 'nothing is known of aft_stern', 0, 0),
@@ -316,8 +345,9 @@ ODD: dict[str, Odd] = {
     **{
         f'encapsulation {name}': Odd(
             lambda kind=kind: _encapsulated(kind),
-            f'20 of 40 messages of \'{SPEED}\' are in the encapsulation {name} (0x{kind:04x})',
-            40, 20,
+            f"20 of 40 messages of '{SPEED}' are in the encapsulation {name} (0x{kind:04x})",
+            40,
+            20,
         )
         for kind, name in ((3, 'PL_CDR_LE'), (7, 'CDR2_LE'), (0x1234, 'of no known name'))
     },
@@ -337,26 +367,24 @@ ODD: dict[str, Odd] = {
             [Piece([*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0), *messages(0, 60)])],
             (*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0)),
         ),
-        'topic /\N{REPLACEMENT CHARACTER}[31m\N{REPLACEMENT CHARACTER}red', 30, 30,
+        'topic /\N{REPLACEMENT CHARACTER}[31m\N{REPLACEMENT CHARACTER}red',
+        30,
+        30,
     ),
-}  # fmt: skip
+}
 
 # Those that are large, or would be without limits.
 LARGE: dict[str, Odd] = {
     'definition that is too long': Odd(_long_definition, 'its definition is longer than'),
     'definitions of no concern': Odd(_many_schemas, _ALL, 30, 30),
-    'zstd bomb': Odd(
-        lambda: _with_chunk(_bomb('zstd', 1 << 30)), 'and more than 134217728 are not', 30, 30
-    ),
+    'zstd bomb': Odd(lambda: _with_chunk(_bomb('zstd', 1 << 30)), 'and more than 134217728 are not', 30, 30),
     'zstd bomb that hides': Odd(
         lambda: _with_chunk(_bomb('zstd', 1 << 30, 1000)), 'it holds more bytes', 30, 30
     ),
     'zstd bomb that claims': Odd(
         lambda: _with_chunk(_bomb('zstd', 1 << 20, 1 << 62)), 'and more than 134217728', 30, 30
     ),
-    'lz4 bomb': Odd(
-        lambda: _with_chunk(_bomb('lz4', 200 << 20)), 'and more than 134217728 are not', 30, 30
-    ),
+    'lz4 bomb': Odd(lambda: _with_chunk(_bomb('lz4', 200 << 20)), 'and more than 134217728 are not', 30, 30),
     'lz4 bomb that hides': Odd(
         lambda: _with_chunk(_bomb('lz4', 200 << 20, 1000)), 'it holds more bytes', 30, 30
     ),
@@ -366,24 +394,20 @@ LARGE: dict[str, Odd] = {
     'eight names of 100 MiB': Odd(
         lambda: _with_chunk(b''.join(map(_long_name, range(9, 17)))), _LIMIT, 30, 30
     ),
-    'messages of equal time': Odd(
-        lambda: _with_chunk(_equal(b'\0\1\0\0' + bytes(8)) * 4), _LIMIT, 3_000_000
-    ),
+    'messages of equal time': Odd(lambda: _with_chunk(_equal(b'\0\1\0\0' + bytes(8)) * 4), _LIMIT, 3_000_000),
     'messages without data': Odd(lambda: _with_chunk(_equal(b'') * 4), _LIMIT, 3_000_000),
-    'messages that are too short': Odd(
-        lambda: _with_chunk(_equal(b'\0\1\0\0\0') * 4), _LIMIT, 3_000_000
-    ),
+    'messages that are too short': Odd(lambda: _with_chunk(_equal(b'\0\1\0\0\0') * 4), _LIMIT, 3_000_000),
     'records of no known kind': Odd(
         lambda: _with_chunk(_grown((raw(0x80, b'') * 10_000, 1400)) * 4), _LIMIT, 30, 30
     ),
-    'a channel redefined in 300 chunks': Odd(
-        _redefined_often, 'more findings are not listed', 30, 30
-    ),
+    'a channel redefined in 300 chunks': Odd(_redefined_often, 'more findings are not listed', 30, 30),
     'ten million messages': Odd(_tiny, 'and more than 134217728 are not restored', 30, 30),
     '400,000 message indexes': Odd(_many_indexes, _ALL, 30, 30),
     '40,000 channels': Odd(_many_channels, '40060 messages in 5.9 s', 30, 30),
     'one chunk 20,000 times': Odd(
         lambda: _with_chunk(Piece([message(1, START, 30.0)]).record() * 20_000),
-        '20060 messages in 5.9 s', 20_030, 30,
+        '20060 messages in 5.9 s',
+        20_030,
+        30,
     ),
-}  # fmt: skip
+}

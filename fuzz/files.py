@@ -54,17 +54,13 @@ def schema(number: int = 1, name: str = FLOAT64, text: bytes = b'float64 data\n'
 
 def channel(number: int, topic: str, schema_id: int = 1) -> bytes:
     """A definition of a channel."""
-    return encoded(
-        Channel(id=number, topic=topic, message_encoding='cdr', metadata={}, schema_id=schema_id)
-    )
+    return encoded(Channel(id=number, topic=topic, message_encoding='cdr', metadata={}, schema_id=schema_id))
 
 
 def message(number: int, time_ns: int, value: float, head: bytes = b'\0\1\0\0') -> bytes:
     """A Float64."""
     data = head + struct.pack('<d', value)
-    return encoded(
-        Message(channel_id=number, data=data, log_time=time_ns, publish_time=time_ns, sequence=0)
-    )
+    return encoded(Message(channel_id=number, data=data, log_time=time_ns, publish_time=time_ns, sequence=0))
 
 
 DEFINITIONS = (schema(), *(channel(i + 1, topic) for i, topic in enumerate(TOPICS)))
@@ -175,24 +171,33 @@ def file(
         if not piece.is_bare:
             chunks.append(
                 ChunkIndex(
-                    chunk_length=len(record), chunk_start_offset=begin,
-                    compression=piece.compression, compressed_size=len(record),
-                    message_end_time=max(own, default=0), message_start_time=min(own, default=0),
+                    chunk_length=len(record),
+                    chunk_start_offset=begin,
+                    compression=piece.compression,
+                    compressed_size=len(record),
+                    message_end_time=max(own, default=0),
+                    message_start_time=min(own, default=0),
                     message_index_length=end - begin - len(record),
-                    message_index_offsets=offsets, uncompressed_size=len(piece.data),
+                    message_index_offsets=offsets,
+                    uncompressed_size=len(piece.data),
                 )
-            )  # fmt: skip
+            )
     out += encoded(DataEnd(0))
     start = len(out) if summary else 0
     if summary:
         stated = dict(found if counts is None else counts)
         names = [record for record in definitions if record[:1] == b'\4']
         statistics = Statistics(
-            attachment_count=0, channel_count=len(names), channel_message_counts=stated,
-            chunk_count=len(chunks), message_count=sum(stated.values()),
-            message_end_time=max(times, default=0), message_start_time=min(times, default=0),
-            metadata_count=0, schema_count=1,
-        )  # fmt: skip
+            attachment_count=0,
+            channel_count=len(names),
+            channel_message_counts=stated,
+            chunk_count=len(chunks),
+            message_count=sum(stated.values()),
+            message_end_time=max(times, default=0),
+            message_start_time=min(times, default=0),
+            metadata_count=0,
+            schema_count=1,
+        )
         parts = [*definitions, encoded(statistics), *map(encoded, chunks)]
         out += b''.join(parts)
     out += encoded(Footer(summary_start=start, summary_offset_start=0, summary_crc=0))
@@ -203,10 +208,6 @@ def sound(compression: str = '', **options: bool) -> bytes:
     """A recording without anything odd: 3 chunks of 20 messages."""
     first = [*DEFINITIONS, *messages(0)]
     return file(
-        [
-            Piece(first, compression),
-            Piece(messages(20), compression),
-            Piece(messages(40), compression),
-        ],
+        [Piece(first, compression), Piece(messages(20), compression), Piece(messages(40), compression)],
         **options,
     )

@@ -18,15 +18,65 @@ from fuzz.files import FLOAT64, START, STEP, TOPICS
 
 _COUNT = 60
 _CELLS = (
-    '', '-', '0', '-1', '1e308', '1e999', 'nan', '-inf', '9' * 400, '1,5', '1.234,5', '0x1F',
-    '1_000', '٣', '"', '"open', "'", '#', '\0', '\r', '\n', ';', ',', '\t', '2026-05-04T06:00:00Z',
-    '2026-13-45 25:61:61', '0001-01-01 00:00:00', '9999-12-31T23:59:59+14:00', '24:00:00',
-    '06:00:00', '1777874400', '1e17', '45000.5', 'rpm', 'Time [s]', 'Load [kN]', 'é' * 99,
-)  # fmt: skip
+    '',
+    '-',
+    '0',
+    '-1',
+    '1e308',
+    '1e999',
+    'nan',
+    '-inf',
+    '9' * 400,
+    '1,5',
+    '1.234,5',
+    '0x1F',
+    '1_000',
+    '٣',
+    '"',
+    '"open',
+    "'",
+    '#',
+    '\0',
+    '\r',
+    '\n',
+    ';',
+    ',',
+    '\t',
+    '2026-05-04T06:00:00Z',
+    '2026-13-45 25:61:61',
+    '0001-01-01 00:00:00',
+    '9999-12-31T23:59:59+14:00',
+    '24:00:00',
+    '06:00:00',
+    '1777874400',
+    '1e17',
+    '45000.5',
+    'rpm',
+    'Time [s]',
+    'Load [kN]',
+    'é' * 99,
+)
 _VALUES = (
-    None, 0, -1, 1, (1 << 63) - 1, -(1 << 63), 1.5, float('inf'), '', 'cdr', 'x' * 999, b'',
-    b'\0\1\0\0', bytes(12), b'\xff' * 40, TOPICS[0], FLOAT64, 'a/msg/B', 'ros2idl',
-)  # fmt: skip
+    None,
+    0,
+    -1,
+    1,
+    (1 << 63) - 1,
+    -(1 << 63),
+    1.5,
+    float('inf'),
+    '',
+    'cdr',
+    'x' * 999,
+    b'',
+    b'\0\1\0\0',
+    bytes(12),
+    b'\xff' * 40,
+    TOPICS[0],
+    FLOAT64,
+    'a/msg/B',
+    'ros2idl',
+)
 _DATABASE = """
 CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
 CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB);
@@ -51,19 +101,18 @@ def tables() -> list[bytes]:
         f'{stamp};{v};1,5\n'.replace('.', ',') for stamp, (_, v) in zip(stamps, rows, strict=True)
     )
     long = 'time,name,value,unit\n' + ''.join(
-        f'{stamp},speed,{v},rpm\n{stamp},load,1000,N\n'
-        for stamp, (_, v) in zip(stamps, rows, strict=True)
+        f'{stamp},speed,{v},rpm\n{stamp},load,1000,N\n' for stamp, (_, v) in zip(stamps, rows, strict=True)
     )
-    nmea = ''.join(
-        f'{stamp} $ERRPM,S,1,{v},10.5,A*00\n' for stamp, v in zip(stamps, speeds, strict=True)
-    )
+    nmea = ''.join(f'{stamp} $ERRPM,S,1,{v},10.5,A*00\n' for stamp, v in zip(stamps, speeds, strict=True))
     file = io.BytesIO()
     pq.write_table(pa.table({'time': seconds, 'speed [rpm]': speeds}), file)
     texts = [plain, plain.replace(',', '\t'), dated, long, nmea]
     return [
-        *(text.encode() for text in texts), plain.encode('utf-16'),
-        gzip.compress(long.encode(), mtime=0), file.getvalue(),
-    ]  # fmt: skip
+        *(text.encode() for text in texts),
+        plain.encode('utf-16'),
+        gzip.compress(long.encode(), mtime=0),
+        file.getvalue(),
+    ]
 
 
 def databases() -> list[bytes]:
@@ -120,8 +169,7 @@ def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
                     database.execute(f'ALTER TABLE {table} RENAME COLUMN {column} TO odd')
                 case _:
                     database.execute(
-                        f'UPDATE OR IGNORE {table} SET {column} = ? WHERE rowid % {some} = 0',
-                        (value,),
+                        f'UPDATE OR IGNORE {table} SET {column} = ? WHERE rowid % {some} = 0', (value,)
                     )
             database.commit()
             return database.serialize()

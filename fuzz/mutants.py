@@ -18,20 +18,7 @@ from mcap.records import Chunk
 from fuzz.files import HEAD, MAGIC, compressed, encoded
 from fuzz.logs import change_cell, change_value
 
-_NUMBERS = (
-    0,
-    1,
-    2,
-    7,
-    0x7F,
-    0xFF,
-    1 << 16,
-    (1 << 31) - 1,
-    1 << 32,
-    1 << 40,
-    1 << 63,
-    (1 << 64) - 1,
-)
+_NUMBERS = (0, 1, 2, 7, 0x7F, 0xFF, 1 << 16, (1 << 31) - 1, 1 << 32, 1 << 40, 1 << 63, (1 << 64) - 1)
 _OPCODES = (*range(16), 0x80, 0xFF)
 Records = list[bytes]
 
@@ -101,9 +88,7 @@ def _inside(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     plain = b''.join(_changed(rng, records_of(plain)))
     crc = zlib.crc32(plain) if rng.random() < 0.5 else 0
     body = compressed(plain, chunk.compression)
-    records[k] = encoded(
-        replace(chunk, data=body, uncompressed_crc=crc, uncompressed_size=len(plain))
-    )
+    records[k] = encoded(replace(chunk, data=body, uncompressed_crc=crc, uncompressed_size=len(plain)))
     return data[: len(MAGIC)] + b''.join(records)
 
 
@@ -139,9 +124,7 @@ def _changed(rng: random.Random, records: Records) -> Records:
 def _with_number(rng: random.Random, record: bytes) -> bytes:
     """One field of a record as an odd number; in a message a channel or a time, by preference."""
     places = ((9, '<H'), (15, '<Q'), (23, '<Q')) if record[:1] == b'\5' else ()
-    place, code = (
-        rng.choice(places) if places else (9 + rng.randrange(60), rng.choice(('<I', '<Q')))
-    )
+    place, code = rng.choice(places) if places else (9 + rng.randrange(60), rng.choice(('<I', '<Q')))
     size = struct.calcsize(code)
     if len(record) < place + size:
         return record

@@ -100,9 +100,7 @@ def _numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
         series = bag.read([request])[request]
     except BagError:
         return None
-    return {
-        'time': series.log_time_ns.tolist(), 'value': series.value, 'told': bool(series.faults)
-    }  # fmt: skip
+    return {'time': series.log_time_ns.tolist(), 'value': series.value, 'told': bool(series.faults)}
 
 
 def _wrong_numbers(series: dict[str, object], found: Counter[Sample]) -> str:

@@ -119,19 +119,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the fuzzer; 1 if anything failed."""
     parser = argparse.ArgumentParser(prog='python -m fuzz', description=__doc__)
     parser.add_argument('--seed', type=int, default=int(time.time()), help='default: the time')
-    parser.add_argument(
-        '--count', type=int, default=5000, help='mutants of each kind (default 5000)'
-    )
+    parser.add_argument('--count', type=int, default=5000, help='mutants of each kind (default 5000)')
     parser.add_argument('--kind', choices=SOURCES, help='default: all')
     args = parser.parse_args(argv)
     kinds = [args.kind] if args.kind else list(SOURCES)
     sys.stdout.write(f'seed {args.seed}, {args.count} mutants of {", ".join(kinds)}\n')
     starts = range(0, args.count, _BATCH)
-    calls = [
-        (args.seed, first, min(_BATCH, args.count - first), kind)
-        for kind in kinds
-        for first in starts
-    ]
+    calls = [(args.seed, first, min(_BATCH, args.count - first), kind) for kind in kinds for first in starts]
     count = 0
     # A process for each batch: what one takes in memory is not the next one's.
     with multiprocessing.get_context('spawn').Pool(2, maxtasksperchild=1) as pool:

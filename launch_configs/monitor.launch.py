@@ -42,9 +42,7 @@ def program() -> dict[str, str]:
 
 def generate_launch_description() -> LaunchDescription:
     """Return one node and the arguments that differ from ship to ship."""
-    reference = PathJoinSubstitution(
-        [FindPackageShare(PACKAGE), 'launch_configs', 'reference_bearing.yaml']
-    )
+    reference = PathJoinSubstitution([FindPackageShare(PACKAGE), 'launch_configs', 'reference_bearing.yaml'])
     levels, choice = ['debug', 'info', 'warn', 'error', 'fatal'], ['true', 'false']
     arguments = (
         ('config', reference, 'Parameter file: bearings, inputs and alarm limits', None),

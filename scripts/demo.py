@@ -107,9 +107,7 @@ def start_node() -> subprocess.Popen[bytes]:
     """Start the monitor node as a process of its own."""
     command = [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args']
     command += ['--params-file', str(CONFIG), '-p', 'use_sim_time:=true', '--log-level', 'error']
-    console.print(
-        '[bold]1. The node[/], on its own:  .venv/bin/monitor --ros-args --params-file ...'
-    )
+    console.print('[bold]1. The node[/], on its own:  .venv/bin/monitor --ros-args --params-file ...')
     return subprocess.Popen(command)
 
 
@@ -118,9 +116,7 @@ def listen(count: int) -> list[dict[str, Any]]:
     events: list[dict[str, Any]] = []
     node = Node('demo_listener')
     latched = QoSProfile(
-        depth=100,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
     )
     topic = '/stickslip_monitor/warnings'
     node.create_subscription(String, topic, lambda message: hear(events, message.data), latched)
@@ -130,8 +126,7 @@ def listen(count: int) -> list[dict[str, Any]]:
     )
     console.print(f'[bold]3. Warnings as they come[/] on {topic}:')
     player = subprocess.Popen(
-        stickslip('play', str(BAG), '--rate', str(RATE), '--wait', str(PATIENCE)),
-        stderr=subprocess.DEVNULL,
+        stickslip('play', str(BAG), '--rate', str(RATE), '--wait', str(PATIENCE)), stderr=subprocess.DEVNULL
     )
     end = math.inf
     while time.monotonic() < end:

@@ -69,10 +69,7 @@ class Ship:
             TimeoutError: It does not.
         """
         end = time.monotonic() + PATIENCE
-        while self.seen.get('state') != state or sound not in (
-            None,
-            'sound' in self.seen['method'],
-        ):
+        while self.seen.get('state') != state or sound not in (None, 'sound' in self.seen['method']):
             if time.monotonic() > end:
                 raise TimeoutError(f'the display shows {self.seen}, not {state}')
             await asyncio.sleep(0.05)
@@ -83,9 +80,7 @@ async def acknowledge(session: aiohttp.ClientSession, url: str, token: str) -> N
     api = f'{url}/signalk/v2/api/notifications'
     async with session.get(api) as answer:
         known = (await answer.json()).items()
-    number = next(
-        key for key, item in known if item['value'].get('data', {}).get('occurrence') == token
-    )
+    number = next(key for key, item in known if item['value'].get('data', {}).get('occurrence') == token)
     async with session.post(f'{api}/{number}/acknowledge') as answer:
         answer.raise_for_status()
 
@@ -97,10 +92,7 @@ async def sail(url: str, small: SmallServer | None) -> None:
         session = await stack.enter_async_context(aiohttp.ClientSession())
         stream = f'{url}/signalk/v1/stream?subscribe=none'
         ends = [await stack.enter_async_context(session.ws_connect(stream)) for _ in range(2)]
-        work = [
-            asyncio.create_task(ship.meter(ends[0])),
-            asyncio.create_task(ship.display(ends[1])),
-        ]
+        work = [asyncio.create_task(ship.meter(ends[0])), asyncio.create_task(ship.display(ends[1]))]
         try:
             await ship.until('normal')
             ship.say('The shaft turns at 60 rpm. Now it slows down to 20 rpm.')
@@ -143,9 +135,7 @@ async def demo(folder: Path) -> None:
         console.print('[bold]1. The real signalk-server[/], 2.23, at this machine alone')
         real = await asyncio.to_thread(RealServer, folder)
     url = real.url if real else f'http://127.0.0.1:{small.port}'
-    console.print(
-        '[bold]2. The monitor[/], without ROS:  stickslip watch --config ship.yaml --port 0'
-    )
+    console.print('[bold]2. The monitor[/], without ROS:  stickslip watch --config ship.yaml --port 0')
     command = [sys.executable, '-m', 'stickslip_monitor.cli', 'watch', '--port', '0']
     command += ['--config', str(configuration(folder, url))]
     log = folder / 'watch.log'

@@ -45,10 +45,7 @@ FIRST_REST, LAST_CYCLE = 1.175, 1.775
 def main() -> None:
     """Draw the picture."""
     hopf, fold = float(hopf_speed(BLOCK, 1.0)), float(exact_fold_speed(BLOCK, 1.0))
-    below, between = (
-        np.linspace(0.45, fold * (1.0 - 1e-6), 400),
-        np.linspace(hopf, fold, 200)[1:-1],
-    )
+    below, between = (np.linspace(0.45, fold * (1.0 - 1e-6), 400), np.linspace(hopf, fold, 200)[1:-1])
     with style():
         figure, axes = labelled('belt speed', 'amplitude', box=(0.085, 0.125, 0.89, 0.79))
         stable = exact_cycle(BLOCK, below, 1.0).amplitude
@@ -63,9 +60,15 @@ def main() -> None:
             (resting, np.zeros(SPEEDS.size), 's', Regime.STABLE, 'steady sliding'),
         ):
             axes.plot(
-                SPEEDS[where], height[where], marker, ms=6.0, color=REGIME_COLOUR[regime],
-                label=f'bSTAB: some starts end in {what}', clip_on=False, zorder=10,
-            )  # fmt: skip
+                SPEEDS[where],
+                height[where],
+                marker,
+                ms=6.0,
+                color=REGIME_COLOUR[regime],
+                label=f'bSTAB: some starts end in {what}',
+                clip_on=False,
+                zorder=10,
+            )
         axes.set_xlim(0.45, 2.0)
         axes.set_ylim(0.0, 2.2)
         spans = (0.45, hopf, Regime.UNSTABLE), (hopf, fold, Regime.BISTABLE)

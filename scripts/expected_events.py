@@ -248,9 +248,7 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
         )
 
 
-def _crossing(
-    config: BearingConfig, track: Track, time: float, before: int, after: int
-) -> tuple[str, float]:
+def _crossing(config: BearingConfig, track: Track, time: float, before: int, after: int) -> tuple[str, float]:
     """The boundary that a change is about, and where the track crosses it nearest in time."""
     raised = after > before
     name = (None, 'caution', 'fold', 'hopf', 'amplitude')[after] if raised else 'fold'
@@ -311,19 +309,13 @@ class _Rule:
     """
 
     def __init__(
-        self,
-        config: BearingConfig,
-        period: float,
-        rhythm: float,
-        speed_error: float,
-        load_error: float,
+        self, config: BearingConfig, period: float, rhythm: float, speed_error: float, load_error: float
     ) -> None:
         alarm, bearing = config.alarm, config.bearing
         self.alarm, self.period, self.rhythm = alarm, period, rhythm
         self.half = bearing.damping / (2.0 * bearing.mass)
         self.inside = {
-            name: _shifted(own, speed_error, load_error)
-            for name, own in boundaries(config).items()
+            name: _shifted(own, speed_error, load_error) for name, own in boundaries(config).items()
         }
         self.speed_error = speed_error
         on = max(alarm.on_delay_ns * 1e-9, _SLOW_ON * period)

@@ -24,9 +24,7 @@ SECOND = 10**9
 
 def without_level(case: Sent, _: np.random.Generator) -> Sent:
     """No level at all."""
-    return replace(
-        _kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None)
-    )
+    return replace(_kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None))
 
 
 def in_bursts(case: Sent, _: np.random.Generator) -> Sent:
@@ -81,10 +79,7 @@ def stopping(case: Sent, random: np.random.Generator) -> Sent:
 
 
 def _times(
-    case: Sent,
-    random: np.random.Generator,
-    apart: tuple[float, float],
-    lasting: tuple[float, float],
+    case: Sent, random: np.random.Generator, apart: tuple[float, float], lasting: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Begin and end of stretches that are so far apart and last so long, at random [s]."""
     seconds = float(case.stream.arrival_ns[-1] - case.stream.arrival_ns[0]) / SECOND
@@ -114,9 +109,7 @@ def blind(case: Sent, random: np.random.Generator) -> Sent:
 
 def stuck(case: Sent, _: np.random.Generator) -> Sent:
     """The level does not move any more after the first minute."""
-    return _levelled(
-        case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1])
-    )
+    return _levelled(case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1]))
 
 
 def with_engine_order(case: Sent, _: np.random.Generator) -> Sent:
@@ -161,9 +154,7 @@ LEVELS: Mapping[str, Spoil] = {
 }
 STAMPS: Mapping[str, Spoil] = {
     'in bursts, once a second': lambda case, r: in_bursts(without_level(case, r), r),
-    'one stamp in twenty off by 6 s': lambda case, r: oddly_stamped(
-        without_level(case, r), r, 6.0, 0.05
-    ),
+    'one stamp in twenty off by 6 s': lambda case, r: oddly_stamped(without_level(case, r), r, 6.0, 0.05),
     'one stamp in twenty off by an hour': lambda case, r: oddly_stamped(
         without_level(case, r), r, 3600.0, 0.05
     ),
@@ -173,9 +164,7 @@ STAMPS: Mapping[str, Spoil] = {
     'at random, once a second': lambda case, r: unevenly(
         without_level(case, r), lambda count: r.exponential(1.0, count)
     ),
-    '"no value" for a tenth of the time': lambda case, r: without_values(
-        without_level(case, r), r
-    ),
+    '"no value" for a tenth of the time': lambda case, r: without_values(without_level(case, r), r),
     'senders that stop and start': lambda case, r: stopping(without_level(case, r), r),
 }
 

@@ -32,9 +32,13 @@ SCENES = ROOT / 'launch_configs' / 'scenes'
 SCHEMA = 'stickslip_monitor/bags/1'
 # Effects with which the alarms that are due follow from closed forms.
 PLAIN = {
-    'speed_profile', 'load_profile', 'sensor_noise', 'friction_drift', 'operating_point',
+    'speed_profile',
+    'load_profile',
+    'sensor_noise',
+    'friction_drift',
+    'operating_point',
     'lining_motion',
-}  # fmt: skip
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,13 +20,7 @@ PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
 RULE = PAGE.with_name('rule.md')
 SHIP = PAGE.with_name('ship.md')
 COMMAND = 'python scripts/make_docs.py'
-KINDS = {
-    'int': 'whole number',
-    'bool': 'true/false',
-    'str': 'text',
-    'float[]': 'numbers',
-    'str[]': 'texts',
-}
+KINDS = {'int': 'whole number', 'bool': 'true/false', 'str': 'text', 'float[]': 'numbers', 'str[]': 'texts'}
 INPUT = '<input>'
 GROUPS = (
     ('', 'The bearing', 'The mass-spring model of the lining, see [physics.md](physics.md).'),
@@ -143,11 +137,7 @@ def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.optional:
-        left_out = {
-            'level.threshold': '*its rise*',
-            'speed.maximum': '*3000 rpm*',
-            'load.constant': '*none*',
-        }
+        left_out = {'level.threshold': '*its rise*', 'speed.maximum': '*3000 rpm*', 'load.constant': '*none*'}
         return left_out.get(row.name, '*by law*')
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
@@ -180,8 +170,7 @@ def _inputs() -> Iterator[tuple[str, ...]]:
     for rows in zip(*INPUTS.values(), strict=False):
         name = rows[0].name.partition('.')[2]
         cells = [
-            tuple(dict.fromkeys(filter(None, column)))
-            for column in zip(*map(_cells, rows), strict=True)
+            tuple(dict.fromkeys(filter(None, column))) for column in zip(*map(_cells, rows), strict=True)
         ]
         text = rows[0].text.replace('the speed', 'the quantity')
         joined = (' / '.join(each) for each in cells[1:-1])
@@ -189,10 +178,7 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
-    lines = [
-        '| name | default | range | live | meaning |',
-        '|---|---|---|---|---|',
-    ]
+    lines = ['| name | default | range | live | meaning |', '|---|---|---|---|---|']
     for row in rows:
         cells = row if isinstance(row, tuple) else _cells(row)
         lines.append(f'| {" | ".join(cells)} |'.replace('|  |', '| |').replace('|  |', '| |'))

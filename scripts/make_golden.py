@@ -179,9 +179,7 @@ def _without(changes: list[Any], common: Counter[Any]) -> list[Any]:
     return found
 
 
-def _pairs(
-    gone: list[Any], came: list[Any], within_ns: int, *, same_kind: bool
-) -> Iterator[tuple[Any, Any]]:
+def _pairs(gone: list[Any], came: list[Any], within_ns: int, *, same_kind: bool) -> Iterator[tuple[Any, Any]]:
     """Take out of both lists what belongs together, nearest in time; yield the pairs."""
     for one in list(gone):
         near = [c for c in came if not same_kind or c[1:3] == one[1:3]]

@@ -75,8 +75,13 @@ class Page:
 
     async def picture(self, width: int, height: int, theme: str) -> Image.Image:
         """The page at a size, in a light, from its top; height 0 for all of it."""
-        await self.call('Emulation.setDeviceMetricsOverride', width=width, height=height or 900,
-                        deviceScaleFactor=1, mobile=False)  # fmt: skip
+        await self.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=width,
+            height=height or 900,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         await self.js(
             f"{{ const t = document.getElementById('theme'); t.value = {json.dumps(theme)};"
             " t.dispatchEvent(new Event('change')); }"

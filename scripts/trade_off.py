@@ -70,9 +70,16 @@ def _panel(axes: Axes, panel: TradeOff) -> None:
     look: dict[str, Any] = {'ls': '', 'clip_on': False, 'zorder': 5}
     for curve, (colour, marker, _) in zip(panel.curves, _LOOKS, strict=False):
         axes.plot(
-            curve.false, _percent(curve.lost), color=colour, marker=marker, ms=6.0, lw=1.2,
-            label=curve.label, clip_on=False, zorder=3,
-        )  # fmt: skip
+            curve.false,
+            _percent(curve.lost),
+            color=colour,
+            marker=marker,
+            ms=6.0,
+            lw=1.2,
+            label=curve.label,
+            clip_on=False,
+            zorder=3,
+        )
     for number, curve in enumerate(panel.curves):
         at = curve.false[curve.default], _percent(curve.lost)[curve.default]
         label = 'default' if not number else '_'
@@ -110,10 +117,17 @@ def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
     for group in groups:
         place = curve.false[group[0]], 100.0 * curve.lost[group[0]]
         axes.annotate(
-            _joined(curve, group), place, (4.0, height), textcoords='offset points', color=colour,
-            size=9.0, va='center', annotation_clip=False, zorder=3.5,
+            _joined(curve, group),
+            place,
+            (4.0, height),
+            textcoords='offset points',
+            color=colour,
+            size=9.0,
+            va='center',
+            annotation_clip=False,
+            zorder=3.5,
             path_effects=[withStroke(linewidth=2.0, foreground=PAPER)],
-        )  # fmt: skip
+        )
 
 
 def _joined(curve: Curve, group: Sequence[int]) -> str:

@@ -20,17 +20,7 @@ from hard_sensors import LEVELS, STAMPS
 from trade_off import Curve, TradeOff, draw_trade_offs
 
 from benchmarks.score import RULES, judge_all
-from benchmarks.voyages import (
-    BELOW_FOLD,
-    BELOW_HOPF,
-    OURS,
-    Call,
-    Sailed,
-    Sent,
-    Voyage,
-    cases_of,
-    output_of,
-)
+from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Sent, Voyage, cases_of, output_of
 from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, written
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.lab.scenes.scene import load_scene
@@ -43,9 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'warning_quality.md'
 PICTURE = ROOT / 'docs' / 'images' / 'warning_quality.png'
 SCENES = ROOT / 'launch_configs' / 'scenes' / 'quality'
-SENSORS = [
-    ROOT / 'launch_configs' / 'sensors' / f'{n}.yaml' for n in ('ideal', 'ordinary', 'poor')
-]
+SENSORS = [ROOT / 'launch_configs' / 'sensors' / f'{n}.yaml' for n in ('ideal', 'ordinary', 'poor')]
 ORDINARY = SENSORS[1]
 WITH_LEVEL = ROOT / 'launch_configs' / 'sensors' / 'ordinary_level.yaml'
 MARK = '<!-- Made by `make warning-quality`. -->'
@@ -63,15 +51,35 @@ _OF_ALARM = ('alarm.onset_growth', 'alarm.on_delay')
 _OF_WARNING = ('alarm.caution_margin', 'alarm.look_ahead')
 # Rows of the page, and its columns beside those of the grades of sensors.
 _SHOWN = (
-    'hours', 'episodes', 'warned', 'newly_given', 'lead_median', 'missed', 'detected', 'told',
-    'detected_plain', 'false_per_100h', 'wrong_hours', 'unfounded_hours', 'far_warned',
-    'changes_per_hour', 'largest_burst', 'sounds', 'loudest',
-)  # fmt: skip
+    'hours',
+    'episodes',
+    'warned',
+    'newly_given',
+    'lead_median',
+    'missed',
+    'detected',
+    'told',
+    'detected_plain',
+    'false_per_100h',
+    'wrong_hours',
+    'unfounded_hours',
+    'far_warned',
+    'changes_per_hour',
+    'largest_burst',
+    'sounds',
+    'loudest',
+)
 # Of voyages with spoilt sensors.
 _OF_SPOILT = (
-    'newly_given', 'missed', 'detected', 'told', 'false_per_100h', 'wrong_hours',
-    'unfounded_hours', 'far_warned',
-)  # fmt: skip
+    'newly_given',
+    'missed',
+    'detected',
+    'told',
+    'false_per_100h',
+    'wrong_hours',
+    'unfounded_hours',
+    'far_warned',
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -115,11 +123,7 @@ def _field(name: str, value: float) -> dict[str, Any]:
 def _calls(seeds: Iterable[int]) -> list[Call]:
     # What the lining does is followed with the first of them.
     sensors = tuple(map(str, (WITH_LEVEL, *SENSORS)))
-    return [
-        Call(str(scene), seed, sensors)
-        for scene in sorted(SCENES.glob('*.yaml'))
-        for seed in seeds
-    ]
+    return [Call(str(scene), seed, sensors) for scene in sorted(SCENES.glob('*.yaml')) for seed in seeds]
 
 
 def _is_main(voyage: Voyage) -> bool:
@@ -222,9 +226,7 @@ def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
 
 def _panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:
     own = [v for v in voyages if _is_main(v) and v.sensors == str(ORDINARY)]
-    bare = {
-        rule: pooled(v.rules[rule] for v in own).figures() for rule in (BELOW_FOLD, BELOW_HOPF)
-    }
+    bare = {rule: pooled(v.rules[rule] for v in own).figures() for rule in (BELOW_FOLD, BELOW_HOPF)}
     rules = [
         (RULES[rule], row['false_per_100h'] or 0.0, _missing(row['detected_plain']))
         for rule, row in bare.items()
@@ -250,9 +252,7 @@ def _missing(share: float | None) -> float:
     return 0.0 if share is None else 1.0 - share
 
 
-def _curves(
-    changed: Mapping[str, Quality], names: Iterable[str], false: str, kept: str
-) -> list[Curve]:
+def _curves(changed: Mapping[str, Quality], names: Iterable[str], false: str, kept: str) -> list[Curve]:
     found = []
     defaults = {parameter.name: parameter.default for parameter in BEARING_PARAMETERS}
     for name, values in _known().items():

@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stickslip_monitor.errors import StickslipError
-    from stickslip_monitor.monitor.assessment import (
-        Assessment,
-        Assessments,
-        Outcome,
-        Regime,
-        assess,
-    )
+    from stickslip_monitor.monitor.assessment import Assessment, Assessments, Outcome, Regime, assess
     from stickslip_monitor.monitor.config import MonitorConfig
     from stickslip_monitor.monitor.configure import build_config
     from stickslip_monitor.monitor.monitor import Monitor
@@ -41,13 +35,38 @@ if TYPE_CHECKING:
     from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
 
 __all__ = [
-    'Assessment', 'Assessments', 'Bearing', 'BearingSpeed', 'Coulomb', 'Cycle', 'CycleKind',
-    'FrictionLaw', 'Levels', 'Monitor', 'MonitorConfig', 'Outcome', 'Regime', 'Sample',
-    'StationaryAmplitudes', 'StickslipError', 'Stream', 'Stribeck', 'Tabulated',
-    'amplitude_rate', 'assess', 'build_config', 'exact_cycle', 'exact_fold_speed',
-    'exact_unstable_cycle', 'fold_load', 'fold_speed', 'growth_rate', 'hopf_load',
-    'hopf_speed', 'stationary_amplitudes',
-]  # fmt: skip
+    'Assessment',
+    'Assessments',
+    'Bearing',
+    'BearingSpeed',
+    'Coulomb',
+    'Cycle',
+    'CycleKind',
+    'FrictionLaw',
+    'Levels',
+    'Monitor',
+    'MonitorConfig',
+    'Outcome',
+    'Regime',
+    'Sample',
+    'StationaryAmplitudes',
+    'StickslipError',
+    'Stream',
+    'Stribeck',
+    'Tabulated',
+    'amplitude_rate',
+    'assess',
+    'build_config',
+    'exact_cycle',
+    'exact_fold_speed',
+    'exact_unstable_cycle',
+    'fold_load',
+    'fold_speed',
+    'growth_rate',
+    'hopf_load',
+    'hopf_speed',
+    'stationary_amplitudes',
+]
 
 __version__ = '0.3.0.dev0'
 
@@ -59,13 +78,20 @@ _HOMES = {
     'monitor.configure': ('build_config',),
     'monitor.monitor': ('Monitor',),
     'monitor.signals': ('Levels', 'Sample', 'Stream'),
-    'physics.averaging.boundaries': ('StationaryAmplitudes', 'amplitude_rate', 'fold_load',
-        'fold_speed', 'growth_rate', 'hopf_load', 'hopf_speed', 'stationary_amplitudes'),
-    'physics.cycle.cycles': ('Cycle', 'CycleKind', 'exact_cycle', 'exact_fold_speed',
-        'exact_unstable_cycle'),
+    'physics.averaging.boundaries': (
+        'StationaryAmplitudes',
+        'amplitude_rate',
+        'fold_load',
+        'fold_speed',
+        'growth_rate',
+        'hopf_load',
+        'hopf_speed',
+        'stationary_amplitudes',
+    ),
+    'physics.cycle.cycles': ('Cycle', 'CycleKind', 'exact_cycle', 'exact_fold_speed', 'exact_unstable_cycle'),
     'physics.friction': ('Coulomb', 'FrictionLaw', 'Stribeck', 'Tabulated'),
     'physics.oscillator': ('Bearing', 'BearingSpeed'),
-}  # fmt: skip
+}
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 

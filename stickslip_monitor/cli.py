@@ -22,12 +22,7 @@ from typing import Any, NoReturn
 
 from stickslip_monitor import __version__
 from stickslip_monitor.commands.output import check_files
-from stickslip_monitor.errors import (
-    ConfigurationError,
-    StickslipError,
-    did_you_mean,
-    program_fault,
-)
+from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean, program_fault
 from stickslip_monitor.files import printable
 
 COMMANDS = {
@@ -77,9 +72,7 @@ class _Paragraphs(argparse.HelpFormatter):
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         paragraphs = text.split('\n\n')
-        return '\n\n'.join(
-            super(_Paragraphs, self)._fill_text(p, width, indent) for p in paragraphs
-        )
+        return '\n\n'.join(super(_Paragraphs, self)._fill_text(p, width, indent) for p in paragraphs)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -125,10 +118,7 @@ def _parser(
         place = f'{package}.{name}'
         module = importlib.import_module(place) if name == asked else None
         command = commands.add_parser(
-            name,
-            help=text,
-            description=module.__doc__ if module else text,
-            formatter_class=_Paragraphs,
+            name, help=text, description=module.__doc__ if module else text, formatter_class=_Paragraphs
         )
         if module is not None:
             module.add_arguments(command)
@@ -147,9 +137,7 @@ def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
 
 
 def main(
-    argv: Sequence[str] | None = None,
-    known: Mapping[str, str] = COMMANDS,
-    package: str = PACKAGE,
+    argv: Sequence[str] | None = None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> int:
     """Run a command.
 

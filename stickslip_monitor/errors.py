@@ -82,9 +82,7 @@ def did_you_mean(given: object, known: Iterable[str]) -> str:
     # The dashes of options make no two of them alike.
     bare = {name.lstrip('-'): name for name in names}
     close = difflib.get_close_matches(text.lstrip('-'), bare, n=1, cutoff=0.65)
-    close = [bare[name] for name in close] or [
-        name for name in names if len(text) > 1 and text in name
-    ]
+    close = [bare[name] for name in close] or [name for name in names if len(text) > 1 and text in name]
     return f"; did you mean '{close[0]}'?" if close else ''
 
 

@@ -105,9 +105,7 @@ class TableRow(NamedTuple):
     cells: list[str]
 
 
-def read_table(
-    path: str | Path, most: int, error: type[StickslipError]
-) -> tuple[list[TableRow], str]:
+def read_table(path: str | Path, most: int, error: type[StickslipError]) -> tuple[list[TableRow], str]:
     """Read a table in UTF-8 as spreadsheets write it.
 
     Cells are separated by comma, semicolon or tab, whichever the first line has most of; blank
@@ -204,9 +202,7 @@ def _check_folder(path: str | Path) -> None:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise OutputError(f"output '{path}' cannot be written: no permission in '{folder}'")
     if len(os.fsencode(Path(path).name)) > os.pathconf(folder, 'PC_NAME_MAX'):
-        raise OutputError(
-            f"output '{printable(str(path))}' cannot be written: its name is too long"
-        )
+        raise OutputError(f"output '{printable(str(path))}' cannot be written: its name is too long")
 
 
 def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False) -> None:

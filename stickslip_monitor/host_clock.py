@@ -27,9 +27,7 @@ class HostClock:
         wall: Reads the one on the wall [ns].
     """
 
-    def __init__(
-        self, steady: Callable[[], int] = uptime_ns, wall: Callable[[], int] = time.time_ns
-    ) -> None:
+    def __init__(self, steady: Callable[[], int] = uptime_ns, wall: Callable[[], int] = time.time_ns) -> None:
         self._steady, self._wall = steady, wall
         self._ahead_ns, self._set_ns = wall() - steady(), 0
 

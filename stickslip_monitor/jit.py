@@ -72,11 +72,7 @@ def _is_kept(function: Any) -> bool:
 
 
 def _compile(
-    entry: str,
-    modules: tuple[ModuleType, ...],
-    law: ModuleType | None,
-    inline: bool,
-    cache: bool,
+    entry: str, modules: tuple[ModuleType, ...], law: ModuleType | None, inline: bool, cache: bool
 ) -> Callable[..., Any]:
     numba = import_module('numba')
     everything = (*modules, law) if law else modules

@@ -69,9 +69,7 @@ class StateFile:
         except OSError as error:
             raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
         if content and _MARK not in content[:_HEAD]:
-            raise RosError(
-                f'{self._given} is no file of stickslip_monitor: it is left alone; name another'
-            )
+            raise RosError(f'{self._given} is no file of stickslip_monitor: it is left alone; name another')
 
     def _beside(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
@@ -89,9 +87,7 @@ class StateFile:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             os.close(descriptor)
-            raise RosError(
-                f'{self._given} is in use by another {self._user}: give each its own'
-            ) from error
+            raise RosError(f'{self._given} is in use by another {self._user}: give each its own') from error
         except OSError:
             # A file system without locks, or without space: not a reason not to monitor.
             if descriptor >= 0:

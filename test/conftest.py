@@ -12,9 +12,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 # How long drawing takes is the machine's affair.
-settings.register_profile(
-    'any machine', deadline=None, suppress_health_check=[HealthCheck.too_slow]
-)
+settings.register_profile('any machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('any machine')
 
 

@@ -47,9 +47,7 @@ def number_at(number: Number, time: float) -> float:
     return number(time) if callable(number) else number
 
 
-def every(
-    place: Input, period: float, end: float, number: Number, begin: float = 0.0
-) -> list[Message]:
+def every(place: Input, period: float, end: float, number: Number, begin: float = 0.0) -> list[Message]:
     """Messages of one sender, each stamped as it is sent."""
     times = np.arange(begin, end, period).tolist()
     return [Message(t, place, t, number_at(number, t)) for t in times]
@@ -118,9 +116,7 @@ class Ship(Sink):
 
     path = 'state.json'
 
-    def __init__(
-        self, config: MonitorConfig, kept: str = 'null', display: Display | None = None
-    ) -> None:
+    def __init__(self, config: MonitorConfig, kept: str = 'null', display: Display | None = None) -> None:
         self.config, self.kept, self.full, self._display = config, kept, '', display
         self.steady_ns, self.ahead_ns = 0, T0
         self.verdicts: list[Verdict] = []
@@ -188,9 +184,7 @@ class Ship(Sink):
         self.session.tick(now, self.steady_ns - self._begun_ns)
         self.session.flush(now)
 
-    def sail(
-        self, seconds: float, rpm: Any = 60.0, load: Any = 1000.0, rate: float = 5.0
-    ) -> dict[str, Any]:
+    def sail(self, seconds: float, rpm: Any = 60.0, load: Any = 1000.0, rate: float = 5.0) -> dict[str, Any]:
         """So long with samples of the first bearing (``None`` for none); its record at the end."""
         name = next(iter(self.session.monitor.bearings))
         for number in range(round(rate * seconds)):

@@ -57,9 +57,7 @@ class Program:
     def __init__(self, command: list[str], log: Path, **options: Any) -> None:
         self._log = log
         with log.open('wb') as file:
-            self.process = subprocess.Popen(
-                command, stdout=file, stderr=subprocess.STDOUT, **options
-            )
+            self.process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, **options)
 
     @property
     def output(self) -> str:

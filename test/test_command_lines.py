@@ -54,8 +54,7 @@ QUICK = ROOT / 'docs' / 'quick.md'
 RUN = [
     line
     for line in COMMANDS
-    if not re.search(r'--scheduler| watch | health| init -o |\.\.\.', line)
-    and line not in lines_of(QUICK)
+    if not re.search(r'--scheduler| watch | health| init -o |\.\.\.', line) and line not in lines_of(QUICK)
 ]
 
 
@@ -123,9 +122,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ('coast_down', 'history_above'):
         shutil.copytree(ROOT / 'bags' / name, folder / 'archive' / name)
     scene = ROOT / 'launch_configs' / 'scenes' / 'bistable_knock.yaml'
-    (folder / 'my_scene.yaml').write_text(
-        scene.read_text('utf-8').replace('../', 'launch_configs/'), 'utf-8'
-    )
+    (folder / 'my_scene.yaml').write_text(scene.read_text('utf-8').replace('../', 'launch_configs/'), 'utf-8')
     shutil.copy(ROOT / 'launch_configs' / 'examples' / 'slow_down.yaml', folder)
     rows = ''.join(f'{second},{60 - second / 10},1.0\n' for second in range(500))
     (folder / 'voyage.csv').write_text(f'time [s],shaft speed [rpm],load [kN]\n{rows}')

@@ -54,9 +54,7 @@ def values(path: str, recording: Recording) -> list[Any]:
     match = re.fullmatch(r'(/[\w/]+)((?:\.\w+(?:\[:\])?(?:\{\w+=="[^"]*"\})?)+)', path)
     assert match, f'{path} is no message path'
     found = list(recording[match[1]])
-    for name, every, key, wanted in re.findall(
-        r'\.(\w+)(\[:\])?(?:\{(\w+)=="([^"]*)"\})?', match[2]
-    ):
+    for name, every, key, wanted in re.findall(r'\.(\w+)(\[:\])?(?:\{(\w+)=="([^"]*)"\})?', match[2]):
         found = [getattr(item, name) for item in found]
         if every:
             found = [item for items in found for item in items]

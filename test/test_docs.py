@@ -48,9 +48,9 @@ def test_the_life_of_an_alarm_is_fresh() -> None:
     rows = re.findall(r'^\| ([a-z_, ]+) \| (\w+) \| (.*) \|$', page, flags=re.MULTILINE)
     for (state, trigger), choices in TABLE.items():
         (becomes,) = [row[2] for row in rows if state in row[0].split(', ') and row[1] == trigger]
-        assert re.findall(
-            rf'\b({"|".join(AlarmState)})\b', becomes.replace('if suppressed', '')
-        ) == [target for _, target in choices]
+        assert re.findall(rf'\b({"|".join(AlarmState)})\b', becomes.replace('if suppressed', '')) == [
+            target for _, target in choices
+        ]
 
 
 def test_every_parameter_has_one_row() -> None:
@@ -64,9 +64,7 @@ def test_every_parameter_has_one_row() -> None:
 
 
 def test_the_example_is_a_configuration(tmp_path: Path) -> None:
-    (example,) = re.findall(
-        r'^```yaml\n(.*?)^```', make_docs.INTRO, flags=re.DOTALL | re.MULTILINE
-    )
+    (example,) = re.findall(r'^```yaml\n(.*?)^```', make_docs.INTRO, flags=re.DOTALL | re.MULTILINE)
     path = tmp_path / 'example.yaml'
     path.write_text(example, encoding='utf-8')
     config = load_config(path)
@@ -99,9 +97,7 @@ def test_the_examples_of_python_run(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_configuration_of_the_readme_is_one(tmp_path: Path) -> None:
-    (example,) = re.findall(
-        r'^```yaml\n(.*?)^```', (ROOT / 'README.md').read_text('utf-8'), re.DOTALL | re.M
-    )
+    (example,) = re.findall(r'^```yaml\n(.*?)^```', (ROOT / 'README.md').read_text('utf-8'), re.DOTALL | re.M)
     (tmp_path / 'my_ship.yaml').write_text(example, 'utf-8')
     (bearing,) = load_config(tmp_path / 'my_ship.yaml').bearings
     assert bearing.load.field == ('wrench', 'force', 'z')
@@ -119,9 +115,7 @@ def test_people_read_one_name_for_one_thing() -> None:
     conditions = {condition: name for name, condition, _ in rows if condition}
     alarms = {alarm: name for name, _, alarm in rows if alarm}
     assert alarms.keys() == set(AlarmKind)
-    assert {
-        key: name for key, name in conditions.items() if key in set(Condition)
-    } == CONDITION_NAMES
+    assert {key: name for key, name in conditions.items() if key in set(Condition)} == CONDITION_NAMES
     scripts = ROOT / 'stickslip_monitor' / 'dashboard' / 'page'
     badges = re.search(r'REASONS = {(.*?)}', (scripts / 'page.js').read_text('utf-8'))
     listed = re.search(r'NAMES = {(.*?)}', (scripts / 'alarms.js').read_text('utf-8'), re.DOTALL)
@@ -162,10 +156,7 @@ def troubles() -> list[list[str]]:
 def said_in_code() -> list[str]:
     """Every text of the program, with a zero where it fills something in."""
     texts = []
-    for path in (
-        *(ROOT / 'stickslip_monitor').rglob('*.py'),
-        ROOT / 'launch_configs' / 'monitor.launch.py',
-    ):
+    for path in (*(ROOT / 'stickslip_monitor').rglob('*.py'), ROOT / 'launch_configs' / 'monitor.launch.py'):
         for node in ast.walk(ast.parse(path.read_text('utf-8'))):
             if isinstance(node, ast.JoinedStr):
                 parts = (p.value if isinstance(p, ast.Constant) else '0' for p in node.values)

@@ -14,9 +14,7 @@ import pytest
 from stickslip_monitor.files import write_whole
 
 
-def test_a_full_disk_leaves_what_was_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(path: Path, target: Path) -> None:
         raise OSError(28, 'No space left on device')
 
@@ -29,9 +27,7 @@ def test_a_full_disk_leaves_what_was_there(
     assert [p.name for p in tmp_path.iterdir()] == ['a.txt']
 
 
-def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(
-    tmp_path: Path,
-) -> None:
+def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(tmp_path: Path) -> None:
     code = (
         'import sys; from stickslip_monitor.files import hold\n'
         'file = open(sys.argv[1], "wb"); assert hold(file.fileno())\n'

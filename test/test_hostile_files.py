@@ -21,10 +21,27 @@ from stickslip_monitor.monitor.config_file import load_config
 BAG = ROOT / 'bags' / 'coast_down'
 
 VALUES = (
-    '!!bool foo', "!!int ''", "!!float ''", '!!timestamp x', '1e300', '.inf', '-.nan', '9' * 5000,
-    '!!python/object:os.system x', '[' * 2000, '&a [*a]', '{? {} : 1}', '"\\e[31m\\n"', '\x00',
-    '!!binary x', '!!set {1', '2026-99-99', '0b', '0x', '1:99999999999999999999:0',
-)  # fmt: skip
+    '!!bool foo',
+    "!!int ''",
+    "!!float ''",
+    '!!timestamp x',
+    '1e300',
+    '.inf',
+    '-.nan',
+    '9' * 5000,
+    '!!python/object:os.system x',
+    '[' * 2000,
+    '&a [*a]',
+    '{? {} : 1}',
+    '"\\e[31m\\n"',
+    '\x00',
+    '!!binary x',
+    '!!set {1',
+    '2026-99-99',
+    '0b',
+    '0x',
+    '1:99999999999999999999:0',
+)
 
 
 @pytest.mark.parametrize('value', VALUES, ids=lambda text: text[:20])
@@ -71,9 +88,7 @@ def test_odd_names_and_links_of_an_archive(tmp_path: Path) -> None:
         open_bag(find_bags([tmp_path / 'loop'])[0])
 
 
-def test_a_folder_that_cannot_be_read_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / 'locked').mkdir()
     scan = os.scandir
 
@@ -86,20 +101,14 @@ def test_a_folder_that_cannot_be_read_is_named(
     assert find_bags([tmp_path]) == [tmp_path / 'locked']
 
 
-@pytest.mark.parametrize(
-    'reader', [load_config, load_scene, read_curve, open_bag], ids=lambda f: f.__name__
-)
-def test_a_pipe_is_refused_not_waited_for(
-    reader: Callable[[Path], object], tmp_path: Path
-) -> None:
+@pytest.mark.parametrize('reader', [load_config, load_scene, read_curve, open_bag], ids=lambda f: f.__name__)
+def test_a_pipe_is_refused_not_waited_for(reader: Callable[[Path], object], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe')
     with pytest.raises(StickslipError, match='it is a pipe, not a file'):
         reader(tmp_path / 'pipe')
 
 
-def test_a_text_of_megabytes_is_not_printed_back(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_text_of_megabytes_is_not_printed_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'a.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    bearings: ["{"x" * 900_000}"]\n')
     assert cli.main(['check', str(BAG), '--config', str(path)]) == 2
@@ -124,9 +133,7 @@ def test_a_fault_of_the_program_has_a_sentence_and_a_code(
     monkeypatch.setattr(cli, '_run', broken)
     assert cli.main(['check']) == 3
     error = capsys.readouterr().err
-    assert error.startswith(
-        'ERROR: this is a fault of the program, not of what it was given: Zero'
-    )
+    assert error.startswith('ERROR: this is a fault of the program, not of what it was given: Zero')
     assert '\x1b' not in error
     assert error.count('\n') == 1
     assert cli.main(['check', '--traceback']) == 3

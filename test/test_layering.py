@@ -144,8 +144,7 @@ def test_imports_keep_to_what_each_part_builds_on() -> None:
 
 def test_no_module_imports_itself_in_a_circle() -> None:
     names = {
-        '.'.join((NAME, *path.with_suffix('').parts)).removesuffix('.__init__'): path
-        for path in modules()
+        '.'.join((NAME, *path.with_suffix('').parts)).removesuffix('.__init__'): path for path in modules()
     }
     graph: dict[str, set[str]] = {}
     for name, path in names.items():
@@ -198,11 +197,7 @@ def test_importing_the_package_loads_numpy_and_scipy_only() -> None:
         "print(*sorted({name.split('.')[0] for name in set(sys.modules) - before}))\n"
     )
     done = subprocess.run(
-        [sys.executable, '-W', 'error', '-c', code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, '-W', 'error', '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
     )
     loaded = set(done.stdout.split())
     assert {NAME, *EVERYWHERE} <= loaded

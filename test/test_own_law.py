@@ -60,8 +60,11 @@ def stickslip(folder: Path, *arguments: str) -> str:
     paths = os.pathsep.join([str(ROOT / 'test'), str(ROOT)])
     done = subprocess.run(
         [sys.executable, '-c', code, *arguments],
-        cwd=folder, env=os.environ | {'PYTHONPATH': paths}, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=folder,
+        env=os.environ | {'PYTHONPATH': paths},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode in (0, 1), done.stderr
     return done.stdout
 

@@ -208,14 +208,10 @@ def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
 
 
 @pytest.mark.slow
-def test_the_container_is_built_from_what_a_wheel_needs(
-    source: Path, wheel: Path, tmp_path: Path
-) -> None:
+def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Path, tmp_path: Path) -> None:
     """What .dockerignore lets through makes the same wheel; every line of the file is sound."""
     allowed = [
-        line[1:]
-        for line in (ROOT / '.dockerignore').read_text('utf-8').splitlines()
-        if line.startswith('!')
+        line[1:] for line in (ROOT / '.dockerignore').read_text('utf-8').splitlines() if line.startswith('!')
     ]
     context = tmp_path / 'context'
     context.mkdir()
@@ -247,9 +243,7 @@ class Workspace:
 
     def colcon(self, *arguments: object) -> None:
         start = 'from colcon_core.command import main; raise SystemExit(main())'
-        run(
-            sys.executable, '-c', start, '--log-base', self.root / 'log', *arguments, cwd=self.root
-        )
+        run(sys.executable, '-c', start, '--log-base', self.root / 'log', *arguments, cwd=self.root)
 
 
 @pytest.fixture(scope='module')
@@ -293,9 +287,7 @@ def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> No
     config = prefix / SHARE / 'launch_configs' / 'reference_bearing.yaml'
     node = f'{prefix}/lib/{NAME}/monitor --ros-args --params-file {config}'
     started = subprocess.Popen(
-        ['sh', '-c', f'. install/setup.sh && exec {node}'],
-        cwd=workspace.root,
-        env=environment(apart),
+        ['sh', '-c', f'. install/setup.sh && exec {node}'], cwd=workspace.root, env=environment(apart)
     )
     try:
         run(sys.executable, '-c', WAIT_FOR_DIAGNOSTICS, cwd=workspace.root, env=apart)
@@ -345,9 +337,7 @@ def test_launch_starts_the_installed_node_with_the_arguments_it_declares(launch_
     node = launch_file.Node.call_args.kwargs
     assert (node['package'], node['executable']) == (NAME, 'monitor')
     declared = [call.args[0] for call in launch_file.DeclareLaunchArgument.call_args_list]
-    assert sorted(declared) == [
-        'config', 'enclave', 'log_level', 'namespace', 'respawn', 'use_sim_time',
-    ]  # fmt: skip
+    assert sorted(declared) == ['config', 'enclave', 'log_level', 'namespace', 'respawn', 'use_sim_time']
     assert set(re.findall(r'<(\w+)>', repr(node))) == set(declared)
     # By default a parameter file that is installed.
     launch_file.FindPackageShare.assert_called_with(NAME)

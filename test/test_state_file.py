@@ -101,9 +101,7 @@ def test_an_empty_or_damaged_one_of_ours_is_taken(tmp_path: Path, content: str) 
     StateWriter(StateFile(str(path))).close()
 
 
-def test_a_full_disk_is_told_and_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_file, 'RETRY_PERIOD', 0.01)
     full, tried = threading.Event(), threading.Semaphore(0)
     full.set()

@@ -156,8 +156,7 @@ class ColumnBinding:
             changed.setdefault(bearing.name, {})[quantity] = own
         if coarse >= COARSE:
             self.said.append(
-                f'lines are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be'
-                ' seen'
+                f'lines are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen'
             )
         for each in config.bearings:
             inputs = changed.get(each.name, {})
@@ -183,8 +182,7 @@ class ColumnBinding:
         if found:
             listed = ', '.join(f"'{column.heading}'" for column in found[:_MOST_NAMED])
             raise BagError(
-                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed}; write"
-                f' {parameter}'
+                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed}; write {parameter}"
             )
         headings = [column.heading for column in self._all]
         listed = ', '.join(f"'{heading}'" for heading in headings[:_MOST_NAMED])
@@ -223,12 +221,7 @@ class ColumnBinding:
         return of_topic or like or by_unit or by_name
 
     def _bound(
-        self,
-        bearing: BearingConfig,
-        quantity: str,
-        source: InputConfig,
-        column: LogColumn,
-        every: float,
+        self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn, every: float
     ) -> InputConfig:
         """An input as the table gives it; what was guessed is said."""
         unit = column.unit if column.unit in _units_of(quantity, source) else None
@@ -242,33 +235,30 @@ class ColumnBinding:
             topic = f'/{bearing.name}/{quantity}'
         self.columns[topic] = sent
         why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
-        said = (
-            f"{quantity} of {bearing.name} is column '{column.heading}' in"
-            f' {unit or source.unit}, {why}'
-        )
+        said = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
         if unit is None and column.has_unit:
             stated = parse_heading(column.heading).unit
             said += f": is that right? Its heading says '{stated}'"
         timeout_ns = source.timeout_ns
         if round(_TIMEOUT_LINES * every * 1e9) > timeout_ns:
             timeout_ns = round(_TIMEOUT_LINES * every * 1e9)
-            said += (
-                f'; lines are {every:.4g} s apart, so its timeout is'
-                f' {_TIMEOUT_LINES * every:.4g} s here'
-            )
+            said += f'; lines are {every:.4g} s apart, so its timeout is {_TIMEOUT_LINES * every:.4g} s here'
         self.said.append(said)
         return replace(
-            source, topic=topic, type=FLOAT64, field_text='data', field=('data',),
-            timeout_ns=timeout_ns,
-        )  # fmt: skip
+            source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
+        )
 
 
 def _beside(load: InputConfig, speed: InputConfig) -> InputConfig:
     """A constant load that comes with the speed of a table."""
     return replace(
-        load, topic=speed.topic, type=speed.type, field_text=speed.field_text, field=speed.field,
+        load,
+        topic=speed.topic,
+        type=speed.type,
+        field_text=speed.field_text,
+        field=speed.field,
         timeout_ns=speed.timeout_ns,
-    )  # fmt: skip
+    )
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:

@@ -99,9 +99,7 @@ class Block:
         return f"file '{self.path.name}': the {kind} at byte {self.offset}"
 
 
-def decompress(
-    data: bytes | memoryview, compression: str, size: int, is_cut: bool = False
-) -> bytes:
+def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bool = False) -> bytes:
     """Decompress a chunk.
 
     Args:
@@ -280,9 +278,7 @@ def walk(data: bytes) -> Iterator[Piece]:
             begin, length, next_word = begin[rows], length[rows], next_word[rows]
         offset = begin + PAYLOAD
         channel = (next_word >> 8).astype(np.uint16)
-        yield Piece(
-            data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, odd, end,
-        )  # fmt: skip
+        yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, odd, end)
 
 
 def _step(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:

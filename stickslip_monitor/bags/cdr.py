@@ -34,10 +34,20 @@ from stickslip_monitor.fields import NAMES, ByName, FieldPath, NumberField
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
 NUMBERS: Mapping[str, str] = {
-    'bool': '?', 'byte': 'u1', 'char': 'i1', 'int8': 'i1', 'uint8': 'u1', 'int16': 'i2',
-    'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
-    'float32': 'f4', 'float64': 'f8',
-}  # fmt: skip
+    'bool': '?',
+    'byte': 'u1',
+    'char': 'i1',
+    'int8': 'i1',
+    'uint8': 'u1',
+    'int16': 'i2',
+    'uint16': 'u2',
+    'int32': 'i4',
+    'uint32': 'u4',
+    'int64': 'i8',
+    'uint64': 'u8',
+    'float32': 'f4',
+    'float64': 'f8',
+}
 TEXTS = ('string', 'wstring')
 
 LONGEST_TEXT = 1 << 18
@@ -63,16 +73,21 @@ _STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp',
 # The standard error belongs to the process, not to one of its threads.
 _SILENCE = threading.Lock()
 # Everything the decoder raises on data that is not of the type the schema describes.
-_DECODE_ERRORS = (
-    struct.error, ValueError, LookupError, NotImplementedError, RecursionError, MemoryError,
-)  # fmt: skip
+_DECODE_ERRORS = (struct.error, ValueError, LookupError, NotImplementedError, RecursionError, MemoryError)
 
 
 # RTPS 2.5, table 10.3.
 _ENCAPSULATIONS = {
-    0x02: 'PL_CDR_BE', 0x03: 'PL_CDR_LE', 0x06: 'CDR2_BE', 0x07: 'CDR2_LE', 0x08: 'D_CDR2_BE',
-    0x09: 'D_CDR2_LE', 0x0A: 'PL_CDR2_BE', 0x0B: 'PL_CDR2_LE', 0x04: 'XML',
-}  # fmt: skip
+    0x02: 'PL_CDR_BE',
+    0x03: 'PL_CDR_LE',
+    0x06: 'CDR2_BE',
+    0x07: 'CDR2_LE',
+    0x08: 'D_CDR2_BE',
+    0x09: 'D_CDR2_LE',
+    0x0A: 'PL_CDR2_BE',
+    0x0B: 'PL_CDR2_LE',
+    0x04: 'XML',
+}
 
 
 class SchemaError(Exception):
@@ -143,9 +158,7 @@ def parse_schema(name: str, data: bytes) -> Definitions:
     for name, members in found.items():
         for member in members:
             if '/' in member.base and member.base not in found:
-                raise SchemaError(
-                    f'its definition leaves {member.base}, used by {name}, undefined'
-                )
+                raise SchemaError(f'its definition leaves {member.base}, used by {name}, undefined')
     return found
 
 
@@ -198,9 +211,7 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
     return current
 
 
-def _check_element(
-    member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]
-) -> None:
+def _check_element(member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]) -> None:
     """Take the index of an array's element, or its name, off a path."""
     index = steps.pop(0) if steps else None
     name, text = member.name, member.text
@@ -232,9 +243,7 @@ Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
 """Tokens of a message and, for each number wanted, its token and its place in it."""
 
 
-def compile_layout(
-    definitions: Definitions, root: str, paths: Sequence[FieldPath]
-) -> Layout | None:
+def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPath]) -> Layout | None:
     """Compile the layout of a type for the numbers at some paths.
 
     None is returned for a type whose messages must be decoded one by one.
@@ -416,13 +425,7 @@ class FieldReader:
         return numbers
 
     def _fill(
-        self,
-        numbers: FieldNumbers,
-        data: bytes,
-        offset: IntArray,
-        size: IntArray,
-        rows: IntArray,
-        order: str,
+        self, numbers: FieldNumbers, data: bytes, offset: IntArray, size: IntArray, rows: IntArray, order: str
     ) -> None:
         """Fill in messages in one byte order."""
         rest = rows

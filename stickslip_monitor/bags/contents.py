@@ -149,9 +149,7 @@ class Contents:
         more = [f'{len(keys) - _MOST_NAMED} more topics'] if len(keys) > _MOST_NAMED else []
         return ', '.join([*names, *more]) or 'it'
 
-    def compare(
-        self, stated: Mapping[int, int], found: Mapping[int, int], keys: Iterable[int]
-    ) -> None:
+    def compare(self, stated: Mapping[int, int], found: Mapping[int, int], keys: Iterable[int]) -> None:
         """Report what the statistics of the file count otherwise, of some channels."""
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
@@ -172,9 +170,7 @@ class Contents:
             odd = plural(heads.strange, 'record')
             self.findings.note(f"file '{name}' has {odd} of kind 0, which is none: passed over")
         if heads.behind:
-            self.findings.note(
-                f"file '{name}' has messages behind the end of its data; they were read too"
-            )
+            self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
         for begin, end in heads.holes:
             self.findings.lose(
                 f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
@@ -267,8 +263,7 @@ class Contents:
             return False
         if (start, end) != (counts.message_start_time, counts.message_end_time):
             self.findings.note(
-                f"file '{self.path.name}': its statistics give other times than its chunks, which"
-                ' count'
+                f"file '{self.path.name}': its statistics give other times than its chunks, which count"
             )
         self.start_ns, self.end_ns = start, end
         return True
@@ -333,9 +328,7 @@ class FilePass:
         unread = end = 0
         for piece in walk(data):
             unread, end = unread + self._define(block, piece) + piece.odd, piece.end
-            allowed = [
-                (key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()
-            ]
+            allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()]
             self.counts.update({key: rows.size for key, rows in allowed})
             yield piece, allowed
         if unread:
@@ -450,9 +443,7 @@ class _Heads:
             if min(len(begin), length) == _BEGIN:
                 start, end, size, _, _ = CHUNK_HEAD.unpack_from(begin, HEAD.size)
             start = start if start < 1 << 63 else 0
-            self.blocks.append(
-                Block(self._path, offset, length, size, True, start_ns=start, end_ns=end)
-            )
+            self.blocks.append(Block(self._path, offset, length, size, True, start_ns=start, end_ns=end))
         elif kind in _BARE:
             self.blocks.append(Block(self._path, offset, length, length, False))
 
@@ -499,8 +490,7 @@ def scan_file(path: Path, findings: Findings) -> Contents:
             begin = begin[: len(MAGIC)]
             if not MAGIC.startswith(begin):
                 raise BagError(
-                    f"bag file '{path}' is not an MCAP recording: it begins with bytes"
-                    f' {begin.hex(" ")}'
+                    f"bag file '{path}' is not an MCAP recording: it begins with bytes {begin.hex(' ')}"
                 )
             size = os.fstat(number).st_size
             heads = _Heads(number, path, size)

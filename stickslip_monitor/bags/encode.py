@@ -23,10 +23,7 @@ STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
     ),
 }
 # All types of which numbers can be written by the column.
-NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {
-    'std_msgs/msg/Float64': ('data',),
-    **STAMPED_FIELDS,
-}
+NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {'std_msgs/msg/Float64': ('data',), **STAMPED_FIELDS}
 STAMP_END = (1 << 31) * 1_000_000_000
 _HEAD = b'\x00\x01\x00\x00'
 
@@ -39,9 +36,7 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
     return _items(rows)
 
 
-def encode_stamped(
-    type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike
-) -> list[bytes]:
+def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike) -> list[bytes]:
     """Encode messages that are a header, with an empty frame, and some numbers.
 
     Args:
@@ -56,9 +51,7 @@ def encode_stamped(
     fields = STAMPED_FIELDS[type_name]
     stamp = np.asarray(stamp_ns, np.int64)
     for beyond in stamp[(stamp < 0) | (stamp >= STAMP_END)][:1].tolist():
-        raise BagError(
-            f"stamp {beyond} ns is not between 0 and {STAMP_END} ns, the range of a ROS header's"
-        )
+        raise BagError(f"stamp {beyond} ns is not between 0 and {STAMP_END} ns, the range of a ROS header's")
     # The empty frame is a length of one and a zero, then comes padding to a multiple of eight.
     layout = [('head', 'V4'), ('sec', '<i4'), ('nanosec', '<u4'), ('frame', '<u8')]
     rows = np.zeros(stamp.size, np.dtype([*layout, ('numbers', '<f8', len(fields))]))
@@ -176,8 +169,7 @@ string value
 
 MESSAGE_TYPES: Mapping[str, MessageType] = {
     'diagnostic_msgs/msg/DiagnosticArray': MessageType(
-        _DIAGNOSTICS,
-        'RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e',
+        _DIAGNOSTICS, 'RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e'
     ),
     'geometry_msgs/msg/TwistStamped': MessageType(
         _stamped('Twist', 'linear', 'angular'),
@@ -188,15 +180,12 @@ MESSAGE_TYPES: Mapping[str, MessageType] = {
         'RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
     ),
     'std_msgs/msg/Bool': MessageType(
-        'bool data\n',
-        'RIHS01_feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9',
+        'bool data\n', 'RIHS01_feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9'
     ),
     'std_msgs/msg/Float64': MessageType(
-        'float64 data\n',
-        'RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
+        'float64 data\n', 'RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a'
     ),
     'std_msgs/msg/String': MessageType(
-        'string data\n',
-        'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
+        'string data\n', 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
     ),
 }

@@ -21,9 +21,14 @@ _LARGEST = 8 << 20
 _DEEPEST = 30
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _NOT_METADATA = (
-    yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError, OverflowError,
+    yaml.YAMLError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
     RecursionError,
-)  # fmt: skip
+)
 _RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
@@ -165,9 +170,7 @@ def read_metadata(folder: Path) -> Metadata | str:
         format_ = str(information.get('compression_format') or 'zstd').lower()
         if storage not in ('mcap', 'sqlite3'):
             raise BagError(f"bag '{folder}' is stored as '{storage}': {CONVERT}")
-        if mode in ('file', 'message') and (
-            format_ != 'zstd' or (storage == 'mcap' and mode == 'message')
-        ):
+        if mode in ('file', 'message') and (format_ != 'zstd' or (storage == 'mcap' and mode == 'message')):
             raise BagError(
                 f"bag '{folder}' has compression_mode '{mode}' of '{format_}', which is not read"
                 f' from {storage}: {CONVERT}'

@@ -20,11 +20,7 @@ class McapRecording(Recording):
     """The files of a recording in MCAP."""
 
     def __init__(
-        self,
-        path: Path,
-        files: Sequence[Contents],
-        findings: Findings,
-        kept: object = None,
+        self, path: Path, files: Sequence[Contents], findings: Findings, kept: object = None
     ) -> None:
         # Holds a folder of unpacked files for as long as the recording lives.
         self.path, self._kept = path, kept
@@ -61,9 +57,7 @@ class McapRecording(Recording):
         )
         return next(definitions).decode(errors='replace')
 
-    def reading(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> McapReading:
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> McapReading:
         """Read numbers of some topics in blocks."""
         wanted = [Wanted(topic, paths) for topic, paths in self._asked(requests).items()]
         return McapReading(self._contents, wanted, self._least_ns, progress)
@@ -83,9 +77,7 @@ def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:
     for file in files:
         for key, channel in file.channels.items():
             kind, encoding = file.type_of(channel), channel.message_encoding
-            info = TopicInfo(
-                channel.topic, kind, file.counts[key], encoding, file.problem(channel)
-            )
+            info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.problem(channel))
             found.setdefault(channel.topic, []).append(info)
     return {name: _joined(found[name]) for name in sorted(found)}
 

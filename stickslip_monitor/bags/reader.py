@@ -38,8 +38,7 @@ _FOREIGN = (
     (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV'),
     (
         b'#ROSBAG V',
-        "a recording of ROS 1: convert it with 'rosbags-convert --src {0} --dst NEW' (pip install"
-        ' rosbags)',
+        "a recording of ROS 1: convert it with 'rosbags-convert --src {0} --dst NEW' (pip install rosbags)",
     ),
     (b'MDF ', 'an MDF measurement (.mf4): export it as CSV'),
     (b'\x89HDF', 'an HDF5 file: export it as CSV or Parquet'),
@@ -79,9 +78,7 @@ def open_bag(path: str | Path) -> Recording:
         if _is_table(path, begin):
             return TableRecording(path)
         if (stem := stem_of(path.name)) and _has_other_parts(path):
-            findings.note(
-                f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own"
-            )
+            findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
         return _opened(path, [path], '', findings)
     listed = folder_files(path, findings)
     recording = _opened(path, listed.files, listed.packed, findings, listed.is_listed)
@@ -155,8 +152,7 @@ def _unpacked(path: Path, folder: Path) -> Path:
             while piece := reader.read(_PIECE):
                 if file.tell() + len(piece) > most:
                     raise BagError(
-                        f"bag file '{path}' grows to more than {most} bytes, the limit for its"
-                        ' size'
+                        f"bag file '{path}' grows to more than {most} bytes, the limit for its size"
                     )
                 file.write(piece)
     except (OSError, zstandard.ZstdError) as error:
@@ -221,9 +217,7 @@ def _walk(folder: Path, is_wanted: Callable[[str], bool]) -> Iterator[Path]:
     yield from (Path(error.filename) for error in closed)
 
 
-def _recordings(
-    folder: Path, names: Iterable[str], is_wanted: Callable[[str], bool]
-) -> list[Path]:
+def _recordings(folder: Path, names: Iterable[str], is_wanted: Callable[[str], bool]) -> list[Path]:
     """The folder, if its files are parts of one recording, or else each of its files."""
     # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
     # stays: whoever reads it says so.

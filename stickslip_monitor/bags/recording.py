@@ -13,16 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from stickslip_monitor.bags.cdr import short_name
-from stickslip_monitor.bags.values import (
-    Cut,
-    Fault,
-    Findings,
-    Message,
-    Request,
-    Series,
-    TimeSpans,
-    TopicInfo,
-)
+from stickslip_monitor.bags.values import Cut, Fault, Findings, Message, Request, Series, TimeSpans, TopicInfo
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -117,9 +108,7 @@ class Recording(ABC):
             ConfigurationError: A field is not a path.
         """
 
-    def read(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> dict[Request, Series]:
+    def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
         """The same at once: a series for each request.
 
         What cannot be read is missing, and ``losses`` names it.
@@ -167,9 +156,7 @@ class Recording(ABC):
         for request in requests:
             path, topic = parse_field(request.field), self._readable(request.topic)
             if request.type is not None and short_name(request.type) != short_name(topic.type):
-                raise BagError(
-                    f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}"
-                )
+                raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
             asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
         return asked
 
@@ -183,9 +170,7 @@ def joined(reading: Reading) -> dict[Request, Series]:
         return np.concatenate([getattr(part[request], name) for part in parts])
 
     return {
-        request: Series(
-            **{name: whole(request, name) for name in _COLUMNS}, faults=faults[request]
-        )
+        request: Series(**{name: whole(request, name) for name in _COLUMNS}, faults=faults[request])
         for request in parts[0]
     }
 

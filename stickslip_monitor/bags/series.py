@@ -156,8 +156,7 @@ class Pass:
                 channel = file.channels.get(key)
                 if channel is None and file.is_stated:
                     file.findings.lose(
-                        f'{job.block.place} has messages of channel {key}, which is defined'
-                        ' nowhere: not read'
+                        f'{job.block.place} has messages of channel {key}, which is defined nowhere: not read'
                     )
                 elif channel is not None and channel.topic in self.numbers and rows.size:
                     chosen.append((self.numbers[channel.topic], channel, rows))
@@ -265,11 +264,7 @@ class McapReading:
     """
 
     def __init__(
-        self,
-        files: Sequence[Contents],
-        wanted: Sequence[Wanted],
-        least_ns: int,
-        progress: Progress | None,
+        self, files: Sequence[Contents], wanted: Sequence[Wanted], least_ns: int, progress: Progress | None
     ) -> None:
         self._wanted, self._least = wanted, least_ns
         self._width = max((len(each.requests) for each in wanted), default=0)
@@ -295,9 +290,7 @@ class McapReading:
             BagError: A file cannot be read.
         """
         columns = None
-        for columns in self._pass.stretches(
-            self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)
-        ):
+        for columns in self._pass.stretches(self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)):
             yield self._series(*columns)
         if columns is None:
             none = np.empty(0, np.int64)
@@ -336,9 +329,7 @@ class McapReading:
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
             reader = self._reader(number, job.way.file, channel)
             if isinstance(reader, BagError):
-                job.way.file.findings.lose(
-                    f'{job.block.place} has messages of another definition: {reader}'
-                )
+                job.way.file.findings.lose(f'{job.block.place} has messages of another definition: {reader}')
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])

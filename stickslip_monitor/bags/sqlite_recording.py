@@ -27,15 +27,7 @@ from stickslip_monitor.bags.cdr import FieldReader
 from stickslip_monitor.bags.definitions import definition_of
 from stickslip_monitor.bags.event_order import LATEST_NS, StepClock
 from stickslip_monitor.bags.recording import Bound, Progress, Recording
-from stickslip_monitor.bags.values import (
-    Fault,
-    Findings,
-    Message,
-    Request,
-    Series,
-    TimeSpans,
-    TopicInfo,
-)
+from stickslip_monitor.bags.values import Fault, Findings, Message, Request, Series, TimeSpans, TopicInfo
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -95,8 +87,7 @@ class SqliteRecording(Recording):
             problem = f"message encoding '{encoding}' is not cdr"
         elif text is None:
             problem = (
-                f'the recording has no definition of {kind}: source the setup file of a ROS 2 that'
-                ' has it'
+                f'the recording has no definition of {kind}: source the setup file of a ROS 2 that has it'
             )
         else:
             self._texts[kind] = text
@@ -139,9 +130,7 @@ class SqliteRecording(Recording):
         """Take the topics, definitions and counts of a file; its first and last time [ns]."""
         with self._opened(file) as database:
             names: dict[int, str] = {}
-            for key, *row in database.execute(
-                'SELECT id, name, type, serialization_format FROM topics'
-            ):
+            for key, *row in database.execute('SELECT id, name, type, serialization_format FROM topics'):
                 name, kind, encoding = map(str, row)
                 if isinstance(key, int):
                     names[key] = name
@@ -151,8 +140,7 @@ class SqliteRecording(Recording):
             # Not before ROS 2 Iron.
             with contextlib.suppress(sqlite3.Error):
                 for kind, encoding, text in database.execute(
-                    'SELECT topic_type, encoding, encoded_message_definition'
-                    ' FROM message_definitions'
+                    'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
                 ):
                     if encoding == 'ros2msg' and text and isinstance(text, str):
                         self._texts.setdefault(kind, text)
@@ -171,10 +159,10 @@ class SqliteRecording(Recording):
         """Messages by the id of their topic, and first and last time [ns]."""
         try:
             counts = Counter(
-                dict(database.execute(
-                    'SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id'
-                ))
-            )  # fmt: skip
+                dict(
+                    database.execute('SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id')
+                )
+            )
             ends = database.execute(
                 'SELECT min(timestamp), max(timestamp) FROM messages NOT INDEXED'
                 f' WHERE timestamp BETWEEN 0 AND {LATEST_NS}'
@@ -200,8 +188,7 @@ class SqliteRecording(Recording):
             batch: list[tuple[Any, ...]] = []
             try:
                 found = database.execute(
-                    f'SELECT id, {columns} FROM messages NOT INDEXED WHERE id > ? AND {where}'
-                    ' ORDER BY id',
+                    f'SELECT id, {columns} FROM messages NOT INDEXED WHERE id > ? AND {where} ORDER BY id',
                     (last,),
                 )
                 while True:
@@ -218,8 +205,7 @@ class SqliteRecording(Recording):
                     last, step = batch[-1][0], _SKIP
                     yield batch
                 self._findings.lose(
-                    f"file '{file.name}' is damaged ({error}): messages of the damaged pages were"
-                    ' not read'
+                    f"file '{file.name}' is damaged ({error}): messages of the damaged pages were not read"
                 )
                 if skips > _MOST_SKIPS:
                     return
@@ -289,9 +275,7 @@ class SqliteRecording(Recording):
         if odd:
             self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
 
-    def reading(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> SqliteReading:
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> SqliteReading:
         """Read numbers in blocks."""
         return SqliteReading(self, self._asked(requests), progress)
 
@@ -352,9 +336,7 @@ class SqliteReading:
             self._counts[topic] += rows.size
             self._reasons[topic].update(numbers.faults)
             place = rows + self._sequence
-            for number, (values, requests) in enumerate(
-                zip(numbers.values, paths.values(), strict=True)
-            ):
+            for number, (values, requests) in enumerate(zip(numbers.values, paths.values(), strict=True)):
                 self._short.update(dict.fromkeys(requests, numbers.short[number]))
                 result.update(dict.fromkeys(requests, Series(time, stamp, place, values, ())))
         self._sequence += len(batch)
@@ -369,9 +351,7 @@ class SqliteReading:
                 reasons = {**self._reasons[topic], short: self._short[request]}
                 what = f"of {self._counts[topic]} messages of '{topic}'"
                 found[request] = tuple(
-                    Fault(count, f'{count} {what} {reason}')
-                    for reason, count in reasons.items()
-                    if count
+                    Fault(count, f'{count} {what} {reason}') for reason, count in reasons.items() if count
                 )
         return found
 

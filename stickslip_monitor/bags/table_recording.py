@@ -20,15 +20,7 @@ from stickslip_monitor.bags.binding import FLOAT64, ColumnBinding, LogColumn, So
 from stickslip_monitor.bags.encode import encode_float64s
 from stickslip_monitor.bags.event_order import StepClock
 from stickslip_monitor.bags.recording import Bound, Progress, Recording, missing_topic
-from stickslip_monitor.bags.values import (
-    Fault,
-    Findings,
-    Message,
-    Request,
-    Series,
-    TimeSpans,
-    TopicInfo,
-)
+from stickslip_monitor.bags.values import Fault, Findings, Message, Request, Series, TimeSpans, TopicInfo
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -36,9 +28,7 @@ from stickslip_monitor.tables import parquet
 from stickslip_monitor.tables.headings import parse_heading, with_unit
 from stickslip_monitor.tables.table import NumberTable, Rows, TextTable, some_cells, texts_of
 
-_NAME = re.compile(
-    r'tag|tag ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id'
-)
+_NAME = re.compile(r'tag|tag ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id')
 _VALUE = re.compile(r'value|wert|val')
 _UNIT = re.compile(r'unit|units|einheit')
 _MOST_WORDS, _MOST_KINDS = 6, 200
@@ -74,9 +64,7 @@ class TableRecording(Recording):
             self._findings.lose(text)
         known = [*self.table.head, *self.table.tail]
         times = self._times(known)
-        self._is_falling = times.size > 1 and bool(
-            (np.diff(times) <= 0).all() & (times[0] > times[-1])
-        )
+        self._is_falling = times.size > 1 and bool((np.diff(times) <= 0).all() & (times[0] > times[-1]))
         if self._is_falling:
             self._findings.note('the newest line comes first: sorted by time')
         gaps = np.diff(self._times(self.table.head))
@@ -119,9 +107,7 @@ class TableRecording(Recording):
                     yield LogColumn(heading, k, unit=table.units[k])
             return
         name, value = self._names
-        units = [
-            k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)
-        ]
+        units = [k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)]
         seen: dict[str, str] = {}
         for row in self._all_rows(name):
             seen.setdefault(row[name], row[units[0]] if units and len(row) > units[0] else '')
@@ -156,19 +142,11 @@ class TableRecording(Recording):
         """The topics of the configuration, or else the columns."""
         if self.by_topic:
             return {
-                name: TopicInfo(
-                    name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', ''
-                )
+                name: TopicInfo(name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', '')
                 for name in self.by_topic
             }
         return {
-            column.heading: TopicInfo(
-                column.heading,
-                _kind(column),
-                self.table.line_count,
-                'table',
-                '',
-            )
+            column.heading: TopicInfo(column.heading, _kind(column), self.table.line_count, 'table', '')
             for column in self.all_columns
         }
 
@@ -209,9 +187,7 @@ class TableRecording(Recording):
                 return SourceColumn(column)
         raise BagError(missing_topic(self.topics, topic))
 
-    def reading(
-        self, requests: Iterable[Request], progress: Progress | None = None
-    ) -> TableReading:
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> TableReading:
         """Read numbers in blocks."""
         asked = list(requests)
         columns = {request.topic: self._column(request.topic) for request in asked}
@@ -291,9 +267,7 @@ class TableReading:
             yield self._series(part, clock)
         if is_empty:
             none = np.empty(0, np.int64)
-            yield self._series(
-                Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock
-            )
+            yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock)
         if clock.steps_ns:
             self._recording.note(clock.sentence('of the lines'))
             self._recording.end_ns = clock.latest_ns
@@ -351,9 +325,7 @@ class TableReading:
         whole = {}
         for topic in self._columns:
             own = [part.numbers[topic] for part in parts]
-            rows = np.concatenate(
-                [at + begin for (at, _), begin in zip(own, begins, strict=False)]
-            )
+            rows = np.concatenate([at + begin for (at, _), begin in zip(own, begins, strict=False)])
             rank = ranks[rows]
             order = np.argsort(rank, kind='stable')
             whole[topic] = rank[order], np.concatenate([value for _, value in own])[order]

@@ -26,11 +26,7 @@ from stickslip_monitor.bags.values import METADATA_NAME, METADATA_ROOT
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import hold, open_file, sweep
 
-COMPRESSIONS = {
-    'none': CompressionType.NONE,
-    'lz4': CompressionType.LZ4,
-    'zstd': CompressionType.ZSTD,
-}
+COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
 
@@ -57,9 +53,11 @@ class McapFile:
             text = known.definition.encode()
             self._schemas[kind] = self._writer.register_schema(kind, SchemaEncoding.ROS2, text)
         self.channels[topic] = self._writer.register_channel(
-            topic, MessageEncoding.CDR, self._schemas[kind],
+            topic,
+            MessageEncoding.CDR,
+            self._schemas[kind],
             {'offered_qos_profiles': '', 'topic_type_hash': known.type_hash},
-        )  # fmt: skip
+        )
 
     def add(self, columns: Iterable[tuple[int, list[int], Sequence[bytes]]]) -> None:
         """Write messages of several channels with their log times, merged by these [ns]."""
@@ -100,11 +98,7 @@ class BagWriter:
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        compression: str = 'zstd',
-        chunk_size: int = 1 << 20,
-        label: str | None = None,
+        self, path: str | Path, compression: str = 'zstd', chunk_size: int = 1 << 20, label: str | None = None
     ) -> None:
         # What a link leads to, as for every other output.
         self.path = Path(os.path.realpath(path))
@@ -127,9 +121,7 @@ class BagWriter:
         with self._trouble():
             for folder in self.path.parents:
                 if folder.exists() and not folder.is_dir():
-                    raise BagError(
-                        f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder"
-                    )
+                    raise BagError(f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder")
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._draft, self._file = self._begin_draft()
             self._records = McapFile(self._file, *self._options)
@@ -204,9 +196,7 @@ class BagWriter:
                     f"topic '{name}' has {np.size(time)} log times for {np.size(value)} values:"
                     ' write one value for each time'
                 )
-        self.write_columns(
-            (n, time, encode_float64s(value)) for n, (time, value) in columns.items()
-        )
+        self.write_columns((n, time, encode_float64s(value)) for n, (time, value) in columns.items())
 
     def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Sequence[bytes]]]) -> None:
         """Write encoded messages of several topics, merged by their log times.
@@ -231,9 +221,7 @@ class BagWriter:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         for log_time in (min(log_times), max(log_times)) if log_times else ():
             if not 0 <= log_time <= _LATEST:
-                raise BagError(
-                    f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}"
-                )
+                raise BagError(f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}")
         return self._records.channels[topic]
 
     def break_off(self) -> None:
@@ -297,9 +285,7 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            raise BagError(
-                f"bag '{self.path}' cannot be written: {error.strerror or error}"
-            ) from error
+            raise BagError(f"bag '{self.path}' cannot be written: {error.strerror or error}") from error
 
     def _metadata(self) -> str:
         """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""

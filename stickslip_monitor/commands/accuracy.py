@@ -44,11 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--quick', action='store_true', help='a few cases, done in seconds')
     options.add_input(
-        parser,
-        '--from',
-        dest='source',
-        metavar='FILE',
-        help='show an earlier result (.csv); measure nothing',
+        parser, '--from', dest='source', metavar='FILE', help='show an earlier result (.csv); measure nothing'
     )
     text = '.csv: one row for each method and case'
     options.add_output(parser, '--output', '-o', marks=options.TABLE, was='--csv', help=text)
@@ -64,9 +60,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
     rows = read_rows(args.source) if args.source else measured(args.quick)
     output.write_outputs(
-        args,
-        output=lambda: columns(rows),
-        picture=lambda: draw_pareto(panels(rows), footnote(rows)),
+        args, output=lambda: columns(rows), picture=lambda: draw_pareto(panels(rows), footnote(rows))
     )
     if args.json:
         output.print_json(to_json(rows))
@@ -179,8 +173,7 @@ def markdown(rows: Sequence[Row]) -> str:
 def _print(out: Console, rows: Sequence[Row]) -> None:
     headings, lines = table_cells(rows)
     caption = (
-        '-: does not apply; none: finds no cycle; fails: does not converge.'
-        ' time: median per operating point.'
+        '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'
     )
     title = 'Relative error of the stick-slip amplitude'
     table = Table(title=title, title_justify='left', caption=caption)
@@ -193,5 +186,7 @@ def _print(out: Console, rows: Sequence[Row]) -> None:
     out.print(table)
     disturbed = sum(row.disturbed for row in rows)
     if disturbed:
-        out.print(f'[yellow]warning:[/] {disturbed} of {len(rows)} times were disturbed by other'
-                  ' processes; process time is given for them')  # fmt: skip
+        out.print(
+            f'[yellow]warning:[/] {disturbed} of {len(rows)} times were disturbed by other'
+            ' processes; process time is given for them'
+        )

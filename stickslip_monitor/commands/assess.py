@@ -63,9 +63,7 @@ def run(args: argparse.Namespace) -> int:
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])
     if args.json:
-        documents = [
-            to_json(item.name, point) | {'questions': _asked(item, load)} for item, point in points
-        ]
+        documents = [to_json(item.name, point) | {'questions': _asked(item, load)} for item, point in points]
         output.print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:

@@ -73,10 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
     yaml = {'': FRAGMENT_MARK}
     options.add_output(
-        parser,
-        '--fragment',
-        marks=yaml,
-        help='write damping and friction as a configuration fragment, YAML',
+        parser, '--fragment', marks=yaml, help='write damping and friction as a configuration fragment, YAML'
     )
     options.add_picture(parser, 'the map with its bands')
     options.add_force(parser)
@@ -129,8 +126,7 @@ def _prior(
     if earlier is not None:
         if args.bench is not None:
             raise ConfigurationError(
-                '--bench is a prior for a first calibration, and --add already has one: give one'
-                ' of them'
+                '--bench is a prior for a first calibration, and --add already has one: give one of them'
             )
         return prior_from(args.add, earlier, config.bearing)
     if args.bench is None:
@@ -149,10 +145,7 @@ def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
 
 
 def _evidence(
-    bags: Sequence[str],
-    config: BearingConfig,
-    source: EvidenceSource,
-    meter: output.ProgressBar,
+    bags: Sequence[str], config: BearingConfig, source: EvidenceSource, meter: output.ProgressBar
 ) -> list[Evidence]:
     found = []
     for k, path in enumerate(bags):
@@ -196,9 +189,7 @@ def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
 
 
 def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
-    table = Table(
-        title=escape('boundaries [rpm]: 5 %, 50 %, 95 %'), title_justify='left', box=SIMPLE_HEAD
-    )
+    table = Table(title=escape('boundaries [rpm]: 5 %, 50 %, 95 %'), title_justify='left', box=SIMPLE_HEAD)
     for heading in ('load', 'boundary', 'before', 'now'):
         table.add_column(heading, justify='right', no_wrap=True)
     rpm = config.bearing.speed.factor('rpm')

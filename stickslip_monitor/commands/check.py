@@ -86,8 +86,7 @@ def run(args: argparse.Namespace) -> int:
 def _check_options(args: argparse.Namespace) -> None:
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
-            "'-', a recording on standard input, goes alone: neither with other bags nor with"
-            ' --scheduler'
+            "'-', a recording on standard input, goes alone: neither with other bags nor with --scheduler"
         )
     if args.scheduler is None:
         return
@@ -99,10 +98,7 @@ def _check_options(args: argparse.Namespace) -> None:
 
 
 def _check_bags(
-    args: argparse.Namespace,
-    bags: Sequence[Path],
-    meter: output.ProgressBar,
-    shown: str | None = None,
+    args: argparse.Namespace, bags: Sequence[Path], meter: output.ProgressBar, shown: str | None = None
 ) -> int:
     """Check bags, and print and write what came of them in the order in which they are asked for.
 
@@ -168,9 +164,7 @@ def _tell(found: Found, args: argparse.Namespace, listed: bool, shown: str | Non
         sys.stdout.write(to_text(document, coloured, output.line_width()))
         sys.stdout.flush()
     for name in found.unjudged:
-        sys.stderr.write(
-            f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n'
-        )
+        sys.stderr.write(f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n')
     if found.clips is not None:
         _tell_clips(found.clips, place, printable(args.clips))
 
@@ -204,9 +198,7 @@ def to_text(document: Mapping[str, Any], coloured: bool, width: int | None = Non
     if not coloured:
         lines = (_CODE.sub('', line) for line in lines)
     # Those of events, which are indented, are broken as a table.
-    return ''.join(
-        f'{line if line.startswith(" ") else _wrapped(line, width)}\n' for line in lines
-    )
+    return ''.join(f'{line if line.startswith(" ") else _wrapped(line, width)}\n' for line in lines)
 
 
 def _painted(colour: str, text: str) -> str:
@@ -220,9 +212,12 @@ def _wrapped(line: str, width: int | None, indent: int = 2) -> str:
     # The last column stays free: not every terminal breaks behind it.
     # A path that is cut in two cannot be copied.
     return textwrap.fill(
-        line, max(width - 1, 20), subsequent_indent=' ' * indent,
-        break_long_words=False, break_on_hyphens=False,
-    )  # fmt: skip
+        line,
+        max(width - 1, 20),
+        subsequent_indent=' ' * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
@@ -241,9 +236,7 @@ def _lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
         yield from _bearing_lines(name, item, document['start'] or 0, width)
 
 
-def _bearing_lines(
-    name: str, item: Mapping[str, Any], start: int, width: int | None
-) -> Iterator[str]:
+def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | None) -> Iterator[str]:
     for text in item['data']:
         yield f'{_painted(_YELLOW, "data:")} {printable(text)}'
     for quantity, each in item['inputs'].items():
@@ -270,9 +263,7 @@ def _bearing_lines(
             yield f'worst {called}: {shown} at {seconds:.2f} s'
 
 
-def _event_lines(
-    event: Mapping[str, Any], text: str, start: int, width: int | None
-) -> Iterator[str]:
+def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
     seconds, to, colour = (event['time'] - start) * 1e-9, event['to'], _OF_LEVEL[event['level']]
     if width is not None and width < _NARROW:
         change = _wrapped(f'  {seconds:.2f} s: {event["from"]} to {to}', width, 4)

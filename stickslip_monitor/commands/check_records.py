@@ -75,9 +75,7 @@ def _input(item: InputReport) -> dict[str, Any]:
         'si_span': [number(value) for value in item.si_span],
         'rate': number(item.gaps.rate),
         'gaps': item.gaps.count,
-        'longest_gaps': [
-            {'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest
-        ],
+        'longest_gaps': [{'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest],
         'source_faults': [
             {'fault': fault.kind.value, 'since': fault.since_ns, 'raised': fault.raised_ns}
             for fault in item.sources

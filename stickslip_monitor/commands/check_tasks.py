@@ -77,10 +77,7 @@ class Found:
             or (self.clips is not None and bool(self.clips.failures))
             or any(
                 any(event['level'] != 'OK' for event in item['events'])
-                or any(
-                    each['source_faults'] or not each['messages']
-                    for each in item['inputs'].values()
-                )
+                or any(each['source_faults'] or not each['messages'] for each in item['inputs'].values())
                 for item in self.document['bearings'].values()
             )
         )
@@ -222,9 +219,7 @@ def failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
     return Found(document, _part(task, document), faulty=faulty)
 
 
-def _part(
-    task: Task, document: dict[str, Any], checked: CheckReport | None = None
-) -> RecordingPart | None:
+def _part(task: Task, document: dict[str, Any], checked: CheckReport | None = None) -> RecordingPart | None:
     """The recording's part of the report, where one is wanted."""
     if not task.is_drawn:
         return None
@@ -306,7 +301,4 @@ def tolerance_advice(config: MonitorConfig) -> str:
     names = [own.name for own in config.bearings if own.belief is None]
     if not names:
         return ''
-    return (
-        f'{printable(", ".join(names))}: a tolerance gives verdicts probabilities; see'
-        ' docs/calibration.md'
-    )
+    return f'{printable(", ".join(names))}: a tolerance gives verdicts probabilities; see docs/calibration.md'

@@ -45,14 +45,10 @@ _LOWEST_MAP = 0.1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = 'ROS 2 parameter file; with several nodes, one for all or one for each in order'
-    parser.add_argument(
-        '--config', '-c', required=True, action='append', metavar='FILE', help=text
-    )
+    parser.add_argument('--config', '-c', required=True, action='append', metavar='FILE', help=text)
     add_page(parser)
     add_port(parser, f'0 for any (default {DEFAULT_PORT})', DEFAULT_PORT)
-    options.add_input(
-        parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2'
-    )
+    options.add_input(parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2')
     text = 'speed of the replay (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     text = f"the monitor's full name (default /{NODE_NAME}); again for each further monitor"
@@ -91,9 +87,7 @@ def run(args: argparse.Namespace) -> int:
             ' or one for each'
         )
     paths = args.config if len(args.config) > 1 else args.config * len(nodes)
-    configs = [
-        load_config(path, args.node and node) for path, node in zip(paths, nodes, strict=True)
-    ]
+    configs = [load_config(path, args.node and node) for path, node in zip(paths, nodes, strict=True)]
     if args.bag is not None:
         monitors = [watched(configs[0], args.bag, replay=True)]
     else:
@@ -124,9 +118,7 @@ def _space(node: str) -> str:
     return node.strip('/').rpartition('/')[0]
 
 
-def watched(
-    config: MonitorConfig, source: str, node: str = '', replay: bool = False
-) -> WatchedMonitor:
+def watched(config: MonitorConfig, source: str, node: str = '', replay: bool = False) -> WatchedMonitor:
     """A monitor that is to be shown: what it is called, and the full name of its node if any."""
     from stickslip_monitor.dashboard.watched import WatchedMonitor
 
@@ -155,9 +147,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         document = file.read()
     except AlarmStateError as error:
         raise DashboardError(f"--log '{args.log}' cannot be used: {error}") from error
-    if document is not None and (
-        not isinstance(document, dict) or document.get('schema') != LOG_SCHEMA
-    ):
+    if document is not None and (not isinstance(document, dict) or document.get('schema') != LOG_SCHEMA):
         raise DashboardError(f"--log '{args.log}' is a file of something else: it is not touched")
     writer = StateWriter(file)
     try:

@@ -33,9 +33,12 @@ FORMATS = ('png', 'svg')
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        '--output', '-o', default='figures', metavar='DIR',
+        '--output',
+        '-o',
+        default='figures',
+        metavar='DIR',
         help='output folder, created if missing (default: figures)',
-    )  # fmt: skip
+    )
     text = 'ROS 2 parameter file (default: the reference bearing of the docs)'
     options.add_config(parser, required=False, text=text)
     options.add_bearing(parser, options.ONE_OF_SEVERAL)
@@ -110,9 +113,14 @@ def _the_point(args: argparse.Namespace) -> Point:
 
 
 def _swept(
-    sweep: findings.Sweep, columns: Mapping[str, FloatArray], statement: str, footnote: str,
-    label: str, unit: str = '', scale: float = 1.0,
-) -> _Finding:  # fmt: skip
+    sweep: findings.Sweep,
+    columns: Mapping[str, FloatArray],
+    statement: str,
+    footnote: str,
+    label: str,
+    unit: str = '',
+    scale: float = 1.0,
+) -> _Finding:
     """A finding on amplitudes; the picture's unit, with a space before it, is ``scale`` SI."""
     summary = (
         f'Hopf {sweep.hopf / scale:.6g}{unit}, fold {sweep.exact_fold / scale:.6g}{unit}'
@@ -131,9 +139,7 @@ def _speed(point: Point) -> _Finding:
         ' unstable cycle; steady sliding is lost in a subcritical Hopf bifurcation.'
     )
     footnote = f'{point.name}, load {point.load:.6g} N'
-    return _swept(
-        sweep, rpm | columns, statement, footnote, 'shaft speed [rpm]', ' rpm', point.rpm
-    )
+    return _swept(sweep, rpm | columns, statement, footnote, 'shaft speed [rpm]', ' rpm', point.rpm)
 
 
 def _load(point: Point) -> _Finding:

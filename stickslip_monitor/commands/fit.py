@@ -45,9 +45,11 @@ FRAGMENT_MARK = '# Fitted to '
 _POINT = ('speed', 'coefficient', 'residual', 'weight')
 _VISCOUS = ('slope', 'f_value', 'p_value')
 _SPREADS = {
-    'hopf_speed': 'Hopf speed', 'fold_speed': 'fold speed',
-    'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin',
-}  # fmt: skip
+    'hopf_speed': 'Hopf speed',
+    'fold_speed': 'fold speed',
+    'hopf_margin': 'Hopf margin',
+    'fold_margin': 'fold margin',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,9 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='journal diameter [m], needed if speeds are in rpm, rad/s or Hz',
     )
     parser.add_argument(
-        '--viscous', choices=('auto', 'yes', 'no'), default='auto',
+        '--viscous',
+        choices=('auto', 'yes', 'no'),
+        default='auto',
         help='fit a viscous slope (default auto: if an F-test at 1 %% supports it)',
-    )  # fmt: skip
+    )
     _add_bearing(parser)
     text = '.csv: the points with fitted values and residuals'
     options.add_output(parser, '--output', '-o', marks=options.TABLE, help=text)
@@ -197,9 +201,7 @@ def _viscous_json(fit: StribeckFit, asked: str) -> dict[str, Any]:
     }
 
 
-def _bearing_json(
-    item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace
-) -> dict[str, Any]:
+def _bearing_json(item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace) -> dict[str, Any]:
     return {
         'bearing': item.name,
         'load': options.parse_load(args.load),
@@ -267,8 +269,7 @@ def print_fit(
     pairs = [(i, j) for j in range(len(names)) for i in range(j)]
     texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
     out.print(f'correlation: {", ".join(texts)}')
-    out.print(f'scatter of a point: {fit.scale:.3g}; degrees of freedom:'
-              f' {fit.degrees_of_freedom:.1f}')  # fmt: skip
+    out.print(f'scatter of a point: {fit.scale:.3g}; degrees of freedom: {fit.degrees_of_freedom:.1f}')
     out.print(viscous_sentence(fit, args.viscous))
     _print_outliers(out, fit)
     for text in fit.warnings:
@@ -298,17 +299,19 @@ def _estimates(fit: StribeckFit) -> Table:
     for k, name in enumerate(fit.names):
         low, high = fit.intervals[k]
         table.add_row(
-            name, f'{fit.estimate[k]:.5g}', f'{fit.standard_error[k]:.2g}',
-            f'{low:.5g} to {high:.5g}', UNITS[name],
-        )  # fmt: skip
+            name,
+            f'{fit.estimate[k]:.5g}',
+            f'{fit.standard_error[k]:.2g}',
+            f'{low:.5g} to {high:.5g}',
+            UNITS[name],
+        )
     return table
 
 
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
     aside = int(np.sum(fit.weight < ASIDE))
     out.print(
-        f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than'
-        f' {ASIDE:.0%}'
+        f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than {ASIDE:.0%}'
     )
     for k in fit.outliers:
         out.print(
@@ -331,7 +334,10 @@ def _spread_table(item: BearingConfig, spread: BoundarySpread, args: argparse.Na
         factor, unit = (per_rpm, 'rpm') if 'speed' in field else (100.0, '%')
         if row is not None:
             table.add_row(
-                name, f'{row.estimate * factor:.4g}', f'{row.median * factor:.4g}',
-                f'{row.low * factor:.4g} to {row.high * factor:.4g}', unit,
-            )  # fmt: skip
+                name,
+                f'{row.estimate * factor:.4g}',
+                f'{row.median * factor:.4g}',
+                f'{row.low * factor:.4g} to {row.high * factor:.4g}',
+                unit,
+            )
     return table

@@ -66,9 +66,7 @@ class Quantity:
         unit = match and self.units.get(match.group(2))
         names = ' or '.join(name for name in self.units if name)
         if not match or unit is None:
-            rule = (
-                f'a number in {names}, such as 2{next(iter(self.units))}' if names else 'a number'
-            )
+            rule = f'a number in {names}, such as 2{next(iter(self.units))}' if names else 'a number'
             raise ConfigurationError(f"{self.option} '{text}' must be {rule}")
         value = float(match.group(1)) * unit
         if not self.low <= value <= self.high:
@@ -95,28 +93,54 @@ NEEDS = (
         Quantity('shear_modulus', {'MPa': 1e6}, 'shear modulus of the rubber', 1e5, 1e8),
     ),
     (
-        Quantity('damping_ratio', _PLAIN, 'damping ratio of a ring-down of the wet lining'
-                 ' (first_alarm.md, section 2)', 1e-4, 0.9),
-        Quantity('loss_factor', _PLAIN, 'loss factor (tan delta) of the rubber, from its data'
-                 ' sheet', 1e-3, 1.5),
+        Quantity(
+            'damping_ratio',
+            _PLAIN,
+            'damping ratio of a ring-down of the wet lining (first_alarm.md, section 2)',
+            1e-4,
+            0.9,
+        ),
+        Quantity(
+            'loss_factor', _PLAIN, 'loss factor (tan delta) of the rubber, from its data sheet', 1e-3, 1.5
+        ),
     ),
-    (Quantity('static', _PLAIN, 'friction coefficient at creep, wet (first_alarm.md, section 3;'
-              ' stickslip fit makes all three of a curve)', 0.001, 3.0),),
+    (
+        Quantity(
+            'static',
+            _PLAIN,
+            'friction coefficient at creep, wet (first_alarm.md, section 3;'
+            ' stickslip fit makes all three of a curve)',
+            0.001,
+            3.0,
+        ),
+    ),
     (Quantity('kinetic', _PLAIN, 'friction coefficient at full speed, wet', 0.0, 3.0),),
-    (Quantity('decay', {'s/m': 1.0}, 'decay of friction: one over the speed [m/s] at which 37 % of'
-              ' its fall is left', 0.01, 1e4),),
-    (Quantity('load', {'kN': 1e3, 'N': 1.0}, 'mean load of the bearing, as of the shaft alignment',
-              1.0, 1e8),),
-)  # fmt: skip
+    (
+        Quantity(
+            'decay',
+            {'s/m': 1.0},
+            'decay of friction: one over the speed [m/s] at which 37 % of its fall is left',
+            0.01,
+            1e4,
+        ),
+    ),
+    (
+        Quantity(
+            'load', {'kN': 1e3, 'N': 1.0}, 'mean load of the bearing, as of the shaft alignment', 1.0, 1e8
+        ),
+    ),
+)
 """What has to be known: of each line one."""
 _DENSITY = Quantity('density', {'kg/m3': 1.0}, 'density of the rubber', 500.0, 3000.0)
 _QUANTITIES = {item.name: item for need in (*NEEDS, (_DENSITY,)) for item in need}
 _CURVE = 'a friction curve of the material in water, then stickslip fit'
 _NEXT = {
     'damping': 'a ring-down or impact test of the wet lining',
-    'static': _CURVE, 'kinetic': _CURVE, 'decay': _CURVE,
+    'static': _CURVE,
+    'kinetic': _CURVE,
+    'decay': _CURVE,
     'load': 'a jack-up test, or a load sensor',
-}  # fmt: skip
+}
 _TOLERANCES = ('damping', 'static', 'kinetic', 'decay', 'load')
 
 
@@ -241,9 +265,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
         if args.load_topic is not None
         else f'{{constant: {_written(own["load"].value / 1e3)}, unit: kN}}  # assumed'
     )
-    law = ', '.join(
-        f'{name}: {_written(own[name].value)}' for name in ('static', 'kinetic', 'decay')
-    )
+    law = ', '.join(f'{name}: {_written(own[name].value)}' for name in ('static', 'kinetic', 'decay'))
     lines = [
         f'{MARK}. Each value says where it comes from; replace what you measure.',
         '/**:',
@@ -255,8 +277,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
     for name in ('mass', 'damping', 'stiffness'):
         item = own[name]
         lines.append(
-            f'      # {item.unit}; {item.origin}; +-{item.spread:.0%}\n'
-            f'      {name}: {_written(item.value)}'
+            f'      # {item.unit}; {item.origin}; +-{item.spread:.0%}\n      {name}: {_written(item.value)}'
         )
     lines += [
         f'      friction: {{law: stribeck, {law}}}',
@@ -304,12 +325,7 @@ def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
         'hopf_speed': number(hopf_speed(bearing, load)),
         'fold_speed': number(fold_speed(bearing, load)),
         'measure_next': [
-            {
-                'name': e.name,
-                'spread': e.spread,
-                'below': number(e.below),
-                'above': number(e.above),
-            }
+            {'name': e.name, 'spread': e.spread, 'below': number(e.below), 'above': number(e.above)}
             for e in fold_shifts(values)
         ],
         'file': text,

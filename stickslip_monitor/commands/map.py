@@ -23,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_drawing(parser)
     parser.add_argument('--speeds', metavar='A:B', help='shaft speeds, e.g. 0rpm:60rpm')
     parser.add_argument('--loads', metavar='A:B', help='bearing loads, e.g. 0N:2kN')
-    options.add_input(
-        parser, '--track', metavar='BAG', help='draw the operating points of this bag'
-    )
+    options.add_input(parser, '--track', metavar='BAG', help='draw the operating points of this bag')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,9 +35,7 @@ def run(args: argparse.Namespace) -> int:
         )
     own = options.the_bearing(options.chosen(args))
     speeds = options.speed_range(args.speeds, own)
-    loads = options.parse_range(
-        args.loads, 'loads', lambda part: options.parse_load(part, 'loads')
-    )
+    loads = options.parse_range(args.loads, 'loads', lambda part: options.parse_load(part, 'loads'))
 
     def made() -> Any:
         if is_table:

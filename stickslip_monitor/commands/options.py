@@ -108,9 +108,7 @@ def add_picture(options: _Options, text: str) -> None:
     add_output(options, '--picture', marks=PICTURES, help=f'.png or .svg: {text}')
 
 
-def add_config(
-    options: _Options, required: bool = True, text: str = '', node: bool = True
-) -> None:
+def add_config(options: _Options, required: bool = True, text: str = '', node: bool = True) -> None:
     """Add ``--config``, and ``--node`` for a file of several nodes."""
     text = text or 'ROS 2 parameter file'
     add_input(options, '--config', '-c', required=required, metavar='FILE', help=text)
@@ -125,9 +123,15 @@ def add_bearing(options: _Options, text: str = 'only this bearing') -> None:
 
 
 def add_number(
-    options: _Options, name: str, low: float, high: float = math.inf, *, above: bool = False,
-    kind: type[float] = int, **more: Any,
-) -> None:  # fmt: skip
+    options: _Options,
+    name: str,
+    low: float,
+    high: float = math.inf,
+    *,
+    above: bool = False,
+    kind: type[float] = int,
+    **more: Any,
+) -> None:
     """Add an option that takes a number from ``low``, or above it, to ``high``.
 
     Its keywords are argparse's.

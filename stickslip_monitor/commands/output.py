@@ -21,14 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.commands.options import FileOption, Marks, say_old
 from stickslip_monitor.errors import OutputError, StickslipError, cause
-from stickslip_monitor.files import (
-    PICTURES,
-    check_replaceable,
-    holds_mark,
-    is_same,
-    printable,
-    write_whole,
-)
+from stickslip_monitor.files import PICTURES, check_replaceable, holds_mark, is_same, printable, write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console, Group
@@ -51,9 +44,7 @@ def ending(path: str | Path, marks: Marks) -> str:
     suffix = Path(path).suffix.lower()
     if suffix in marks or '' in marks:
         return suffix if suffix in marks else ''
-    raise OutputError(
-        f"output '{path}' must end in one of {', '.join(marks)}: the ending chooses the format"
-    )
+    raise OutputError(f"output '{path}' must end in one of {', '.join(marks)}: the ending chooses the format")
 
 
 def check_files(args: argparse.Namespace) -> None:
@@ -107,9 +98,7 @@ def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> No
             )
 
 
-def _check_output(
-    path: str, marks: Marks, inputs: Sequence[str], force: bool, renews: bool = False
-) -> None:
+def _check_output(path: str, marks: Marks, inputs: Sequence[str], force: bool, renews: bool = False) -> None:
     mark = marks[ending(path, marks)]
     if Path(path).exists() and not (renews and mark and holds_mark(path, mark)):
         for file in itertools.chain.from_iterable(map(_read_with, inputs)):
@@ -210,15 +199,12 @@ class ProgressBar:
         if self._bar is None:
             # Otherwise the bar would redirect printed text to the standard error.
             self._bar = Progress(
-                console=Console(stderr=True), transient=True, redirect_stdout=False,
-                redirect_stderr=False,
-            )  # fmt: skip
+                console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False
+            )
             self._task = self._bar.add_task('', total=None)
             self._bar.start()
 
-        self._bar.update(
-            self._task, description=escape(printable(text)), completed=done, total=total
-        )
+        self._bar.update(self._task, description=escape(printable(text)), completed=done, total=total)
 
     def hide(self) -> None:
         """Take the bar away, so that something else can be written."""
@@ -273,9 +259,7 @@ def _as_list(table: Table) -> Group:
     """The same for a narrow screen: a block for each row, a line for each of its cells."""
     from rich.console import Group
 
-    headings = [
-        str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns
-    ]
+    headings = [str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns]
     lines = []
     for first, *others in zip(*(column.cells for column in table.columns), strict=True):
         lines.append(f'[bold]{first}[/]')

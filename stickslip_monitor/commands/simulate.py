@@ -28,9 +28,7 @@ def run(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     with output.ProgressBar() as bar:
         try:
-            written = write_bag(
-                scene, args.output, lambda done: bar.show('simulating', done, scene.duration)
-            )
+            written = write_bag(scene, args.output, lambda done: bar.show('simulating', done, scene.duration))
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
     output.console().print(escape(_summary(args.output, scene, written)))

@@ -185,9 +185,7 @@ class LinkStates:
         clock: A steady clock [s].
     """
 
-    def __init__(
-        self, links: dict[str, bool], clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, links: dict[str, bool], clock: Callable[[], float] = time.monotonic) -> None:
         self._links, self._clock = links, clock
         self._states: dict[str, tuple[bool | None, str]] = {}
         self._logged: dict[tuple[str, bool | None, str], float] = {}
@@ -208,10 +206,7 @@ class LinkStates:
 
 
 async def _watch(
-    args: argparse.Namespace,
-    config: MonitorConfig,
-    links: LinksConfig,
-    board: DashboardState | None,
+    args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, board: DashboardState | None
 ) -> None:
     feed = Feed(() if board is None else board.monitors)
     report = LinkStates({} if board is None else board.links).report
@@ -378,9 +373,7 @@ async def _request_token(links: LinksConfig) -> int:
     if not path.parent.is_dir():
         raise LinkError(f"signalk.token_file = '{path}': there is no folder {path.parent}")
     if path.exists() and not _is_token(path):
-        raise LinkError(
-            f"signalk.token_file = '{path}' is there and holds no token: it is not overwritten"
-        )
+        raise LinkError(f"signalk.token_file = '{path}' is there and holds no token: it is not overwritten")
     # The same for the same machine and file, so that the officer sees one device, not many.
     client_id = str(uuid.uuid5(uuid.NAMESPACE_URL, f'{socket.gethostname()}{path}'))
     token = await request_token(links.signalk, client_id, _log.info)

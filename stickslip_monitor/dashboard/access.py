@@ -89,9 +89,7 @@ class Access:
 
     def _is_session(self, cookie: str) -> bool:
         known = self.session(cookie.partition('.')[0] or '-')
-        return hmac.compare_digest(
-            cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace')
-        )
+        return hmac.compare_digest(cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace'))
 
     def admits(self, request: web.Request) -> bool:
         """Whether a request may see what is shown."""
@@ -165,8 +163,7 @@ def guard(access: Access) -> Middleware:
 def _refusal(access: Access, request: web.Request) -> web.Response | None:
     if not access.is_ours(request.host):
         return web.Response(
-            status=421,
-            text='This machine is not known by that name: start the page with --name NAME.\n',
+            status=421, text='This machine is not known by that name: start the page with --name NAME.\n'
         )
     if request.method not in ('GET', 'HEAD') and not same_origin(request):
         return web.Response(status=403, text='This must come from the page itself.\n')
@@ -174,9 +171,7 @@ def _refusal(access: Access, request: web.Request) -> web.Response | None:
         return None
     if request.path == '/' and request.method == 'GET':
         return web.Response(status=303, headers={'Location': 'login'})
-    return web.Response(
-        status=401, text='The token is missing.\n', headers={'WWW-Authenticate': 'Bearer'}
-    )
+    return web.Response(status=401, text='The token is missing.\n', headers={'WWW-Authenticate': 'Bearer'})
 
 
 async def add_headers(_: web.Request, response: web.StreamResponse) -> None:

@@ -31,14 +31,8 @@ GAUGES = {
     'hopf_margin': ('hopf_margin_ratio', 'Margin to the Hopf boundary, negative inside.'),
     'fold_margin': ('fold_margin_ratio', 'Margin to the fold, negative inside.'),
     'growth_rate': ('growth_rate_hertz', 'Growth rate of a small disturbance (1/s).'),
-    'amplitude': (
-        'amplitude_meters',
-        'Amplitude of the stick-slip cycle by averaging (KBM); 0 without one.',
-    ),
-    'amplitude_exact': (
-        'exact_amplitude_meters',
-        'Amplitude of the exact stick-slip cycle; 0 without one.',
-    ),
+    'amplitude': ('amplitude_meters', 'Amplitude of the stick-slip cycle by averaging (KBM); 0 without one.'),
+    'amplitude_exact': ('exact_amplitude_meters', 'Amplitude of the exact stick-slip cycle; 0 without one.'),
     'threshold_amplitude': (
         'threshold_amplitude_meters',
         'In the bistable range a larger disturbance starts stick-slip.',
@@ -83,9 +77,7 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Every metric."""
         board = self._board
-        yield _family(
-            'dashboard_readers', 'Pages that are open.', [], [([], len(board.hub.readers))]
-        )
+        yield _family('dashboard_readers', 'Pages that are open.', [], [([], len(board.hub.readers))])
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
             yield _family('link_up', text, ['link'], [([name], up) for name, up in links])
@@ -157,9 +149,7 @@ def _inputs(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterat
         values = [(labels, own[key]) for labels, own in inputs]
         yield _family(name, text, [*_BEARING, 'input'], values)
     counter = CounterMetricFamily(
-        f'{PREFIX}samples',
-        'Samples by what became of them.',
-        labels=[*_BEARING, 'input', 'status'],
+        f'{PREFIX}samples', 'Samples by what became of them.', labels=[*_BEARING, 'input', 'status']
     )
     for labels, own in inputs:
         for kind, count in own['counts'].items():
@@ -184,10 +174,7 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
         for a in record['alarms']
     ]
     yield _family(
-        'alarm_active',
-        'Whether the alarm is active.',
-        labels,
-        [(names, a['active']) for names, a in alarms],
+        'alarm_active', 'Whether the alarm is active.', labels, [(names, a['active']) for names, a in alarms]
     )
     yield _family(
         'alarm_state',
@@ -199,9 +186,7 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
         yield _family(name, text, _SPACE, [((m.namespace,), value(r)) for m, r in records])
 
 
-def _family(
-    name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]
-) -> Metric:
+def _family(name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]) -> Metric:
     """Of each set of labels its value; ``None`` is left out."""
     family = GaugeMetricFamily(f'{PREFIX}{name}', text, labels=labels)
     for names, value in values:

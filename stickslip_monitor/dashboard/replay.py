@@ -52,9 +52,7 @@ class Replay:
         ConfigurationError: The rate is none.
     """
 
-    def __init__(
-        self, path: str, config: MonitorConfig, rate: float, board: DashboardState
-    ) -> None:
+    def __init__(self, path: str, config: MonitorConfig, rate: float, board: DashboardState) -> None:
         if not (math.isfinite(rate) and rate > 0.0):
             raise ConfigurationError(f'--rate {rate:g} must be a number above 0')
         recording = open_bag(path)
@@ -165,9 +163,7 @@ class Replay:
         return Moment(self._log_ns, self._log_ns)
 
     def _take(self, sample: _Sample) -> None:
-        self._session.take(
-            sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now()
-        )
+        self._session.take(sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now())
 
     def _show(self) -> None:
         self._session.show(self._now())

@@ -60,12 +60,7 @@ class Server:
         player: What plays the recording; ``None`` but for a replay.
     """
 
-    def __init__(
-        self,
-        board: DashboardState,
-        access: Access,
-        player: Replay | None = None,
-    ) -> None:
+    def __init__(self, board: DashboardState, access: Access, player: Replay | None = None) -> None:
         self._board, self._access, self._player = board, access, player
         self._metrics = Metrics(board)
         self._connections = Connections(MOST_CONNECTIONS, IDLE)
@@ -74,8 +69,7 @@ class Server:
     def application(self) -> web.Application:
         """The application to serve."""
         app = web.Application(
-            middlewares=[self._connections.count(), guard(self._access)],
-            client_max_size=LARGEST_REQUEST,
+            middlewares=[self._connections.count(), guard(self._access)], client_max_size=LARGEST_REQUEST
         )
         app.add_routes(
             [
@@ -110,12 +104,8 @@ class Server:
             DashboardError: The address cannot be listened at.
         """
         log, loop = logging.getLogger(f'{__name__}.http'), asyncio.get_running_loop()
-        log.addFilter(
-            lambda r: not (r.exc_info and isinstance(r.exc_info[1], HttpProcessingError))
-        )
-        self._runner = web.AppRunner(
-            self.application(), access_log=None, shutdown_timeout=2.0, logger=log
-        )
+        log.addFilter(lambda r: not (r.exc_info and isinstance(r.exc_info[1], HttpProcessingError)))
+        self._runner = web.AppRunner(self.application(), access_log=None, shutdown_timeout=2.0, logger=log)
         await self._runner.setup()
         protocols = self._runner.server
         assert protocols is not None

@@ -102,9 +102,7 @@ def _checked(entry: Any) -> dict[str, Any] | None:
 
 def _iso(time_ms: int | None) -> str:
     try:
-        when = datetime.fromtimestamp(
-            (math.nan if time_ms is None else time_ms) / 1000.0, timezone.utc
-        )
+        when = datetime.fromtimestamp((math.nan if time_ms is None else time_ms) / 1000.0, timezone.utc)
     except (OverflowError, ValueError, OSError):
         return ''
     return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')

@@ -105,9 +105,7 @@ _RECORD: dict[str, Reader] = {
     'held_until': _milliseconds,
     **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
     **dict.fromkeys(NUMBERS, _finite),
-    'inputs': lambda value: {
-        str(name): _fields(own, _INPUT) for name, own in _must(dict)(value).items()
-    },
+    'inputs': lambda value: {str(name): _fields(own, _INPUT) for name, own in _must(dict)(value).items()},
 }
 _ALARM = dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _must(str)) | {
     **dict.fromkeys(('sounding', 'silenced'), bool),
@@ -120,9 +118,7 @@ _ALARMS: dict[str, Reader] = {
     'sounding': _must(bool),
     'unacknowledged': _must(int),
     'flood': lambda value: _fields(value, {'flooding': bool, 'alarms_10min': _may(int, 0)}),
-    'alarms': _each(
-        _ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}
-    ),
+    'alarms': _each(_ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}),
     'rows': _each(
         _ALARM
         | {'kinds': _texts, 'came_back': _may(int, 0)}
@@ -279,8 +275,7 @@ class Watched:
         if not self.fitted:
             fastest = highest = 0.0
         self.view = wider(
-            _ROOM[0] * speed if speed > fastest else fastest,
-            _ROOM[1] * load if load > highest else highest,
+            _ROOM[0] * speed if speed > fastest else fastest, _ROOM[1] * load if load > highest else highest
         )
         self.fitted = True
         return True

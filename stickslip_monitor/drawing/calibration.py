@@ -39,8 +39,10 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure
         figure, axes = canvas.labelled(
             'shaft speed / configured fold speed',
             'level / surface speed [dB]' if heard else 'passage',
-            title=title, size=_SIZE, box=_LEFT,
-        )  # fmt: skip
+            title=title,
+            size=_SIZE,
+            box=_LEFT,
+        )
         if heard:
             _draw_levels(axes, found)
         else:
@@ -56,11 +58,7 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure
 
 
 def _vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
-    marks = [
-        (time >= one.start_ns / 1e9) & (time <= one.end_ns / 1e9)
-        for one in track.reports
-        if one.squeal
-    ]
+    marks = [(time >= one.start_ns / 1e9) & (time <= one.end_ns / 1e9) for one in track.reports if one.squeal]
     return np.any(marks, axis=0) if marks else np.zeros(time.size, bool)
 
 
@@ -82,9 +80,8 @@ def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
     for flag, colour, name in ((0.0, _QUIET, 'quiet'), (1.0, _VIBRATING, 'vibration')):
         own = points[points[:, 2] == flag]
         axes.plot(
-            own[:, 0], own[:, 1], '.', ms=2.5, color=colour, alpha=0.5, mew=0.0, label=name,
-            rasterized=True,
-        )  # fmt: skip
+            own[:, 0], own[:, 1], '.', ms=2.5, color=colour, alpha=0.5, mew=0.0, label=name, rasterized=True
+        )
 
 
 def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
@@ -93,13 +90,15 @@ def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
         loud = np.where(_vibrating(track, track.time), track.over, np.nan)
         first = k == 1
         axes.plot(
-            track.over, np.full(track.over.size, k), color=_QUIET, lw=1.0,
-            label='passage' if first else None,
-        )  # fmt: skip
+            track.over, np.full(track.over.size, k), color=_QUIET, lw=1.0, label='passage' if first else None
+        )
         axes.plot(
-            loud, np.full(loud.size, k), color=_VIBRATING, lw=4.0,
+            loud,
+            np.full(loud.size, k),
+            color=_VIBRATING,
+            lw=4.0,
             label='vibration reported' if first else None,
-        )  # fmt: skip
+        )
     axes.set_ylim(0.4, len(found.edges.tracks) + 0.6)
     axes.set_yticks(range(1, len(found.edges.tracks) + 1))
 
@@ -154,18 +153,30 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibratio
         )
         band = canvas.REGIME_COLOUR[regime]
         axes.fill_betweenx(
-            load, left, right, fc='none', ec=band, hatch='////', lw=0.0, alpha=0.35,
+            load,
+            left,
+            right,
+            fc='none',
+            ec=band,
+            hatch='////',
+            lw=0.0,
+            alpha=0.35,
             label=f'{name} before, 5 to 95 %',
-        )  # fmt: skip
+        )
         axes.plot(was, load, color=canvas.MUTED, ls=dashes, lw=1.0, label=f'{name} before')
         axes.fill_betweenx(load, near, far, color=band, alpha=0.45, lw=0.0)
         axes.plot(now, load, color=colour, ls=dashes, lw=1.8, label=f'{name} now, 5 to 95 %')
         top = max(top, float(far.max()), float(was.max()))
     for k, track in enumerate(found.edges.tracks):
         axes.plot(
-            track.speed / rpm, track.load, color=canvas.INK, lw=0.5, alpha=0.5, zorder=1,
+            track.speed / rpm,
+            track.load,
+            color=canvas.INK,
+            lw=0.5,
+            alpha=0.5,
+            zorder=1,
             label=None if k else 'passages',
-        )  # fmt: skip
+        )
     axes.set_xlabel('shaft speed [rpm]')
     axes.set_ylabel('load [N]')
     axes.set_title('boundaries', loc='left', size=11.0, color=canvas.INK)
@@ -178,8 +189,8 @@ def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> canvas.Fi
     """Draw how often a level over the speed takes which value, where it has no two modes."""
     with canvas.style():
         figure, axes = canvas.labelled(
-            'level / surface speed [dB]', 'values', title=f'{config.name}: no two modes',
-        )  # fmt: skip
+            'level / surface speed [dB]', 'values', title=f'{config.name}: no two modes'
+        )
         value = np.concatenate([np.empty(0), *(level.value for level in levels)])
         axes.hist(value, bins=80, color=_QUIET, label='all recordings, each value of 0.25 s')
         axes.legend(loc='best', frameon=True)

@@ -199,19 +199,34 @@ def legend_below(
 ) -> None:
     """Name the curves below all panels of a figure."""
     legend = figure.legend(
-        loc='lower left', bbox_to_anchor=(left, bottom), ncols=columns, frameon=False,
-        fontsize=9.5, handlelength=2.2, columnspacing=1.4, handletextpad=0.5, labelspacing=0.35,
-        borderaxespad=0.2, **more,
-    )  # fmt: skip
+        loc='lower left',
+        bbox_to_anchor=(left, bottom),
+        ncols=columns,
+        frameon=False,
+        fontsize=9.5,
+        handlelength=2.2,
+        columnspacing=1.4,
+        handletextpad=0.5,
+        labelspacing=0.35,
+        borderaxespad=0.2,
+        **more,
+    )
     for patch in legend.get_patches():
         patch.set(edgecolor=MUTED, linewidth=0.5)
 
 
 def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     """Name the curves of a panel along its upper edge."""
-    look: dict[str, Any] = {'loc': 'lower left', 'bbox_to_anchor': (-0.008, 1.0), 'frameon': False,
-            'fontsize': 9.5, 'handlelength': 2.2, 'columnspacing': 1.1, 'handletextpad': 0.5,
-            'borderaxespad': 0.2}  # fmt: skip
+    look: dict[str, Any] = {
+        'loc': 'lower left',
+        'bbox_to_anchor': (-0.008, 1.0),
+        'frameon': False,
+        'fontsize': 9.5,
+        'handlelength': 2.2,
+        'columnspacing': 1.1,
+        'handletextpad': 0.5,
+        'borderaxespad': 0.2,
+    }
     axes.legend(ncols=columns, **look | more)
 
 
@@ -225,9 +240,15 @@ def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Reg
         left, right = first.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
         if right - left > _NARROWEST:
             first.annotate(
-                regime.value, (0.5 * (low + high), top), (0.0, -6.0), textcoords='offset points',
-                ha='center', va='top', style='italic', zorder=12,
-            )  # fmt: skip
+                regime.value,
+                (0.5 * (low + high), top),
+                (0.0, -6.0),
+                textcoords='offset points',
+                ha='center',
+                va='top',
+                style='italic',
+                zorder=12,
+            )
 
 
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
@@ -333,10 +354,7 @@ def sheet(rows: Sequence[Pixels]) -> bytes:
     width = max(row.shape[1] for row in rows)
     # White at the right of what is narrower.
     whole = np.concatenate(
-        [
-            np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=255)
-            for row in rows
-        ]
+        [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
     )
     with style():
         from matplotlib.image import imsave
@@ -356,10 +374,15 @@ def heading(title: str, lines: Sequence[str] = ()) -> Figure:
         figure = new_figure(WIDTH, _LINE * (len(wrapped) + 2))
         for number, (part, weight, colour) in enumerate(wrapped):
             figure.text(
-                0.25 / WIDTH, 1.0 - (number + 1.2) / (len(wrapped) + 2), part,
-                size=12.0 if weight == 'bold' else 10.0, weight=weight, color=colour, va='center',
+                0.25 / WIDTH,
+                1.0 - (number + 1.2) / (len(wrapped) + 2),
+                part,
+                size=12.0 if weight == 'bold' else 10.0,
+                weight=weight,
+                color=colour,
+                va='center',
                 parse_math=False,
-            )  # fmt: skip
+            )
         return figure
 
 

@@ -93,9 +93,7 @@ class Diagram:
     exact_fold: float  # speed beyond which it does not stick [m/s]; ``inf`` where it never ends
 
 
-def bifurcation_diagram(
-    bearing: Bearing, load: float, speeds: Range, points: int = 400
-) -> Diagram:
+def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: int = 400) -> Diagram:
     """Every limit cycle of the averaged model at a load > 0 [N], and the exact one.
 
     From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
@@ -148,9 +146,7 @@ def _amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
     return stationary_amplitudes(bearing, speed, load).amplitude
 
 
-def _turns(
-    bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray
-) -> list[_Turn]:
+def _turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray) -> list[_Turn]:
     """Where the number of cycles changes, between ever closer ones of the rising speeds."""
     counts = np.isfinite(amplitude).sum(axis=1)
     ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, counts))
@@ -167,9 +163,7 @@ def _turns(
     apart = np.flatnonzero(np.diff(ends[0]) > _SAME * ends[0, 1:]) + 1
     groups = np.split(ends, apart, axis=1) if ends.size else []
     known = float(fold_speed(bearing, load)), float(hopf_speed(bearing, load))
-    turns = [
-        _turn(bearing, load, known, float(group[0, 0]), float(group[1, -1])) for group in groups
-    ]
+    turns = [_turn(bearing, load, known, float(group[0, 0]), float(group[1, -1])) for group in groups]
     return [turn for turn in turns if turn.before.size != turn.after.size]
 
 
@@ -222,14 +216,10 @@ def _branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> 
     return sorted(found, key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
 
 
-def _spans(
-    bearing: Bearing, load: float, edges: Sequence[float]
-) -> tuple[tuple[float, float, Regime], ...]:
+def _spans(bearing: Bearing, load: float, edges: Sequence[float]) -> tuple[tuple[float, float, Regime], ...]:
     middles = 0.5 * (np.array(edges[:-1]) + edges[1:])
     spans: list[tuple[float, float, Regime]] = []
-    for (low, high), name in zip(
-        pairwise(edges), assess(bearing, middles, load).regime, strict=True
-    ):
+    for (low, high), name in zip(pairwise(edges), assess(bearing, middles, load).regime, strict=True):
         if spans and spans[-1][2] is Regime(name):
             low = spans.pop()[0]
         spans.append((low, high, Regime(name)))
@@ -269,9 +259,11 @@ def draw_diagram(
         speeds = speeds or diagram_speeds(bearing, load)
         diagram = bifurcation_diagram(bearing, load, speeds, points)
         figure, axes = labelled(
-            'shaft speed [rpm]', 'displacement amplitude [mm]', box=(0.095, 0.245, 0.88, 0.635),
+            'shaft speed [rpm]',
+            'displacement amplitude [mm]',
+            box=(0.095, 0.245, 0.88, 0.635),
             footnote=f'{config.name}, load {load / 1e3:.6g} kN',
-        )  # fmt: skip
+        )
         top = _top(diagram)
         axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
         axes.set_ylim(-_BELOW_ZERO * top, _HEADROOM * top)
@@ -285,9 +277,8 @@ def draw_diagram(
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             sentence = assess(bearing, 0.5 * sum(speeds), load).outcome.sentence
             axes.text(
-                0.04, 0.85, textwrap.fill(sentence, 46), transform=axes.transAxes, va='top',
-                linespacing=1.5,
-            )  # fmt: skip
+                0.04, 0.85, textwrap.fill(sentence, 46), transform=axes.transAxes, va='top', linespacing=1.5
+            )
         legend_below(figure, 3)
         return figure
 
@@ -310,22 +301,36 @@ def _curves(axes: Axes, diagram: Diagram, rpm: float) -> None:
     }
     if np.isfinite(diagram.exact).any():
         axes.plot(
-            x, diagram.exact * 1e3, color=REGIME_COLOUR[Regime.UNSTABLE], lw=3.4, zorder=4,
+            x,
+            diagram.exact * 1e3,
+            color=REGIME_COLOUR[Regime.UNSTABLE],
+            lw=3.4,
+            zorder=4,
             label='stick-slip, exact',
-        )  # fmt: skip
+        )
     for branch in diagram.branches:
         axes.plot(
-            x, branch.amplitude * 1e3, color=INK, lw=1.3 if branch.stable else 1.6, zorder=5,
-            ls='-' if branch.stable else DASHES, label=names.pop(branch.stable, '_'),
-        )  # fmt: skip
+            x,
+            branch.amplitude * 1e3,
+            color=INK,
+            lw=1.3 if branch.stable else 1.6,
+            zorder=5,
+            ls='-' if branch.stable else DASHES,
+            label=names.pop(branch.stable, '_'),
+        )
     hopf = [mark.speed for mark in diagram.marks if mark.kind is MarkKind.HOPF]
     for low, high in pairwise([diagram.speed[0], *hopf, diagram.speed[-1]]):
         growing = np.interp(0.5 * (low + high), diagram.speed, diagram.growth_rate) > 0.0
         line: Any = DASHES if growing else '-'
         axes.plot(
-            (low / rpm, high / rpm), (0.0, 0.0), color=REGIME_COLOUR[Regime.STABLE], ls=line,
-            lw=2.4, zorder=3, label=names.pop(line, '_'),
-        )  # fmt: skip
+            (low / rpm, high / rpm),
+            (0.0, 0.0),
+            color=REGIME_COLOUR[Regime.STABLE],
+            ls=line,
+            lw=2.4,
+            zorder=3,
+            label=names.pop(line, '_'),
+        )
     limit = diagram.sliding_limit * 1e3
     limit = np.where(limit < axes.get_ylim()[1] / _HEADROOM * 1.1, limit, np.nan)
     axes.plot(x, limit, color=MUTED, lw=1.0, ls=':', zorder=2, label='sliding limit a = V')
@@ -333,10 +338,7 @@ def _curves(axes: Axes, diagram: Diagram, rpm: float) -> None:
 
 def _marks(axes: Axes, diagram: Diagram, rpm: float) -> None:
     """Mark the bifurcations; the legend says at which speeds they are."""
-    for kind, colour, fill, shape in (
-        (MarkKind.HOPF, HOPF, PAPER, 'o'),
-        (MarkKind.FOLD, FOLD, FOLD, 'D'),
-    ):
+    for kind, colour, fill, shape in ((MarkKind.HOPF, HOPF, PAPER, 'o'), (MarkKind.FOLD, FOLD, FOLD, 'D')):
         own = [mark for mark in diagram.marks if mark.kind is kind]
         text = f'{kind.value} {", ".join(f"{mark.speed / rpm:.4g}" for mark in own)} rpm'
         if kind is MarkKind.FOLD and own:
@@ -348,6 +350,14 @@ def _marks(axes: Axes, diagram: Diagram, rpm: float) -> None:
             text = f'end of sticking {diagram.exact_fold / rpm:.4g} rpm (averaging has no fold)'
         if own:
             axes.plot(
-                [mark.speed / rpm for mark in own], [mark.amplitude * 1e3 for mark in own],
-                shape, ms=7.5, mec=colour, mew=1.4, mfc=fill, zorder=6, clip_on=False, label=text,
-            )  # fmt: skip
+                [mark.speed / rpm for mark in own],
+                [mark.amplitude * 1e3 for mark in own],
+                shape,
+                ms=7.5,
+                mec=colour,
+                mew=1.4,
+                mfc=fill,
+                zorder=6,
+                clip_on=False,
+                label=text,
+            )

@@ -27,9 +27,8 @@ def draw_friction_fit(
     """Draw the points, the curve with its confidence band, the outliers, and boundaries."""
     with canvas.style():
         figure, axes = canvas.labelled(
-            'sliding speed [m/s]', 'coefficient of friction [-]', title=_title(fit.law),
-            footnote=footnote,
-        )  # fmt: skip
+            'sliding speed [m/s]', 'coefficient of friction [-]', title=_title(fit.law), footnote=footnote
+        )
         _draw_law(axes, fit)
         _draw_points(axes, fit)
         if spread is not None:
@@ -50,9 +49,15 @@ def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
     speed = np.linspace(0.0, top, _CURVE_POINTS)
     law, half = fit.law.coefficient(speed), fit.band(speed)
     axes.fill_between(
-        speed, law - half, law + half, color=_LINE, alpha=_BAND_ALPHA, lw=0.0, zorder=2,
+        speed,
+        law - half,
+        law + half,
+        color=_LINE,
+        alpha=_BAND_ALPHA,
+        lw=0.0,
+        zorder=2,
         label='95 % confidence band',
-    )  # fmt: skip
+    )
     axes.plot(speed, law, color=_LINE, zorder=4, label='fitted law')
     values = np.concatenate([fit.curve.coefficient, law])
     room = _ROOM * float(np.ptp(values))
@@ -65,24 +70,49 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
     good = fit.weight >= 0.5
     if float(np.ptp(curve.std)) > 0.0:
         axes.errorbar(
-            curve.speed, curve.coefficient, curve.std * fit.scale, fmt='none', ecolor=canvas.MUTED,
-            elinewidth=0.8, zorder=3,
-        )  # fmt: skip
+            curve.speed,
+            curve.coefficient,
+            curve.std * fit.scale,
+            fmt='none',
+            ecolor=canvas.MUTED,
+            elinewidth=0.8,
+            zorder=3,
+        )
     axes.plot(
-        curve.speed[good], curve.coefficient[good], 'o', ms=5.5, mfc=canvas.PAPER, mec=canvas.INK,
-        mew=1.2, zorder=5, label='measured',
-    )  # fmt: skip
+        curve.speed[good],
+        curve.coefficient[good],
+        'o',
+        ms=5.5,
+        mfc=canvas.PAPER,
+        mec=canvas.INK,
+        mew=1.2,
+        zorder=5,
+        label='measured',
+    )
     if out.size:
         axes.plot(
-            curve.speed[out], curve.coefficient[out], 'X', ms=9.0, mfc=_OUTLIER, mec=canvas.PAPER,
-            mew=0.8, zorder=6, label='outlier (weight below half)',
-        )  # fmt: skip
+            curve.speed[out],
+            curve.coefficient[out],
+            'X',
+            ms=9.0,
+            mfc=_OUTLIER,
+            mec=canvas.PAPER,
+            mew=0.8,
+            zorder=6,
+            label='outlier (weight below half)',
+        )
     for k in out:
         axes.annotate(
-            f'line {curve.line[k]}', (curve.speed[k], curve.coefficient[k]), xytext=(8.0, 0.0),
-            textcoords='offset points', va='center', size=9.0, color=canvas.MUTED, zorder=3,
+            f'line {curve.line[k]}',
+            (curve.speed[k], curve.coefficient[k]),
+            xytext=(8.0, 0.0),
+            textcoords='offset points',
+            va='center',
+            size=9.0,
+            color=canvas.MUTED,
+            zorder=3,
             bbox={'fc': canvas.PAPER, 'ec': 'none', 'alpha': 0.75, 'pad': 0.8},
-        )  # fmt: skip
+        )
 
 
 def _mark(axes: canvas.Axes, name: str, boundary: Spread) -> None:
@@ -90,12 +120,17 @@ def _mark(axes: canvas.Axes, name: str, boundary: Spread) -> None:
     if not boundary.estimate > 0.0:
         return
     regime, colour, dashes = canvas.BOUNDARY_LINES[name]
-    axes.axvspan(
-        boundary.low, boundary.high, color=canvas.REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0
-    )
+    axes.axvspan(boundary.low, boundary.high, color=canvas.REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0)
     axes.axvline(boundary.estimate, color=colour, lw=1.4, ls=dashes, zorder=1)
     bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
     axes.annotate(
-        f'{name} speed', (boundary.low, bottom), xytext=(-3.0, 0.0), textcoords='offset points',
-        rotation=90.0, ha='right', va='bottom', size=10.0, color=canvas.INK,
-    )  # fmt: skip
+        f'{name} speed',
+        (boundary.low, bottom),
+        xytext=(-3.0, 0.0),
+        textcoords='offset points',
+        rotation=90.0,
+        ha='right',
+        va='bottom',
+        size=10.0,
+        color=canvas.INK,
+    )

@@ -20,12 +20,7 @@ from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.track import Track, draw_track
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import (
-    fold_load,
-    fold_speed,
-    hopf_load,
-    hopf_speed,
-)
+from stickslip_monitor.physics.averaging.boundaries import fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import Bearing
@@ -84,10 +79,7 @@ def onset_load(bearing: Bearing) -> float:
 
 
 def map_ranges(
-    bearing: Bearing,
-    speeds: Range | None = None,
-    loads: Range | None = None,
-    track: Track | None = None,
+    bearing: Bearing, speeds: Range | None = None, loads: Range | None = None, track: Track | None = None
 ) -> tuple[Range, Range]:
     """The speeds [m/s] and loads [N] a map shows; what is not given is chosen.
 
@@ -125,9 +117,7 @@ class Boundaries:
     caution_load: FloatArray  # above which the fold margin is below the caution margin [N]
 
 
-def boundaries(
-    bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400
-) -> Boundaries:
+def boundaries(bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400) -> Boundaries:
     """The curves of a stability map, with a fold margin below which the alarm says caution [-].
 
     From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
@@ -189,10 +179,11 @@ def draw_map(
         bottom = _BELOW + _LEGEND_ROW * -(-_NAMES // columns)
         above = max(_ABOVE, 0.0 if track is None else track.legend_height(width))
         figure, axes = canvas.labelled(
-            'shaft speed [rpm]', 'bearing load [kN]', size=size,
-            box=(_LEFT / width, bottom / height, 1.0 - _BESIDE_AXES / width,
-                 1.0 - (bottom + above) / height),
-        )  # fmt: skip
+            'shaft speed [rpm]',
+            'bearing load [kN]',
+            size=size,
+            box=(_LEFT / width, bottom / height, 1.0 - _BESIDE_AXES / width, 1.0 - (bottom + above) / height),
+        )
         rpm = bearing.speed.factor('rpm')
         axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
         axes.set_ylim(loads[0] / 1e3, loads[1] / 1e3)
@@ -205,9 +196,7 @@ def draw_map(
         if track is not None:
             draw_track(axes, track, rpm, width)
         if not np.isfinite([curves.fold_load, curves.hopf_load]).any():
-            axes.text(
-                0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center'
-            )
+            axes.text(0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center')
         figure.text(0.985, 0.995, config.name, ha='right', va='top', size=9.0, color=canvas.MUTED)
         return figure
 
@@ -225,9 +214,7 @@ def _regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) ->
         (curves.fold_load, canvas.REGIME_FILL[Regime.BISTABLE], 'bistable'),
         (curves.hopf_load, canvas.REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
-        axes.fill_between(
-            x, reached(load), ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name
-        )
+        axes.fill_between(x, reached(load), ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name)
     # A line goes as far as its region, which ends where the next speed has no such load.
     for load, name, colour, width, dashes in (
         (curves.caution_load, 'caution margin', canvas.MUTED, 1.0, ':'),
@@ -245,22 +232,30 @@ def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -
     averaged = np.asarray(fold_speed(bearing, load))
     if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
         axes.plot(
-            exact / rpm, load / 1e3, color=canvas.FOLD, lw=1.4, ls='-.', zorder=3,
+            exact / rpm,
+            load / 1e3,
+            color=canvas.FOLD,
+            lw=1.4,
+            ls='-.',
+            zorder=3,
             label='end of sticking, exact',
-        )  # fmt: skip
+        )
 
 
-def _amplitudes(
-    axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int
-) -> None:
+def _amplitudes(axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
     """Lines of one amplitude of the exact stick-slip cycle, labelled in mm."""
     speed, load, exact = _exact_amplitudes(bearing, speeds, loads)
     if not np.isfinite(exact).any():
         return
     lines = axes.contour(
-        speed / bearing.speed.factor('rpm'), load / 1e3, np.ma.masked_invalid(exact), levels,
-        colors=canvas.MUTED, linewidths=0.9, zorder=2,
-    )  # fmt: skip
+        speed / bearing.speed.factor('rpm'),
+        load / 1e3,
+        np.ma.masked_invalid(exact),
+        levels,
+        colors=canvas.MUTED,
+        linewidths=0.9,
+        zorder=2,
+    )
     axes.plot([], [], color=canvas.MUTED, lw=0.9, label='amplitude')
     # High up, where a track seldom is: the range of loads has room above it. Of a line that only
     # touches a corner the label would stand over the boundaries.
@@ -295,6 +290,12 @@ def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -
     ):
         low, high = (quantile(load, p) / rpm for p in (QUANTILES[0], QUANTILES[-1]))
         axes.fill_betweenx(
-            load / 1e3, low, high, color=canvas.REGIME_COLOUR[regime], alpha=0.35, lw=0.0,
-            zorder=2, label=f'5 to 95 % of the {name}',
-        )  # fmt: skip
+            load / 1e3,
+            low,
+            high,
+            color=canvas.REGIME_COLOUR[regime],
+            alpha=0.35,
+            lw=0.0,
+            zorder=2,
+            label=f'5 to 95 % of the {name}',
+        )

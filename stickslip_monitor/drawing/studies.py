@@ -32,9 +32,15 @@ _REGIMES = (Regime.UNSTABLE, Regime.BISTABLE, Regime.STABLE)
 def _stated_figure(statement: str, footnote: str) -> canvas.Figure:
     figure = canvas.new_figure(canvas.WIDTH, _TALL)
     figure.text(
-        0.085, 0.975, textwrap.fill(statement, _LETTERS), ha='left', va='top', size=11.5,
-        weight='bold', linespacing=1.35,
-    )  # fmt: skip
+        0.085,
+        0.975,
+        textwrap.fill(statement, _LETTERS),
+        ha='left',
+        va='top',
+        size=11.5,
+        weight='bold',
+        linespacing=1.35,
+    )
     figure.text(0.975, 0.012, footnote, ha='right', va='bottom', size=9.0, color=canvas.MUTED)
     return figure
 
@@ -89,9 +95,14 @@ def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) ->
     for a, b, regime in spans:
         stable = regime is not Regime.UNSTABLE
         axes.plot(
-            (a, b), (0.0, 0.0), color=SLIDING, ls='-' if stable else canvas.DASHES, lw=2.4,
-            zorder=3, label='steady sliding' if regime is Regime.STABLE else None,
-        )  # fmt: skip
+            (a, b),
+            (0.0, 0.0),
+            color=SLIDING,
+            ls='-' if stable else canvas.DASHES,
+            lw=2.4,
+            zorder=3,
+            label='steady sliding' if regime is Regime.STABLE else None,
+        )
     canvas.regime_bands([axes, below], spans)
 
 
@@ -166,9 +177,14 @@ def _velocity_axis(axes: canvas.Axes, velocity: FloatArray, belt: float) -> None
 
 def _stick(axes: canvas.Axes, x: FloatArray, velocity: FloatArray, sticking: BoolArray) -> None:
     axes.plot(
-        x, np.where(sticking, velocity, np.nan), color=canvas.INK, lw=4.5, solid_capstyle='butt',
-        zorder=5, label="stick, $x' = V$",
-    )  # fmt: skip
+        x,
+        np.where(sticking, velocity, np.nan),
+        color=canvas.INK,
+        lw=4.5,
+        solid_capstyle='butt',
+        zorder=5,
+        label="stick, $x' = V$",
+    )
 
 
 def _last_periods(axes: canvas.Axes, history: History) -> None:
@@ -181,9 +197,15 @@ def _last_periods(axes: canvas.Axes, history: History) -> None:
     _velocity_axis(axes, velocity, history.speed * 1e3)
     axes.plot(time, velocity, color=EXACT, lw=2.0)
     axes.fill_between(
-        time, 0.0, 1.0, where=sticking.tolist(), transform=axes.get_xaxis_transform(),
-        color=canvas.REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=0,
-    )  # fmt: skip
+        time,
+        0.0,
+        1.0,
+        where=sticking.tolist(),
+        transform=axes.get_xaxis_transform(),
+        color=canvas.REGIME_FILL[Regime.UNSTABLE],
+        lw=0.0,
+        zorder=0,
+    )
     _stick(axes, time, velocity, sticking)
     canvas.legend_above(axes, 1)
 
@@ -248,11 +270,13 @@ def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') 
         figure.subplots_adjust(left=0.075, right=0.985, bottom=0.215, top=0.95, wspace=0.04)
         for axes, (title, marks) in zip(figure.axes, panels.items(), strict=True):
             axes.set(
-                xscale='log', yscale='log', ylim=(_LOWEST, _HIGHEST),
+                xscale='log',
+                yscale='log',
+                ylim=(_LOWEST, _HIGHEST),
                 xlim=(0.4 * min(times, default=1e-6), 3.0 * max(times, default=1.0)),
                 yticks=[10.0**k for k in range(-16, 1, 2)],
                 xlabel='time per operating point [s]',
-            )  # fmt: skip
+            )
             axes.minorticks_off()
             axes.grid(color='#e6e6e6', lw=0.6)
             axes.axhspan(6.0, _HIGHEST, color='#f0f0f0', lw=0.0)
@@ -268,9 +292,7 @@ def _height(error: float) -> float:
     return _FAILED if math.isinf(error) else float(np.clip(error, _SMALLEST, 5.0))
 
 
-def _methods(
-    axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]
-) -> None:
+def _methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
     front = sorted((m for m in marks if m.front), key=lambda m: m.seconds)
     x, y = [m.seconds for m in front], [_height(m.error) for m in front]
     axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=canvas.DASHES, zorder=2)
@@ -278,15 +300,25 @@ def _methods(
         colour, shape = looks[mark.family]
         edge = colour if mark.together else canvas.INK if mark.front else canvas.PAPER
         axes.plot(
-            mark.seconds, _height(mark.error), shape, ms=_size(shape),
-            mfc=canvas.PAPER if mark.together else colour, mec=edge,
-            mew=1.4 if mark.front or mark.together else 0.8, zorder=4,
-        )  # fmt: skip
+            mark.seconds,
+            _height(mark.error),
+            shape,
+            ms=_size(shape),
+            mfc=canvas.PAPER if mark.together else colour,
+            mec=edge,
+            mew=1.4 if mark.front or mark.together else 0.8,
+            zorder=4,
+        )
     if any(math.isinf(mark.error) for mark in marks):
         axes.text(
-            0.012, 0.988, 'fails at some case', transform=axes.transAxes, va='top', size=8.5,
+            0.012,
+            0.988,
+            'fails at some case',
+            transform=axes.transAxes,
+            va='top',
+            size=8.5,
             color=canvas.MUTED,
-        )  # fmt: skip
+        )
 
 
 def _size(shape: str) -> float:

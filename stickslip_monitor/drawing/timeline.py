@@ -135,10 +135,7 @@ class _Lines:
 
     def line(self, *names: str) -> tuple[FloatArray, ...]:
         """Time and values of columns, thinned to their envelope; a break is nan, drawn nowhere."""
-        values = [
-            np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan)
-            for n in names
-        ]
+        values = [np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan) for n in names]
         kept = envelope(self._most, *values)
         return (self._time[kept], *(value[kept] for value in values))
 
@@ -198,9 +195,15 @@ def _margins(axes: canvas.Axes, lines: _Lines) -> None:
     if lines.config.belief is not None:
         time, low, high = lines.line('fold_low', 'fold_high')
         axes.fill_between(
-            time, low, high, color=canvas.REGIME_COLOUR[Regime.BISTABLE], alpha=0.3, lw=0.0,
-            zorder=3, label='5 to 95 %',
-        )  # fmt: skip
+            time,
+            low,
+            high,
+            color=canvas.REGIME_COLOUR[Regime.BISTABLE],
+            alpha=0.3,
+            lw=0.0,
+            zorder=3,
+            label='5 to 95 %',
+        )
     caution = 100.0 * lines.config.alarm.caution_margin
     axes.axhspan(0.0, caution, color=canvas.CAUTION_FILL, lw=0.0, zorder=1)
     axes.axhspan(-1e4, 0.0, color=canvas.REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
@@ -214,19 +217,10 @@ def _margins(axes: canvas.Axes, lines: _Lines) -> None:
 
 def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
     time, possible, predicted = lines.amplitudes()
+    axes.plot(time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
+    axes.fill_between(time, 0.0, predicted, color=canvas.REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
     axes.plot(
-        time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3
-    )
-    axes.fill_between(
-        time, 0.0, predicted, color=canvas.REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1
-    )
-    axes.plot(
-        time,
-        predicted,
-        color=canvas.REGIME_COLOUR[Regime.UNSTABLE],
-        lw=1.4,
-        label='predicted',
-        zorder=4,
+        time, predicted, color=canvas.REGIME_COLOUR[Regime.UNSTABLE], lw=1.4, label='predicted', zorder=4
     )
     limit = lines.config.alarm.amplitude_limit * 1e3
     greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
@@ -245,9 +239,17 @@ def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
 
 def _legend(axes: canvas.Axes) -> None:
     axes.legend(
-        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=5, fontsize=8.5, frameon=False,
-        borderpad=0.1, borderaxespad=0.0, handlelength=1.8, columnspacing=1.0, handletextpad=0.4,
-    )  # fmt: skip
+        loc='lower right',
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=5,
+        fontsize=8.5,
+        frameon=False,
+        borderpad=0.1,
+        borderaxespad=0.0,
+        handlelength=1.8,
+        columnspacing=1.0,
+        handletextpad=0.4,
+    )
 
 
 def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
@@ -261,9 +263,15 @@ def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
         name = canvas.CONDITION_NAMES[spell.condition]
         if (right - left) * pixels > _PIXELS_PER_LETTER * (len(name) + 1):
             axes.text(
-                0.5 * (left + right), 0.46, name, ha='center', va='center', size=8.5,
-                color=canvas.PAPER, zorder=3,
-            )  # fmt: skip
+                0.5 * (left + right),
+                0.46,
+                name,
+                ha='center',
+                va='center',
+                size=8.5,
+                color=canvas.PAPER,
+                zorder=3,
+            )
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([])
     axes.set_ylabel('alarm', rotation=0.0, ha='right', va='center')
@@ -276,9 +284,7 @@ def _episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
         for name, axes in panels.items():
             label = 'lining sticks' if name == 'speed' and not k else '_'
             low, alpha = (0.7, 1.0) if name == 'alarm' else (0.0, 0.15)
-            axes.axvspan(
-                first, last, low, color=_TRUTH, alpha=alpha, lw=0.0, zorder=3, label=label
-            )
+            axes.axvspan(first, last, low, color=_TRUTH, alpha=alpha, lw=0.0, zorder=3, label=label)
 
 
 def _time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> None:
@@ -339,8 +345,14 @@ def _event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
         row = next((row for row, taken in enumerate(free) if spot >= taken), None)
         if row is not None and len(events) <= _MOST_NUMBERED:
             first.annotate(
-                str(number), (when, 1.0), (0.0, 2.0 + 10.0 * row),
-                xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
-                va='bottom', size=8.5, color=canvas.INK,
-            )  # fmt: skip
+                str(number),
+                (when, 1.0),
+                (0.0, 2.0 + 10.0 * row),
+                xycoords=('data', 'axes fraction'),
+                textcoords='offset points',
+                ha='center',
+                va='bottom',
+                size=8.5,
+                color=canvas.INK,
+            )
             free[row] = spot + 7.0 * len(str(number)) + 6.0

@@ -134,9 +134,7 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
         return
     # Every place that it has been to, faint.
     drawn = envelope(int(width * _POINTS_PER_INCH), x, y)
-    axes.plot(
-        x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6, label='measured'
-    )
+    axes.plot(x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6, label='measured')
     _course(axes, x, y)
     first, last = axes.transData.transform(np.column_stack([x, y])[known[[0, -1]]])
     apart = np.hypot(*(last - first)) > _RING * axes.figure.dpi / 72.0
@@ -145,16 +143,21 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
         ends.append((known[-1], 'end', 's', 6.5, canvas.INK))
     for i, name, marker, size, face in ends:
         edge = canvas.INK if face == canvas.PAPER else canvas.PAPER
-        axes.plot(
-            x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11, label=name,
-        )  # fmt: skip
+        axes.plot(x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11, label=name)
     for condition in track.conditions():
         own = [event for event in track.events if event.condition is condition]
         axes.plot(
-            [abs(event.speed) / rpm for event in own], [event.load / 1e3 for event in own],
-            ls='', marker=_MARKER[condition], ms=8.5, mfc=canvas.CONDITION_COLOUR[condition],
-            mec=canvas.PAPER, mew=1.0, zorder=10, label=f'to: {canvas.CONDITION_NAMES[condition]}',
-        )  # fmt: skip
+            [abs(event.speed) / rpm for event in own],
+            [event.load / 1e3 for event in own],
+            ls='',
+            marker=_MARKER[condition],
+            ms=8.5,
+            mfc=canvas.CONDITION_COLOUR[condition],
+            mec=canvas.PAPER,
+            mew=1.0,
+            zorder=10,
+            label=f'to: {canvas.CONDITION_NAMES[condition]}',
+        )
     drawn_as = [line for line in axes.lines if line.get_label() in ('measured', 'smoothed')]
     marks = [*drawn_as, *(line for line in axes.lines if line.get_zorder() >= 10)]
     canvas.legend_above(axes, _columns(width), handles=marks, handlelength=1.2)
@@ -194,9 +197,7 @@ def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> None:
                 line = axes.transData.inverted().transform(path[own[0] : own[-1] + 2]).T
                 axes.plot(*line, color=canvas.PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
                 name = '_' if drawn else 'smoothed'
-                axes.plot(
-                    *line, color=colour, lw=wide, zorder=8, solid_capstyle='butt', label=name
-                )
+                axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt', label=name)
                 _arrow(axes, line, colour)
                 drawn = True
 
@@ -208,7 +209,16 @@ def _arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
     """
     k = int(_ARROW * (line.shape[1] - 1))
     axes.annotate(
-        '', tuple(line[:, k + 1]), tuple(line[:, k]), zorder=9,
-        arrowprops={'arrowstyle': '-|>,head_width=0.34,head_length=0.6', 'fc': colour,
-                    'ec': canvas.PAPER, 'lw': 0.6, 'shrinkA': 0.0, 'shrinkB': 0.0},
-    )  # fmt: skip
+        '',
+        tuple(line[:, k + 1]),
+        tuple(line[:, k]),
+        zorder=9,
+        arrowprops={
+            'arrowstyle': '-|>,head_width=0.34,head_length=0.6',
+            'fc': colour,
+            'ec': canvas.PAPER,
+            'lw': 0.6,
+            'shrinkA': 0.0,
+            'shrinkB': 0.0,
+        },
+    )

@@ -25,9 +25,14 @@ LOADED_AREA = 0.20
 FILLED = 0.20
 """Of the density of a rubber whose fillers are not known."""
 UNSTATED = {
-    'loss_factor': 0.30, 'damping_ratio': 0.10, 'shear_modulus': 0.15, 'static': 0.15,
-    'kinetic': 0.15, 'decay': 0.30, 'load': 0.20,
-}  # fmt: skip
+    'loss_factor': 0.30,
+    'damping_ratio': 0.10,
+    'shear_modulus': 0.15,
+    'static': 0.15,
+    'kinetic': 0.15,
+    'decay': 0.30,
+    'load': 0.20,
+}
 """Of a value that is given without its spread, from how it is known: the scatter of rubber from
 batch to batch, of ring-downs, of handbook friction, of a load from the shaft alignment."""
 
@@ -77,8 +82,7 @@ def shear_modulus(hardness: float) -> float:
     """
     if not 30.0 <= hardness <= 90.0:
         raise ConfigurationError(
-            f'hardness {hardness:g} must be from 30 to 90 Shore A: beyond them give the shear'
-            ' modulus'
+            f'hardness {hardness:g} must be from 30 to 90 Shore A: beyond them give the shear modulus'
         )
     return 0.0981e6 * (56.0 + 7.623 * hardness) / (0.1375 * (254.0 - 2.54 * hardness)) / 3.0
 
@@ -101,24 +105,30 @@ def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, 
         'area', diameter.value * own['length'].value, 'm^2', LOADED_AREA, 'diameter x length'
     )
     modulus = own.get('shear_modulus') or Estimate(
-        'shear_modulus', shear_modulus(given['hardness'].value), 'Pa', GENT,
+        'shear_modulus',
+        shear_modulus(given['hardness'].value),
+        'Pa',
+        GENT,
         f'Gent 1958, {given["hardness"].value:g} Shore A',
-    )  # fmt: skip
+    )
     density = own.get('density') or Estimate(
         'density', DENSITY[material], 'kg/m^3', FILLED, f'{material} rubber, Brydson 1988'
     )
     layer = f'A = {area.value:.3g} m^2 ({area.origin}), h = {1e3 * thickness.value:.3g} mm'
     stiffness = Estimate(
-        'stiffness', modulus.value * area.value / thickness.value, 'N/m',
+        'stiffness',
+        modulus.value * area.value / thickness.value,
+        'N/m',
         math.hypot(modulus.spread, area.spread),
         f'G A/h: G = {modulus.value / 1e6:.3g} MPa ({modulus.origin}), {layer}',
-    )  # fmt: skip
+    )
     mass = Estimate(
-        'mass', density.value * area.value * thickness.value / 3.0, 'kg',
+        'mass',
+        density.value * area.value * thickness.value / 3.0,
+        'kg',
         math.hypot(density.spread, area.spread),
-        f'rho A h/3, a layer in even shear (Rayleigh): rho = {density.value:.4g} kg/m^3'
-        f' ({density.origin})',
-    )  # fmt: skip
+        f'rho A h/3, a layer in even shear (Rayleigh): rho = {density.value:.4g} kg/m^3 ({density.origin})',
+    )
     damping = _damping(own, math.sqrt(stiffness.value * mass.value), modulus, density, area)
     law = (own[name] for name in ('static', 'kinetic', 'decay'))
     return diameter, mass, damping, stiffness, *law, own['load']
@@ -131,9 +141,8 @@ def _stated(name: str, item: Given) -> Estimate:
 
 
 def _damping(
-    own: Mapping[str, Estimate], critical: float, modulus: Estimate, density: Estimate,
-    area: Estimate,
-) -> Estimate:  # fmt: skip
+    own: Mapping[str, Estimate], critical: float, modulus: Estimate, density: Estimate, area: Estimate
+) -> Estimate:
     """``c = 2 zeta sqrt(k m)``; of a loss factor ``eta``, ``zeta = eta/2`` at resonance.
 
     Nashif, Jones and Henderson, Vibration Damping, 1985. ``sqrt(k m)`` goes with the area and with
@@ -152,9 +161,12 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
     """The bearing of the estimated values."""
     own = {item.name: item.value for item in values}
     return Bearing(
-        own['mass'], own['damping'], own['stiffness'],
-        Stribeck(own['static'], own['kinetic'], own['decay']), own['journal_diameter'],
-    )  # fmt: skip
+        own['mass'],
+        own['damping'],
+        own['stiffness'],
+        Stribeck(own['static'], own['kinetic'], own['decay']),
+        own['journal_diameter'],
+    )
 
 
 def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
@@ -167,8 +179,7 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
     for item in values:
         moved = (item.value * (1.0 - item.spread), item.value * (1.0 + item.spread))
         changed = [
-            [replace(each, value=value) if each is item else each for each in values]
-            for value in moved
+            [replace(each, value=value) if each is item else each for each in values] for value in moved
         ]
         below, above = (_relative(_fold(each), nominal) for each in changed)
         if below or above:

@@ -17,25 +17,52 @@ from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
 
 NAMES = {
     'speed': (
-        'speed', 'velocity', 'v', 'sliding speed', 'sliding velocity', 'relative speed',
-        'relative velocity', 'surface speed', 'shaft speed', 'n',
+        'speed',
+        'velocity',
+        'v',
+        'sliding speed',
+        'sliding velocity',
+        'relative speed',
+        'relative velocity',
+        'surface speed',
+        'shaft speed',
+        'n',
     ),
     'coefficient': (
-        'coefficient', 'mu', 'μ', 'cof', 'friction', 'friction coefficient',
+        'coefficient',
+        'mu',
+        'μ',
+        'cof',
+        'friction',
+        'friction coefficient',
         'coefficient of friction',
     ),
     'std': (
-        'std', 'sigma', 'σ', 'sd', 'uncertainty', 'standard deviation', 'coefficient std',
-        'mu std', 'std mu',
+        'std',
+        'sigma',
+        'σ',
+        'sd',
+        'uncertainty',
+        'standard deviation',
+        'coefficient std',
+        'mu std',
+        'std mu',
     ),
     'weight': ('weight', 'weights', 'w'),
-}  # fmt: skip
+}
 """The headings by which each quantity is recognised, in lower case and without their unit."""
 
 _UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
-    'mm/s': 'mm/s', 'cm/s': 'cm/s', 'um/s': 'um/s', 'm s-1': 'm/s', '1/s': 'Hz',
-    'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm',
-}  # fmt: skip
+    'mm/s': 'mm/s',
+    'cm/s': 'cm/s',
+    'um/s': 'um/s',
+    'm s-1': 'm/s',
+    '1/s': 'Hz',
+    'r/min': 'rpm',
+    '1/min': 'rpm',
+    'rev/min': 'rpm',
+    'min-1': 'rpm',
+}
 _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
 _SHARES = ('coefficient', 'std')
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
@@ -95,9 +122,7 @@ def read_curve(
     heading = rows[0].cells[chosen['speed']]
     unit, source = _unit(path, rows[0].line, heading, unit)
     values = {
-        quantity: np.array(
-            [_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]]
-        )
+        quantity: np.array([_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]])
         for quantity, index in chosen.items()
     }
     factor = _LINEAR.get(unit, 1.0)
@@ -130,9 +155,7 @@ def _split(heading: str) -> tuple[str, str]:
     return name, unit.strip()
 
 
-def _choose(
-    path: str | Path, headings: TableRow, columns: Mapping[str, str | None]
-) -> dict[str, int]:
+def _choose(path: str | Path, headings: TableRow, columns: Mapping[str, str | None]) -> dict[str, int]:
     """The index of each quantity's column; std and weight only where there is one."""
     asked = {quantity: columns.get(quantity) for quantity in NAMES}
     if asked['std'] is not None and asked['weight'] is not None:

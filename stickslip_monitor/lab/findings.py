@@ -29,12 +29,7 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_load,
     hopf_speed,
 )
-from stickslip_monitor.physics.cycle.cycles import (
-    Cycle,
-    exact_cycle,
-    exact_fold_speed,
-    exact_unstable_cycle,
-)
+from stickslip_monitor.physics.cycle.cycles import Cycle, exact_cycle, exact_fold_speed, exact_unstable_cycle
 from stickslip_monitor.physics.friction import Stribeck, as_stribeck
 from stickslip_monitor.physics.motion.integrator import Drive, Motion, MotionState, integrate
 from stickslip_monitor.physics.oscillator import Bearing
@@ -124,9 +119,15 @@ def _averaged_growth(
         return float(amplitude[0] - _ARRIVED * final)
 
     grown = solve_ivp(
-        rate, (0.0, _MOST_PERIODS * period), [_DISTURBANCE * final],
-        method='LSODA', rtol=1e-9, atol=1e-12 * final, dense_output=True, events=arrived,
-    )  # fmt: skip
+        rate,
+        (0.0, _MOST_PERIODS * period),
+        [_DISTURBANCE * final],
+        method='LSODA',
+        rtol=1e-9,
+        atol=1e-12 * final,
+        dense_output=True,
+        events=arrived,
+    )
     assert grown.t_events is not None
     assert grown.sol is not None
     times = grown.t_events[0]

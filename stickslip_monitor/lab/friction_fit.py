@@ -276,8 +276,9 @@ def _linear(
 def _solve(curve: FrictionCurve, names: tuple[str, ...]) -> StribeckFit:
     """The robust fit with some coefficients free, whether or not it makes sense."""
     even = np.ones(curve.speed.size)
-    start = min((_linear(curve, names, decay, even) for decay in _decays(curve)),
-                key=lambda found: found[1])[0]  # fmt: skip
+    start = min((_linear(curve, names, decay, even) for decay in _decays(curve)), key=lambda found: found[1])[
+        0
+    ]
     found = StribeckFit(curve, names, start, 1.0)
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
     steps: tuple[tuple[Loss, float], ...]
@@ -311,9 +312,7 @@ def _descend(fit: StribeckFit, scale: float, loss: Loss, at: float) -> FloatArra
         return root[:, None] * np.stack(rows, axis=1)[:, free]
 
     options: dict[str, Any] = {'ftol': 1e-15, 'xtol': 1e-15, 'gtol': 1e-15, 'max_nfev': 200}
-    found = least_squares(
-        misfit, fit.values[free], gradient, x_scale='jac', loss=loss, f_scale=at, **options
-    )
+    found = least_squares(misfit, fit.values[free], gradient, x_scale='jac', loss=loss, f_scale=at, **options)
     return whole(found.x)
 
 
@@ -500,9 +499,7 @@ def _questions(curve: FrictionCurve) -> list[str]:
         )
     fastest = float(curve.speed.max(initial=0.0))
     if curve.unit == 'm/s' and fastest > _UNUSUAL_SPEED:
-        found.append(
-            f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?'
-        )
+        found.append(f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?')
     return found
 
 
@@ -607,9 +604,13 @@ class BoundarySpread:
 
 
 def boundary_spread(
-    fit: StribeckFit, damping: float, load: float, speed: float | None = None,
-    draws: int = 20000, seed: int = 0,
-) -> BoundarySpread:  # fmt: skip
+    fit: StribeckFit,
+    damping: float,
+    load: float,
+    speed: float | None = None,
+    draws: int = 20000,
+    seed: int = 0,
+) -> BoundarySpread:
     """What the fit's uncertainty means for a bearing.
 
     ``V_H = d/beta`` with ``d = ln(Delta beta/(c/N + nu))``, and ``V_F`` follows from the same

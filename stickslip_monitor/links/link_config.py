@@ -63,12 +63,7 @@ INPUT_PARAMETERS = (
     Parameter('path', 'str', '', 'Signal K: the path.'),
     Parameter('source', 'str', '', 'Signal K: the only `$source` to use; empty for any one.'),
     Parameter('sentence', 'str', '', 'NMEA: RPM for the speed, XDR for the load.'),
-    Parameter(
-        'talker',
-        'str',
-        '',
-        'NMEA: the only talker to use; empty to stay with the first that sends.',
-    ),
+    Parameter('talker', 'str', '', 'NMEA: the only talker to use; empty to stay with the first that sends.'),
     Parameter('kind', 'str', '', 'NMEA: S shaft or E engine of RPM; type of transducer of XDR.'),
     Parameter('number', 'int', 1, 'NMEA: number of the shaft or engine of RPM.', minimum=0),
     Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
@@ -118,9 +113,7 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
     ]
     if not (own['signalk.url'] or own['nmea.listen'] or own['nmea.alerts'] or inputs):
-        raise ConfigurationError(
-            f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts'
-        )
+        raise ConfigurationError(f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts')
     signalk = tuple(item for item in inputs if isinstance(item, SignalKInput))
     nmea = tuple(item for item in inputs if isinstance(item, NmeaInput))
     return LinksConfig(_signalk(own, bool(signalk)), _nmea(own, bool(nmea)), signalk, nmea)
@@ -234,6 +227,4 @@ def _check_unit(bearing: BearingConfig, place: Input, name: str, unit: str, who:
         units = [u for u in SPEED_UNITS if bearing.bearing.speed.factor(u) == factor]
         fits, actual = unit in units, units[0]
     if not fits:
-        raise ConfigurationError(
-            f"{name}.unit = '{actual}' must be {unit}, in which {who} gives it"
-        )
+        raise ConfigurationError(f"{name}.unit = '{actual}' must be {unit}, in which {who} gives it")

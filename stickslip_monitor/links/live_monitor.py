@@ -61,9 +61,7 @@ class LiveMonitor:
         clock: HostClock | None = None,
     ) -> None:
         self._now = (clock or HostClock()).now
-        self._session = Session(
-            config, Shown(display), log, lambda: self._now().time_ns, store, Graph()
-        )
+        self._session = Session(config, Shown(display), log, lambda: self._now().time_ns, store, Graph())
         self._begun_ns = self._ticked_ns = self._now().steady_ns
         self._shown_ns = self._begun_ns - _SHOWN_EVERY_NS
 

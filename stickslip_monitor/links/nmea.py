@@ -45,12 +45,7 @@ _TITLES = {
     AlarmKind.VIBRATION: 'VIBRATION',
 }
 _TEXT = 48
-_ON_THE_FOLD = (
-    AlarmKind.STICK_SLIP,
-    AlarmKind.AMPLITUDE_LIMIT,
-    AlarmKind.BISTABLE,
-    AlarmKind.MARGIN_LOW,
-)
+_ON_THE_FOLD = (AlarmKind.STICK_SLIP, AlarmKind.AMPLITUDE_LIMIT, AlarmKind.BISTABLE, AlarmKind.MARGIN_LOW)
 """Alarms that end above the fold."""
 _PRIORITIES = {Priority.ALARM: 'A', Priority.WARNING: 'W', Priority.CAUTION: 'C'}
 _LETTERS = {
@@ -178,9 +173,7 @@ class NmeaInputs:
             (items, SourceAdmission(items[0].label, items[0].talker, items[0].timeout, log))
             for items in grouped(inputs, lambda item: replace(item, bearing='', timeout=0.0))
         ]
-        self._heard: dict[NmeaInput, Counter[str]] = {
-            items[0]: Counter() for items, _ in self._inputs
-        }
+        self._heard: dict[NmeaInput, Counter[str]] = {items[0]: Counter() for items, _ in self._inputs}
         self._brought: dict[NmeaInput, float] = {}
         self._asked: set[NmeaInput] = set()
 
@@ -251,12 +244,7 @@ class Alerts:
     """
 
     def __init__(
-        self,
-        bearings: Sequence[str],
-        talker: str,
-        manufacturer: str,
-        first_alert: int,
-        accept_actions: bool,
+        self, bearings: Sequence[str], talker: str, manufacturer: str, first_alert: int, accept_actions: bool
     ) -> None:
         self._talker, self._manufacturer = talker, manufacturer
         self._accept_actions = accept_actions
@@ -382,11 +370,7 @@ def _whole(text: str, room: int) -> str:
     """As many whole words as fit; of a first one that is longer its beginning."""
     if len(text) <= room:
         return text
-    return (
-        text[: text.rfind(' ', 0, room + 1)].rstrip(' .')
-        if ' ' in text[: room + 1]
-        else text[:room]
-    )
+    return text[: text.rfind(' ', 0, room + 1)].rstrip(' .') if ' ' in text[: room + 1] else text[:room]
 
 
 def clean(text: str) -> str:

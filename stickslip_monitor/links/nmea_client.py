@@ -50,13 +50,7 @@ class Port:
     """
 
     def __init__(
-        self,
-        name: str,
-        address: str,
-        on_line: OnLine,
-        on_link: OnLink,
-        listens: bool,
-        silent: float,
+        self, name: str, address: str, on_line: OnLine, on_link: OnLink, listens: bool, silent: float
     ) -> None:
         self.name, self.address = name, address
         self.url = check_port(name, address)
@@ -84,9 +78,7 @@ class Port:
         except OSError as error:
             # A server may come later than we do.
             if self.url.scheme != 'tcp':
-                raise LinkError(
-                    f"{self.name} = '{self.address}' cannot be opened: {cause(error)}"
-                ) from error
+                raise LinkError(f"{self.name} = '{self.address}' cannot be opened: {cause(error)}") from error
             self._fail(cause(error))
 
     async def run(self) -> None:

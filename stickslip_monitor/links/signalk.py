@@ -287,13 +287,9 @@ class Notifications:
 
     def accepts(self, frame: object, own_vessel: str) -> bool:
         """Whether a frame brings back what this run has sent: the proof that we may write."""
-        return any(
-            _token(value).startswith(f'{self._run}-') for *_, value in _values(frame, own_vessel)
-        )
+        return any(_token(value).startswith(f'{self._run}-') for *_, value in _values(frame, own_vessel))
 
-    def take_echo(
-        self, frame: object, own_vessel: str
-    ) -> tuple[list[Update], list[ActionRequest]]:
+    def take_echo(self, frame: object, own_vessel: str) -> tuple[list[Update], list[ActionRequest]]:
         """What the server says of our notifications: what to send, and what people ask."""
         updates, requests = list[Update](), list[ActionRequest]()
         for _, source, path, value in _values(frame, own_vessel):
@@ -325,9 +321,7 @@ class Notifications:
         if own.base is None:
             return []
         before, own.base = own.base, _status(value)
-        acknowledged, silenced = (
-            now and not was for was, now in zip(before, own.base, strict=True)
-        )
+        acknowledged, silenced = (now and not was for was, now in zip(before, own.base, strict=True))
         # An older client takes the sound away; never an acknowledgement.
         current = value.get('data', {}).get('revision') == own.revision
         method = value.get('method')

@@ -80,12 +80,7 @@ class SignalKClient:
     """
 
     def __init__(
-        self,
-        link: SignalKLink,
-        token: str,
-        inputs: SignalKInputs,
-        own_load: Sequence[str],
-        side: MonitorSide,
+        self, link: SignalKLink, token: str, inputs: SignalKInputs, own_load: Sequence[str], side: MonitorSide
     ) -> None:
         self._link, self._inputs, self._side = link, inputs, side
         self._headers = {'Authorization': f'Bearer {token}'} if token else {}
@@ -276,9 +271,7 @@ class SignalKClient:
         self._send(self._alarms.take_monitor('' if there else 'No data from the monitor.'))
         if there and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
-            self._outbox += [
-                self._values.values(n, self._records.get(n)) for n in self._side.bearings
-            ]
+            self._outbox += [self._values.values(n, self._records.get(n)) for n in self._side.bearings]
             self._wake.set()
         if now - self._repeated >= REPEAT:
             self._repeat(now)
@@ -304,9 +297,7 @@ class SignalKClient:
         url = f'{self._link.url}/signalk/v1/api/vessels/self/{path.replace(".", "/")}'
         try:
             limit = aiohttp.ClientTimeout(total=UNHEARD)
-            async with self._session.get(
-                url, headers=self._headers, ssl=self._ssl, timeout=limit
-            ) as answer:
+            async with self._session.get(url, headers=self._headers, ssl=self._ssl, timeout=limit) as answer:
                 status, value = answer.status, await answer.text()
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
             status, value = 0, _reason(error)
@@ -368,19 +359,13 @@ async def request_token(
     body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
     try:
         async with aiohttp.ClientSession() as session:
-            answer = await _ask(
-                session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context)
-            )
+            answer = await _ask(session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context))
             started(f'Approve stickslip_monitor in the pages of {url} (Security, Access Requests)')
             while answer.get('state') == 'PENDING':
                 await asyncio.sleep(every)
-                answer = await _ask(
-                    session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context)
-                )
+                answer = await _ask(session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context))
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
-        raise LinkError(
-            f"signalk.url = '{url}' cannot be asked for a token: {_reason(error)}"
-        ) from error
+        raise LinkError(f"signalk.url = '{url}' cannot be asked for a token: {_reason(error)}") from error
     token = (answer.get('accessRequest') or {}).get('token')
     if not isinstance(token, str):
         raise LinkError(f"signalk.url = '{url}': the request for a token was denied")

@@ -21,9 +21,7 @@ class SourceAdmission:
         log: Given a line for each source that is left out, once, and for each change.
     """
 
-    def __init__(
-        self, what: str, chosen: str, timeout: float, log: Callable[[str], object]
-    ) -> None:
+    def __init__(self, what: str, chosen: str, timeout: float, log: Callable[[str], object]) -> None:
         self._what, self._chosen, self._timeout, self._log = what, chosen, timeout, log
         self._used, self._heard = chosen, 0.0
         self._left_out: set[str] = set()

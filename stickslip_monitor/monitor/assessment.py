@@ -57,22 +57,14 @@ class Outcome(SentenceEnum):
         Regime.BISTABLE,
         'Steady sliding and stick-slip are both stable: which one runs depends on the history.',
     )
-    STICK_SLIP = (
-        'stick_slip',
-        Regime.UNSTABLE,
-        'Steady sliding is unstable: stick-slip starts by itself.',
-    )
+    STICK_SLIP = ('stick_slip', Regime.UNSTABLE, 'Steady sliding is unstable: stick-slip starts by itself.')
     NO_BOUNDARY = (
         'no_boundary',
         Regime.STABLE,
         'Friction does not fall fast enough with speed to overcome the damping at this load:'
         ' no speed has stick-slip.',
     )
-    NO_CONTACT = (
-        'no_contact',
-        Regime.STABLE,
-        'The bearing carries no load: there is no friction.',
-    )
+    NO_CONTACT = ('no_contact', Regime.STABLE, 'The bearing carries no load: there is no friction.')
     AT_REST = 'at_rest', Regime.UNDETERMINED, 'The shaft is at rest: nothing slides.'
     NOT_FINITE = 'not_finite', Regime.UNDETERMINED, 'Speed or load is not a finite number.'
     BELOW = (
@@ -87,13 +79,7 @@ _REGIME_CODES = np.array([REGIMES.index(outcome.regime) for outcome in OUTCOMES]
 NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE, BELOW = map(
     np.int8, range(len(OUTCOMES))
 )
-BELIEFS = (
-    'probability_can',
-    'probability_will',
-    'probability_runs',
-    'fold_margin_low',
-    'fold_margin_high',
-)
+BELIEFS = ('probability_can', 'probability_will', 'probability_runs', 'fold_margin_low', 'fold_margin_high')
 """What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 
@@ -116,15 +102,11 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
 
 
 def _margin(points: Assessment, boundary: FloatArray) -> FloatArray:
-    return np.where(
-        points.outcome_code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary)
-    )
+    return np.where(points.outcome_code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary))
 
 
 def _amplitude(
-    solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray],
-    codes: list[np.int8],
-    points: Assessment,
+    solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], codes: list[np.int8], points: Assessment
 ) -> FloatArray:
     """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
     speed = np.abs(points.speed)
@@ -300,11 +282,7 @@ class Assessment:
     def regime(self) -> Any:
         """What can happen at the point: a :class:`Regime`, or names of many."""
         code = self.outcome_code
-        return (
-            np.array(REGIMES, dtype=str)[self.regime_code]
-            if np.ndim(code)
-            else REGIMES[self.regime_code]
-        )
+        return np.array(REGIMES, dtype=str)[self.regime_code] if np.ndim(code) else REGIMES[self.regime_code]
 
 
 def _of(stored: Iterable[Any], bearing: Bearing, **more: Any) -> Assessment:

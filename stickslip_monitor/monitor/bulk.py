@@ -21,13 +21,7 @@ from stickslip_monitor.monitor import rule, rule_level
 from stickslip_monitor.monitor.assessment import Assessment, assess
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import LADDER, Unknown
-from stickslip_monitor.monitor.rule_state import (
-    NEVER,
-    STATE_TYPE,
-    RuleSettings,
-    State,
-    settings_of,
-)
+from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, RuleSettings, State, settings_of
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, assessed, size_cycle
 from stickslip_monitor.physics import boundary_table, probability, scalar_law
@@ -41,9 +35,17 @@ _CHANGES = 256
 
 
 _OF_POINTS = (
-    'time_ns', 'until_ns', 'speed', 'load', 'chances', 'rung', 'sticking', 'measured', 'sample',
+    'time_ns',
+    'until_ns',
+    'speed',
+    'load',
+    'chances',
+    'rung',
+    'sticking',
+    'measured',
+    'sample',
     'stretch',
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,7 @@ class Scan:
     def part(self, points: IndexArray, samples: slice, events: Sequence[int]) -> Scan:
         """Some of the points, samples and events; the counts stay those of all."""
         columns: dict[str, Any] = {
-            name: column[points]
-            for name in _OF_POINTS
-            if (column := getattr(self, name)) is not None
+            name: column[points] for name in _OF_POINTS if (column := getattr(self, name)) is not None
         }
         return replace(
             self,
@@ -116,9 +116,7 @@ def joined(parts: Sequence[Scan]) -> Scan:
     )
 
 
-def scan_bearing(
-    config: BearingConfig, stream: Stream, start_ns: int | None, end_ns: int | None
-) -> Scan:
+def scan_bearing(config: BearingConfig, stream: Stream, start_ns: int | None, end_ns: int | None) -> Scan:
     """Evaluate the recording of one bearing, with start and end as in :meth:`Monitor.scan`."""
     return BearingScan(config, start_ns).finish(stream, end_ns)
 
@@ -142,9 +140,7 @@ class BearingScan:
     samples that went in.
     """
 
-    def __init__(
-        self, config: BearingConfig, start_ns: int | None, long: bool | None = None
-    ) -> None:
+    def __init__(self, config: BearingConfig, start_ns: int | None, long: bool | None = None) -> None:
         self.config = config
         self.settings = settings_of(config)
         self.state = State()
@@ -207,9 +203,7 @@ class BearingScan:
             'stretch': jumps[made],
         }
         if self._held:
-            columns = {
-                name: np.concatenate([self._held[name], new]) for name, new in columns.items()
-            }
+            columns = {name: np.concatenate([self._held[name], new]) for name, new in columns.items()}
         time, until = columns['time_ns'], columns['until_ns']
         following = np.append(time[1:], time[-1:] if end_ns is None else [end_ns])[: time.size]
         out = max(time.size - (not final), 0)
@@ -232,9 +226,7 @@ class BearingScan:
             unknown=self._standing(self.state, None).unknown,
         )
 
-    def memories(
-        self, stream: Stream, ends: Sequence[int]
-    ) -> Iterator[tuple[State, FloatArray | None]]:
+    def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
         """Take samples without verdicts; the memory and the latest point after so many of them.
 
         Args:
@@ -256,10 +248,7 @@ class BearingScan:
     def _room(self, stream: Stream) -> tuple[IntArray, FloatArray]:
         """Where the rule notes what became of each sample, and the points."""
         size = stream.time_ns.size
-        return (
-            np.zeros((size, 7), np.int64),
-            np.zeros((size, 2 if self.config.belief is None else 5)),
-        )
+        return (np.zeros((size, 7), np.int64), np.zeros((size, 2 if self.config.belief is None else 5)))
 
     def _run(
         self,
@@ -298,9 +287,7 @@ class BearingScan:
             while begin < end:
                 if count:
                     rows = np.zeros((_CHANGES, 5), np.int64)
-                    room: Any = (
-                        np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([None] * _CHANGES)
-                    )
+                    room: Any = np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([None] * _CHANGES)
                 begin, count = loop(states, *given, columns, begin, end, notes, points, rows, room)
                 state = states.view(np.recarray)[0] if long else self.state
                 if rule.amplitude_due(state, settings.live):

@@ -135,7 +135,5 @@ class ClipRecorder:
     def _forget(self) -> None:
         """Drop what is too old, or too much."""
         oldest = self.now_ns - self.config.around_ns
-        while self._past and (
-            self._past[0].time_ns < oldest or self._past_size > self.config.size // 2
-        ):
+        while self._past and (self._past[0].time_ns < oldest or self._past_size > self.config.size // 2):
             self._past_size -= self._past.popleft().size

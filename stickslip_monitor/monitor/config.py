@@ -162,8 +162,7 @@ class AlarmConfig:
     )
     off_delay_ns: int = duration(
         10.0,
-        'How long a condition must be gone before it is cleared, net; longer for one that keeps'
-        ' returning.',
+        'How long a condition must be gone before it is cleared, net; longer for one that keeps returning.',
     )
     input_off_delay_ns: int = duration(
         60.0,
@@ -188,9 +187,7 @@ class AlarmConfig:
         minimum=0.001,
         maximum=0.999,
     )
-    caution_probability: float = _probability(
-        0.05, 'The same for caution, in the place of the margin.'
-    )
+    caution_probability: float = _probability(0.05, 'The same for caution, in the place of the margin.')
     onset_growth: float = parameter(
         3.0,
         'How far a disturbance of steady sliding must have grown for stick-slip to be predicted;'
@@ -240,15 +237,10 @@ class ClipConfig:
     """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
 
     directory: str = parameter(
-        '',
-        'Folder for event clips, a short recording around each alarm; empty for none.',
-        fixed=True,
+        '', 'Folder for event clips, a short recording around each alarm; empty for none.', fixed=True
     )
     around_ns: int = duration(
-        60.0,
-        'How much of the time before and after an alarm a clip has.',
-        minimum=1.0,
-        maximum=600.0,
+        60.0, 'How much of the time before and after an alarm a clip has.', minimum=1.0, maximum=600.0
     )
     most: int = parameter(50, 'Clips kept; the oldest make room.', minimum=1, maximum=10_000)
     size: int = parameter(
@@ -332,10 +324,7 @@ LINING_PARAMETERS = tuple(
 """The parameters of :class:`Bearing`, but for its friction."""
 TORSIONAL_PARAMETERS = {
     'mass': _physical(
-        'inertia',
-        'kg m^2',
-        "In place of mass: the lining's inertia about the shaft's axis.",
-        1e12,
+        'inertia', 'kg m^2', "In place of mass: the lining's inertia about the shaft's axis.", 1e12
     ),
     'damping': Parameter(
         'torsional_damping', 'float', math.nan, 'In place of damping.', 'N m s/rad', 0.0, 1e15
@@ -348,22 +337,12 @@ FRICTION_PARAMETERS = (
     _physical('friction.static', '', 'Static coefficient mu_s.', 10.0),
     _physical('friction.kinetic', '', 'Kinetic coefficient mu_k.', 10.0),
     _physical('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.', 1e3),
+    Parameter('friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0, 1e3),
     Parameter(
-        'friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0, 1e3
-    ),
-    Parameter(
-        'friction.exponent',
-        'float',
-        1.0,
-        'Exponent delta of the Stribeck law; 2 is Gaussian.',
-        '',
-        1.0,
-        4.0,
+        'friction.exponent', 'float', 1.0, 'Exponent delta of the Stribeck law; 2 is Gaussian.', '', 1.0, 4.0
     ),
     Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', 0.0, 1e3),
-    Parameter(
-        'friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', '', 0.0, 10.0
-    ),
+    Parameter('friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', '', 0.0, 10.0),
 )
 _UNCERTAIN = {
     'damping': 'the damping',

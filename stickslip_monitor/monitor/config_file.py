@@ -72,9 +72,7 @@ for _tag, _pattern, _starts in (
     ('int', '[-+]?(?:0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)', '-+0123456789'),
     ('float', _REALS, '-+.0123456789iInN'),
 ):
-    _Loader.add_implicit_resolver(
-        f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), list(_starts)
-    )
+    _Loader.add_implicit_resolver(f'tag:yaml.org,2002:{_tag}', re.compile(f'(?:{_pattern})$'), list(_starts))
 _Loader.add_constructor('tag:yaml.org,2002:bool', lambda _, node: _SWITCHES[node.value])
 
 
@@ -94,8 +92,7 @@ class _ParameterLoader(_Loader):
             mixed = ' and '.join(sorted(tags))
             remedy = ': write 0.0 in place of 0' if tags == {'int', 'float'} else ''
             raise yaml.MarkedYAMLError(
-                problem=f'a list mixes {mixed}, which ROS 2 refuses{remedy}',
-                problem_mark=node.start_mark,
+                problem=f'a list mixes {mixed}, which ROS 2 refuses{remedy}', problem_mark=node.start_mark
             )
         return super().construct_sequence(node, deep)
 
@@ -163,15 +160,10 @@ def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]
     if not merged:
         there = ', '.join(str(section) for section in document)
         raise ConfigurationError(
-            f"{path} has no parameters for '{node or NODE_NAME}': its sections are {there}; use"
-            " '/**'"
+            f"{path} has no parameters for '{node or NODE_NAME}': its sections are {there}; use '/**'"
         )
     # 'ros2 param dump' writes what is not set as null.
-    return {
-        key: value
-        for key, value in merged.items()
-        if value is not None and not is_ros_parameter(key)
-    }
+    return {key: value for key, value in merged.items() if value is not None and not is_ros_parameter(key)}
 
 
 def _sections(
@@ -200,9 +192,7 @@ def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str
     own = (name for name in sections if '*' not in name and name.endswith(f'/{NODE_NAME}'))
     named = list(dict.fromkeys(own))
     if len(named) > 1:
-        raise ConfigurationError(
-            f'{path} is for several nodes: choose one of {", ".join(named)} by --node'
-        )
+        raise ConfigurationError(f'{path} is for several nodes: choose one of {", ".join(named)} by --node')
     # Where only patterns stand, all of them are for the node, whatever its namespace.
     return named[0] if named else ''
 
@@ -262,9 +252,7 @@ def _flat(path: str | Path, content: Mapping[Any, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in _flattened('', content):
         if name in found:
-            raise ConfigurationError(
-                f"{path}: '{name}' is given twice, with dots and in a section: keep one"
-            )
+            raise ConfigurationError(f"{path}: '{name}' is given twice, with dots and in a section: keep one")
         found[name] = value
     return found
 

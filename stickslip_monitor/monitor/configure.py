@@ -121,9 +121,14 @@ def belief_of(
         low, high = (float(load) for load in document['loads'])
         floor = float(document['floor'])
     except (
-        KeyError, IndexError, TypeError, ValueError, OverflowError, PhysicsError,
+        KeyError,
+        IndexError,
+        TypeError,
+        ValueError,
+        OverflowError,
+        PhysicsError,
         np.linalg.LinAlgError,
-    ) as error:  # fmt: skip
+    ) as error:
         raise ConfigurationError(f'{path} is damaged: {error!r}') from error
     sound = covariance.shape == (2, 2) and bool((np.abs(covariance) < _LARGEST_VARIANCE).all())
     if not (sound and 0.0 < low <= high < math.inf and 0.0 <= floor <= 1.0):
@@ -205,8 +210,7 @@ def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]
         head = key.split('.', 1)[0]
         if '.' in key and head not in names:
             raise ConfigurationError(
-                f"section '{head}' is not a bearing: add it to bearings, which lists"
-                f' {", ".join(names)}'
+                f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}"
             )
         hint = did_you_mean(key, known)
         raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
@@ -239,13 +243,10 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _build_bearing(name: str, values: Mapping[str, Any]) -> config.BearingConfig:
     values = _at_surface(name, values)
-    own = {
-        row.name: row.checked(f'{name}.{row.name}', values) for row in config.BEARING_PARAMETERS
-    }
+    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in config.BEARING_PARAMETERS}
     try:
         bearing = Bearing(
-            **{row.name: own[row.name] for row in config.LINING_PARAMETERS},
-            friction=_friction(name, own),
+            **{row.name: own[row.name] for row in config.LINING_PARAMETERS}, friction=_friction(name, own)
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
@@ -292,9 +293,7 @@ def _believed(
         if not path:
             return bearing, _of_tolerance(bearing, tolerance)
         document = load_calibration(path)
-        sensors = {
-            name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')
-        }
+        sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
         require_same_sensors(path, document, name, sensors)
         belief = belief_of(path, document, bearing, tolerance)
         return belief.bearing, belief
@@ -339,20 +338,19 @@ def _load(name: str, own: Mapping[str, Any], speed: config.InputConfig) -> confi
             f' {name}.load.maximum = {own["load.maximum"]:g} N'
         )
     beside = {
-        'load.topic': speed.topic, 'load.type': speed.type, 'load.field': speed.field_text,
-        'load.column': speed.column, 'load.scale': 0.0, 'load.offset': constant,
-    }  # fmt: skip
+        'load.topic': speed.topic,
+        'load.type': speed.type,
+        'load.field': speed.field_text,
+        'load.column': speed.column,
+        'load.scale': 0.0,
+        'load.offset': constant,
+    }
     values = {**own, **beside, 'load.timeout': own['speed.timeout']}
     return filled(config.LoadConfig, 'load.', values, field=speed.field, factor=factor)
 
 
 def _input(
-    kind: type[Any],
-    name: str,
-    quantity: str,
-    own: Mapping[str, Any],
-    factor: float,
-    deadband: float = 0.0,
+    kind: type[Any], name: str, quantity: str, own: Mapping[str, Any], factor: float, deadband: float = 0.0
 ) -> Any:
     """The configuration of one input, of that dataclass."""
     topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
@@ -386,9 +384,7 @@ def _require_other_field(
         )
 
 
-def _level(
-    name: str, own: Mapping[str, Any], *others: config.InputConfig
-) -> config.LevelConfig | None:
+def _level(name: str, own: Mapping[str, Any], *others: config.InputConfig) -> config.LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic'] and not own['level.column']:
         for row in config.INPUT_PARAMETERS['level']:

@@ -98,8 +98,7 @@ def _sender_fault(facts: InputFacts) -> str:
     """Why no valid value can come from those who publish on the topic."""
     if facts.undecodable:
         return (
-            f'Messages on {facts.topic} cannot be decoded: its sender has another definition of'
-            f' {facts.type}.'
+            f'Messages on {facts.topic} cannot be decoded: its sender has another definition of {facts.type}.'
         )
     if facts.publishers is not None and (fault := _connection_fault(facts, facts.publishers)):
         return fault
@@ -119,10 +118,7 @@ def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str
         wrong = publishers[0]
         return f'{wrong.node} publishes {wrong.type} on {topic}, but {facts.type} is configured.'
     if all(publisher.qos_fault for publisher in right):
-        return (
-            f'The quality of service of {right[0].node} on {topic} does not match:'
-            f' {right[0].qos_fault}.'
-        )
+        return f'The quality of service of {right[0].node} on {topic} does not match: {right[0].qos_fault}.'
     return ''
 
 
@@ -219,9 +215,7 @@ class InputWatch:
         self._looks = 0
         self._lost = False
 
-    def take(
-        self, bearing: str, place: int, value: float, valid: bool, now_ns: int, behind_ns: int
-    ) -> None:
+    def take(self, bearing: str, place: int, value: float, valid: bool, now_ns: int, behind_ns: int) -> None:
         """Take note of a sample that came at a time of the steady clock, valid or not."""
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
@@ -269,9 +263,7 @@ class InputWatch:
         ]
         return list(dict.fromkeys(found))  # that /clock is silent holds for all inputs
 
-    def _look_at(
-        self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool
-    ) -> bool:
+    def _look_at(self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool) -> bool:
         """Look at one input; whether there is a fault that was not reported before."""
         track.look(now_ns, tuple(map(int, self._bearings[bearing].counts[place])))
         fault = input_fault(self._facts(bearing, place, now_ns, without_clock))

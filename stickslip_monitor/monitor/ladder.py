@@ -48,11 +48,7 @@ class Condition(SentenceEnum):
         ' something else, or the threshold is too low.',
     )
     CAUTION = 'caution', Level.WARN, 'Near the stick-slip boundary.'
-    BISTABLE = (
-        'bistable',
-        Level.WARN,
-        'In the bistable range: a shock can start stick-slip.',
-    )
+    BISTABLE = ('bistable', Level.WARN, 'In the bistable range: a shock can start stick-slip.')
     STICK_SLIP = 'stick_slip', Level.ERROR, 'Stick-slip predicted.'
     AMPLITUDE = 'amplitude_limit', Level.ERROR, 'Stick-slip predicted above the amplitude limit.'
     INPUT_STALE = 'input_stale', Level.ERROR, 'An input is lost: nothing can be predicted.'

@@ -123,9 +123,7 @@ class BearingMonitor(Standing):
         """The clock of the arrivals was set by so much [ns]: the memory's own time goes on."""
         self.state.shift -= step_ns
 
-    def update(
-        self, place: int, time_ns: int, number: float, arrival_ns: int | None = None
-    ) -> Update:
+    def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
         """Take one sample of an :class:`Input`; see :class:`Sample`."""
         if place == Input.LEVEL and self.config.level is None:
             raise ConfigurationError(
@@ -183,9 +181,7 @@ class Monitor:
             ConfigurationError: The sample's bearing or quantity is not configured.
         """
         if sample.quantity not in INPUTS:
-            raise ConfigurationError(
-                f"quantity '{sample.quantity}' is not one of {', '.join(INPUTS)}"
-            )
+            raise ConfigurationError(f"quantity '{sample.quantity}' is not one of {', '.join(INPUTS)}")
         place = INPUTS.index(sample.quantity)
         bearing = self._bearing(sample.bearing)
         return bearing.update(place, sample.time_ns, sample.value, sample.arrival_ns)

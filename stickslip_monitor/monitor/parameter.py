@@ -134,12 +134,7 @@ def parameter(default: Any, text: str, unit: str = '', **rules: Any) -> Any:
         rules: Further attributes of :class:`Parameter`, where they are not as the field's name
             and annotation say, and ``convert``: makes the field's value of the parameter's.
     """
-    rules = {
-        'convert': lambda value: value,
-        'text': text,
-        'unit': unit,
-        'default': default,
-    } | rules
+    rules = {'convert': lambda value: value, 'text': text, 'unit': unit, 'default': default} | rules
     if default is REQUIRED:
         return field(metadata=rules, kw_only=True)
     return field(default=rules['convert'](default), metadata=rules)
@@ -174,9 +169,7 @@ def _name(item: Field[Any]) -> str:
     return str(item.metadata.get('name', item.name.removesuffix('_ns')))
 
 
-def filled(
-    section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any
-) -> Section:
+def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
     """The dataclass with the checked values of its parameters.
 
     Args:

@@ -79,8 +79,7 @@ def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
         )
     if limit < config.alarm.amplitude_limit < math.inf:
         yield (
-            f'may move the lining by {config.alarm.amplitude_limit:g} m: is alarm.amplitude_limit'
-            ' in metres?'
+            f'may move the lining by {config.alarm.amplitude_limit:g} m: is alarm.amplitude_limit in metres?'
         )
 
 

@@ -34,9 +34,7 @@ that has not moved for so long is stuck [ns]."""
 _LARGEST = 1e15
 
 
-def _part(
-    start: float, meaning: str, unit: str, size: int, least: float, most: float, new: bool
-) -> Any:
+def _part(start: float, meaning: str, unit: str, size: int, least: float, most: float, new: bool) -> Any:
     """One part of the memory: ``size`` numbers, or a plain one for 0; ``new`` since 0.2.0."""
     facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (least, most), 'new': new}
     if size:

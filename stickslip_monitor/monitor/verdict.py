@@ -17,14 +17,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess, fold_share
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import (
-    CONDITIONS,
-    LADDER,
-    MEASURED,
-    Condition,
-    Measured,
-    Unknown,
-)
+from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.rule_level import RISE, UNKNOWN, decibels, is_over
 from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, State
 from stickslip_monitor.monitor.signals import QUANTITIES
@@ -36,11 +29,7 @@ UNSEEN = 60.0
 
 
 def assessed(
-    config: BearingConfig,
-    table: BoundaryTable,
-    speed: ArrayLike,
-    load: ArrayLike,
-    chances: Iterable[Any],
+    config: BearingConfig, table: BoundaryTable, speed: ArrayLike, load: ArrayLike, chances: Iterable[Any]
 ) -> Assessment:
     """The models' assessment of speeds [m/s] and loads [N], with the rule's probabilities."""
     point = assess(config.bearing, speed, load, config.belief, table)
@@ -111,11 +100,7 @@ class Standing:
     """
 
     def __init__(
-        self,
-        config: BearingConfig,
-        settings: RuleSettings,
-        state: State,
-        verdict: Verdict | None = None,
+        self, config: BearingConfig, settings: RuleSettings, state: State, verdict: Verdict | None = None
     ) -> None:
         self.config, self.settings, self.state, self.verdict = config, settings, state, verdict
 

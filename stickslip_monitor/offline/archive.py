@@ -180,10 +180,7 @@ def on_cluster(
                 )
         try:
             yield from spread(
-                lambda _: contextlib.nullcontext(client.get_executor(pure=False)),
-                function,
-                calls,
-                _MANY,
+                lambda _: contextlib.nullcontext(client.get_executor(pure=False)), function, calls, _MANY
             )
         except FleetError as error:
             raise FleetError(f'{place}: {error}') from None

@@ -86,9 +86,7 @@ class Heard:
         low, high = self.first + a if begin_ns > _EARLIEST else 0, self.first + b
         rows = np.flatnonzero((scan.sample >= low) & (scan.sample < high))
         told = [k for k, sample in enumerate(scan.at) if low <= sample < high]
-        return Heard(
-            _rows(stream, slice(a, b)), scan.part(rows, slice(a, b), told), self.first + a
-        )
+        return Heard(_rows(stream, slice(a, b)), scan.part(rows, slice(a, b), told), self.first + a)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +103,7 @@ class Stretch:
         begin_ns = _EARLIEST
         for end_ns in [*np.unique(longest[most::most] - 1).tolist(), self.end_ns]:
             yield Stretch(
-                end_ns,
-                {name: own.between(begin_ns, end_ns) for name, own in self.bearings.items()},
+                end_ns, {name: own.between(begin_ns, end_ns) for name, own in self.bearings.items()}
             )
             begin_ns = end_ns
 
@@ -174,9 +171,7 @@ def check_recording(
                     sink.begin(bag, config, span.start_ns)
             ends = (int(each.log_time_ns[-1]) for each in part.values() if each.value.size)
             end_ns = max(ends, default=bag.start_ns or 0)
-            running = {
-                name: pool.submit(own.take, part, span.start_ns) for name, own in checks.items()
-            }
+            running = {name: pool.submit(own.take, part, span.start_ns) for name, own in checks.items()}
         hand_on(end_ns or 0, {name: each.result() for name, each in running.items()})
     end_ns = span.end_ns if times.replaced else bag.end_ns
     hand_on(end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
@@ -191,14 +186,11 @@ def check_recording(
 class _BearingCheck:
     """Runs the monitor over one bearing's samples and adds up what it says."""
 
-    def __init__(
-        self, config: BearingConfig, bound: Bound, outlined: bool, long: bool | None
-    ) -> None:
+    def __init__(self, config: BearingConfig, bound: Bound, outlined: bool, long: bool | None) -> None:
         self.config, self._long = config, long
         absent = [bound.absent.get((config.name, of), '') for of in config.inputs]
         self.requests = [
-            None if text else request
-            for request, text in zip(requests_of(config), absent, strict=True)
+            None if text else request for request, text in zip(requests_of(config), absent, strict=True)
         ]
         """What is read for each input; ``None`` for one that is not in the recording."""
         self._scan: BearingScan | None = None
@@ -262,9 +254,7 @@ class _BearingCheck:
             self._worst.found,
             tuple(
                 each.report(
-                    () if request is None else faults[request],
-                    tuple(asked.get(each.quantity, ())),
-                    clock,
+                    () if request is None else faults[request], tuple(asked.get(each.quantity, ())), clock
                 )
                 for each, request in zip(self._inputs, self.requests, strict=True)
             ),
@@ -298,10 +288,7 @@ def merged(series: Sequence[Series]) -> Stream:
 
 def _rows(stream: Stream, rows: slice) -> Stream:
     return Stream(
-        stream.time_ns[rows],
-        stream.inputs[rows],
-        stream.value[rows],
-        arrival_ns=stream.arrival_ns[rows],
+        stream.time_ns[rows], stream.inputs[rows], stream.value[rows], arrival_ns=stream.arrival_ns[rows]
     )
 
 

@@ -215,7 +215,5 @@ class ClipWriter(StretchSink):
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
     found = []
     for topic, kind, time_ns, payload in columns:
-        found += [
-            ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), payload, strict=True)
-        ]
+        found += [ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), payload, strict=True)]
     return sorted(found, key=lambda message: message.time_ns)

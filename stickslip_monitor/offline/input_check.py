@@ -21,14 +21,7 @@ from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_f
 from stickslip_monitor.monitor.questions import FACTOR, questions
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
-from stickslip_monitor.monitor.signals import (
-    INPUTS,
-    LEVEL,
-    QUANTITIES,
-    STATUS_SENTENCES,
-    Status,
-    Stream,
-)
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.source_faults import SourceFault, SourceWatch, fault_text, least_gap
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 
@@ -163,9 +156,17 @@ class InputCheck:
             si = self._source.offset * self._source.factor
             span, topic = (self._source.offset, self._source.offset), self._source.topic
             return InputReport(
-                self.quantity, topic, self._messages, used, (), self._gaps, span, (si, si),
-                questions=asked, is_assumed=True,
-            )  # fmt: skip
+                self.quantity,
+                topic,
+                self._messages,
+                used,
+                (),
+                self._gaps,
+                span,
+                (si, si),
+                questions=asked,
+                is_assumed=True,
+            )
         first, last = self._span if used else (math.nan, math.nan)
         low, high = sorted(float(self._si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
@@ -244,13 +245,10 @@ class Plausibility:
                 f' {FASTEST:g} m/s: are its unit and scale right?'
             )
         if self._negative > 0.5 * self._count:
-            found['load'].append(
-                'is negative for most of the time: is the sign of its scale right?'
-            )
+            found['load'].append('is negative for most of the time: is the sign of its scale right?')
         if self._unloaded > 0.5 * self._moving:
             found['load'].append(
-                'is exactly 0 while the shaft turns: is the sensor connected, are its topic and'
-                ' field right?'
+                'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field right?'
             )
         if self._turning and not found['speed']:
             found['speed'] += self._distance()

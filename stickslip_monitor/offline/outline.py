@@ -121,9 +121,7 @@ class Outliner:
         for column in rows['scores'].T:
             for score in (column, -column):
                 score = np.where(np.isnan(score), -np.inf, score)
-                most = np.repeat(
-                    np.maximum.reduceat(score, starts), np.diff([*starts, score.size])
-                )
+                most = np.repeat(np.maximum.reduceat(score, starts), np.diff([*starts, score.size]))
                 kept.append(_first((score == most) & (score > -np.inf), starts))
         return rows[np.unique(np.concatenate(kept))]
 
@@ -170,9 +168,7 @@ class ConditionInterval:
         return max(0, self.end_ns - self.start_ns) * 1e-9
 
 
-def condition_intervals(
-    events: Iterable[Event], start_ns: int, end_ns: int
-) -> list[ConditionInterval]:
+def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> list[ConditionInterval]:
     """The conditions of a recording one after the other.
 
     Args:

@@ -118,9 +118,7 @@ class VerdictWriter(StretchSink):
         """Write the messages of a stretch, inputs before verdicts."""
         for part in stretch.split(_SAMPLES):
             columns = [*columns_of(self._until(part.end_ns)), *self._messages.of(part)]
-            self._writer.write_columns(
-                (each.topic, each.time_ns, each.payload) for each in columns
-            )
+            self._writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
         if self._progress is not None:
             self._progress(sum(self._writer.message_counts.values()))
 
@@ -219,13 +217,8 @@ class VerdictMessages:
         seen = [t + (t in lost) for t in ticks]
         self._due = [event for event in self._due if event.time_ns > until_ns]
         self._ticked_ns = max(self._ticked_ns, until_ns)
-        states = [
-            self._bearings[name].states(heard, ticks, seen)
-            for name, heard in stretch.bearings.items()
-        ]
-        found = [
-            (t, encode_diagnostics(t, fields)) for t, *fields in zip(ticks, *states, strict=True)
-        ]
+        states = [self._bearings[name].states(heard, ticks, seen) for name, heard in stretch.bearings.items()]
+        found = [(t, encode_diagnostics(t, fields)) for t, *fields in zip(ticks, *states, strict=True)]
         if found:
             yield self._of_topic('/diagnostics', found)
 
@@ -269,9 +262,12 @@ class _Follower:
         if rows.size < scan.time_ns.size:
             # Not at_indices: what is worked out of all would be, of those that nobody wants.
             points = assessed(
-                self._config, scan.settings.boundaries, scan.speed[rows], scan.load[rows],
+                self._config,
+                scan.settings.boundaries,
+                scan.speed[rows],
+                scan.load[rows],
                 scan.chances[rows].T,
-            )  # fmt: skip
+            )
         return scan.time_ns[rows], self._encoded(points, scan.measured, rows)
 
     def _encoded(
@@ -284,9 +280,7 @@ class _Follower:
                 values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
             yield name, encode_float64s(values)
         for name in topic_words(self._config):
-            known, codes = (
-                (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
-            )
+            known, codes = (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
             encoded = [encode_string(str(word)) for word in known]
             yield name, [encoded[code] for code in codes.tolist()]
 
@@ -296,13 +290,9 @@ class _Follower:
         if not self._period_ns:
             return found
         self._changed.update(scan.at)
-        for k, (time, sample) in enumerate(
-            zip(scan.time_ns.tolist(), scan.sample.tolist(), strict=True)
-        ):
+        for k, (time, sample) in enumerate(zip(scan.time_ns.tolist(), scan.sample.tolist(), strict=True)):
             before = self._published_ns
-            if sample in self._changed or before is None or not (
-                0 <= time - before < self._period_ns
-            ):  # fmt: skip
+            if sample in self._changed or before is None or not (0 <= time - before < self._period_ns):
                 self._published_ns = time
             else:
                 found[k] = False
@@ -316,9 +306,7 @@ class _Follower:
         until = max(rule.standing_until(state, self._scan.settings.live), state.now)
         return [until - state.shift]
 
-    def states(
-        self, heard: Heard, ticks: Sequence[int], seen: Sequence[int]
-    ) -> list[StatusFields]:
+    def states(self, heard: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
         """The state after all that had arrived at some times, as it is seen then [ns]."""
         ends = np.searchsorted(heard.stream.arrival_ns, ticks, 'right')
         found = list(self._scan.memories(heard.stream, ends.tolist()))
@@ -349,15 +337,11 @@ class _Follower:
         self._counts += np.bincount(kinds, minlength=own.shape[1]).reshape(self._counts.shape)
         return found
 
-    def _status(
-        self, state: State, point: Assessment | None, counts: IntArray, time_ns: int
-    ) -> StatusFields:
+    def _status(self, state: State, point: Assessment | None, counts: IntArray, time_ns: int) -> StatusFields:
         bearing = copy.copy(self._bearing)
         bearing.state, bearing.counts = state, counts
         if point is not None:
             bearing.verdict = Verdict(self._config.name, state.now - state.shift, lambda: point)
         bearing.advance(time_ns)
         record = diagnostic_record(NODE, BearingState(bearing))
-        return StatusFields(
-            record.level, record.name, record.message, record.hardware_id, record.values
-        )
+        return StatusFields(record.level, record.name, record.message, record.hardware_id, record.values)

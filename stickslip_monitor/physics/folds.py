@@ -29,15 +29,7 @@ from stickslip_monitor.physics.averaging.peaks import highest_slopes
 from stickslip_monitor.physics.averaging.quadrature import WHOLE, slope_surface, slope_table
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
-from stickslip_monitor.physics.orbits import (
-    LANDED,
-    TURNED,
-    Route,
-    SlipField,
-    follow,
-    law_in_use,
-    slip_field,
-)
+from stickslip_monitor.physics.orbits import LANDED, TURNED, Route, SlipField, follow, law_in_use, slip_field
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import newton_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
@@ -196,10 +188,7 @@ def _scales(bearing: Bearing) -> list[float]:
 
 
 def _solved(
-    margin: Callable[[FloatArray, IndexArray], FloatArray],
-    guess: FloatArray,
-    rate: FloatArray,
-    close: float,
+    margin: Callable[[FloatArray, IndexArray], FloatArray], guess: FloatArray, rate: FloatArray, close: float
 ) -> FloatArray:
     """Where margins vanish, from guesses: secants within brackets, all at once.
 
@@ -214,9 +203,7 @@ def _solved(
     """
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
-    low, high, before, value_before = np.multiply.outer(
-        [-np.inf, np.inf, np.nan, np.nan], np.ones(n)
-    )
+    low, high, before, value_before = np.multiply.outer([-np.inf, np.inf, np.nan, np.nan], np.ones(n))
     live = np.arange(n)
     for _ in range(_MOST_ROUNDS if n else 0):
         at = x[live]
@@ -528,9 +515,7 @@ def _chebyshev_series(values: FloatArray) -> FloatArray:
     return series
 
 
-def last_speeds(
-    speed: FloatArray, least: FloatArray, load: FloatArray, smooth: bool
-) -> FloatArray:
+def last_speeds(speed: FloatArray, least: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:
     """The last speeds at which a load is enough for a cycle.
 
     Args:

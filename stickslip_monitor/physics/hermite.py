@@ -50,10 +50,7 @@ def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     same = chord[1:] * chord[:-1] > 0.0
     with np.errstate(all='ignore'):
         mean = (left + right) / (left / chord[:-1] + right / chord[1:])
-    ends = (
-        _end_slope(h[0], h[1], chord[0], chord[1]),
-        _end_slope(h[-1], h[-2], chord[-1], chord[-2]),
-    )
+    ends = (_end_slope(h[0], h[1], chord[0], chord[1]), _end_slope(h[-1], h[-2], chord[-1], chord[-2]))
     return np.concatenate([ends[:1], np.where(same, mean, 0.0), ends[1:]])
 
 

@@ -165,15 +165,7 @@ def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipFie
     offset = force * (hold - top)
     nothing = np.zeros(speed.size)
     return SlipField(
-        law,
-        friction_drop(law),
-        bearing.damping / momentum,
-        1.0,
-        speed,
-        force,
-        offset,
-        nothing,
-        nothing + top,
+        law, friction_drop(law), bearing.damping / momentum, 1.0, speed, force, offset, nothing, nothing + top
     )
 
 
@@ -195,9 +187,7 @@ class Stepped(NamedTuple):
     gain: FloatArray
 
 
-def orbit_steps(
-    field: SlipField, begin: FloatArray, length: FloatArray, weigh: bool = False
-) -> Stepped:
+def orbit_steps(field: SlipField, begin: FloatArray, length: FloatArray, weigh: bool = False) -> Stepped:
     """One step of each orbit by Dormand and Prince's method of order 8 with a 5-3 error.
 
     E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition,
@@ -439,9 +429,7 @@ class _Run:
             found.divergence[rows] = begin[_GAIN] + gain
         return found
 
-    def _at_turn(
-        self, rows: IndexArray, begin: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _at_turn(self, rows: IndexArray, begin: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacement, length and divergence of steps up to the turns in them."""
         field, drift = self.whole.take(rows), self.whole.drift
         length = _first_length(drift, begin, orbit_steps(field, begin, begin[_LENGTH]))
@@ -478,12 +466,7 @@ class _Run:
         return met, length, now.e, now.gain
 
     def _until(
-        self,
-        field: SlipField,
-        begin: FloatArray,
-        most: FloatArray,
-        first: FloatArray,
-        of_place: bool,
+        self, field: SlipField, begin: FloatArray, most: FloatArray, first: FloatArray, of_place: bool
     ) -> FloatArray:
         """Lengths of steps that end where ``z`` falls below 0, or at the place that just holds.
 
@@ -499,9 +482,7 @@ class _Run:
             high, low = np.where(miss > 0.0, length, high), np.where(miss > 0.0, low, length)
             new = length - miss / np.where(rate != 0.0, rate, 1.0)
             new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
-            still = np.flatnonzero(
-                np.abs(new - length) > _SAME * self.route.error * (1.0 + length)
-            )
+            still = np.flatnonzero(np.abs(new - length) > _SAME * self.route.error * (1.0 + length))
             result[rows[still]] = new[still]
             if not still.size:
                 break

@@ -93,8 +93,7 @@ class Bearing:
         require_positive('sqrt(stiffness / mass)', self.natural_frequency, 'rad/s')
         if not isinstance(self.friction, FrictionLaw):
             raise PhysicsError(
-                f'friction = {self.friction!r} must be a friction law: Stribeck, Coulomb or'
-                ' Tabulated'
+                f'friction = {self.friction!r} must be a friction law: Stribeck, Coulomb or Tabulated'
             )
 
     @classmethod

@@ -30,14 +30,7 @@ from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averaging import boundaries
-from stickslip_monitor.physics.friction import (
-    LAWS,
-    Coulomb,
-    FrictionLaw,
-    Stretched,
-    Stribeck,
-    Tabulated,
-)
+from stickslip_monitor.physics.friction import LAWS, Coulomb, FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.quantities import require_not_negative
 
@@ -201,9 +194,7 @@ class Belief:
         spread = math.sqrt(max(r + 2.0 * both + q, 0.0))
         return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
 
-    def probabilities(
-        self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0
-    ) -> tuple[Any, Any]:
+    def probabilities(self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0) -> tuple[Any, Any]:
         """The probabilities that a stick-slip cycle exists, and that it starts by itself.
 
         Of surface speeds [m/s] and loads [N]; ``share`` is that of the averaged fold in the one
@@ -359,9 +350,7 @@ def boundary_speed(table: Sequence[float], which: int, load: float, z: float) ->
     return math.exp(0.5 * (low + high))
 
 
-def chances(
-    table: Sequence[float], speed: float, load: float, share: float
-) -> tuple[float, float]:
+def chances(table: Sequence[float], speed: float, load: float, share: float) -> tuple[float, float]:
     """The probabilities that stick-slip can happen, and that it starts by itself.
 
     Args:

@@ -22,12 +22,7 @@ from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_e
 from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.config import (
-    BEARING_PARAMETERS,
-    NODE_PARAMETERS,
-    InputConfig,
-    MonitorConfig,
-)
+from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_parameters
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
@@ -36,15 +31,7 @@ from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.input_check import InputReport
 from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.report import formatting
-from stickslip_monitor.report.summary import (
-    GRADES,
-    Course,
-    Fact,
-    Finding,
-    facts,
-    finding_of,
-    overall,
-)
+from stickslip_monitor.report.summary import GRADES, Course, Fact, Finding, facts, finding_of, overall
 
 MOST_EVENTS = 400
 _MOST_TOPICS = 100
@@ -108,9 +95,7 @@ class RecordingPart:
     courses: tuple[Course, ...] = ()  # what can be drawn
 
 
-def recording_part(
-    document: Mapping[str, Any], checked: CheckReport | None = None
-) -> RecordingPart:
+def recording_part(document: Mapping[str, Any], checked: CheckReport | None = None) -> RecordingPart:
     """Say what there is to one recording.
 
     Args:
@@ -148,9 +133,7 @@ class Archive:
         """Add a part, and drop the outlines that will not be drawn."""
         number = len(self.parts)
         self.parts.append(part)
-        own = [
-            (-GRADES.index(finding.grade), number, k) for k, finding in enumerate(part.findings)
-        ]
+        own = [(-GRADES.index(finding.grade), number, k) for k, finding in enumerate(part.findings)]
         ranked = sorted([*self._urgent, *own[: len(part.courses)]])
         self._urgent = ranked[:MOST_DRAWN]
         kept = {n for _, n, _ in self._urgent}
@@ -183,9 +166,7 @@ def _course(checked: CheckReport, item: BearingReport) -> Course:
         for each, source in zip(item.inputs, own.inputs.values(), strict=True)
         for text in dict.fromkeys(fault_text(fault, source) for fault in each.sources)
     ]
-    asked = [
-        f'{each.quantity} on {each.topic} {q}' for each in item.inputs for q in each.questions
-    ]
+    asked = [f'{each.quantity} on {each.topic} {q}' for each in item.inputs for q in each.questions]
     spells = condition_intervals(item.events, checked.start_ns or 0, checked.end_ns or 0)
     return Course(own, item, spells, doubts, asked)
 
@@ -224,9 +205,7 @@ def _map_picture(anchor: str, course: Course, finding: Finding) -> Picture:
         f' operating points on it. {finding.sentences[0]}'
     )
     wide, narrow = (
-        canvas.inline_svg(
-            draw_map(course.config, track=_track(course), size=size), f'{anchor}-{k}', text
-        )
+        canvas.inline_svg(draw_map(course.config, track=_track(course), size=size), f'{anchor}-{k}', text)
         for k, size in (('m', _MAP_WIDE), ('n', _MAP_NARROW))
     )
     return Picture(wide, narrow, _MAP_CAPTION)
@@ -380,14 +359,10 @@ def parameter_groups(
     ``values`` are those given, by full name; of the others it is the default.
     """
     groups = [('Monitor', _rows(NODE_PARAMETERS, values, ''))]
-    return groups + [
-        (f'Bearing {name}', _rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings
-    ]
+    return groups + [(f'Bearing {name}', _rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings]
 
 
-def _rows(
-    table: Iterable[Parameter], values: Mapping[str, Any], prefix: str
-) -> list[ParameterRow]:
+def _rows(table: Iterable[Parameter], values: Mapping[str, Any], prefix: str) -> list[ParameterRow]:
     rows = []
     for row in table:
         given = f'{prefix}{row.name}' in values

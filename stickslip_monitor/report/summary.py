@@ -17,12 +17,7 @@ from stickslip_monitor.report import formatting
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _MOST_NAMED = 10
-_WORDS = {
-    'clear': 'Clear',
-    'unknown': 'No verdict',
-    'warning': 'Warning',
-    'alarm': 'Alarm',
-}
+_WORDS = {'clear': 'Clear', 'unknown': 'No verdict', 'warning': 'Warning', 'alarm': 'Alarm'}
 GRADES = tuple(_WORDS)
 """The grades of a finding, the worst last."""
 
@@ -98,9 +93,7 @@ def _probabilities(course: Course) -> tuple[Fact, ...]:
     point = course.scan.assessment
     if not point.has_belief:
         return ()
-    can, will = (
-        float(np.nanmax(p, initial=0.0)) for p in (point.probability_can, point.probability_will)
-    )
+    can, will = (float(np.nanmax(p, initial=0.0)) for p in (point.probability_can, point.probability_will))
     note = f'that it starts by itself: at most {will:.0%}'
     return (Fact('greatest probability of stick-slip', f'{can:.0%}', note),)
 
@@ -108,9 +101,7 @@ def _probabilities(course: Course) -> tuple[Fact, ...]:
 def _measured(course: Course) -> tuple[Fact, ...]:
     if course.item.measured is None:
         return ()
-    lasting = {
-        state: formatting.duration(seconds) for state, seconds in course.item.measured.items()
-    }
+    lasting = {state: formatting.duration(seconds) for state, seconds in course.item.measured.items()}
     note = f'quiet for {lasting["quiet"]}, unknown for {lasting["unknown"]}'
     return (Fact('vibration measured', lasting['vibrating'], note),)
 
@@ -168,9 +159,7 @@ def _when(parts: Sequence[ConditionInterval]) -> str:
     if len(parts) == 1 and day == other:
         return f'from {formatting.minute(first)} to {formatting.minute(last)}{zone}' + _on(day)
     later = f'{formatting.minute(last)}{zone}{_on(other)}'
-    earlier = (
-        formatting.minute(first) if day == other else f'{formatting.minute(first)}{zone}{_on(day)}'
-    )
+    earlier = formatting.minute(first) if day == other else f'{formatting.minute(first)}{zone}{_on(day)}'
     return f'between {earlier} and {later}'
 
 
@@ -209,9 +198,7 @@ def _close(course: Course, near: Sequence[ConditionInterval]) -> str:
     inside = _total(together(course.spells, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
-        text += (
-            f' for {formatting.duration(inside)} where a disturbance could have started it, and'
-        )
+        text += f' for {formatting.duration(inside)} where a disturbance could have started it, and'
     text += f' within the caution margin or closer for {formatting.duration(_total(near))}'
     return f'{text}, {_when(near)}.'
 
@@ -254,9 +241,7 @@ def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
         text = f'No stick-slip was predicted, but {counts["unknown"]} {of} have no sound verdict.'
     else:
         text = f'No stick-slip was predicted in any {of}.'
-    worst = [
-        f'{name}, {finding.sentences[0]}' for name, finding in parts if finding.grade != 'clear'
-    ]
+    worst = [f'{name}, {finding.sentences[0]}' for name, finding in parts if finding.grade != 'clear']
     return _finding(grade, text, *worst[:_MOST_NAMED])
 
 

@@ -43,12 +43,7 @@ MOST_WAITING = 1000
 """Of more messages than these that wait on all topics, some are left out: 0.1 s on a fast core."""
 MOST_ANSWERED = 20
 """Of more messages of a topic in a turn than these (400 Hz) the last is answered."""
-OVERRIDES = (
-    QoSPolicyKind.DEPTH,
-    QoSPolicyKind.DURABILITY,
-    QoSPolicyKind.HISTORY,
-    QoSPolicyKind.RELIABILITY,
-)
+OVERRIDES = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 """What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
 _PUBLISHERS_KNOWN = 100
 _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
@@ -108,9 +103,7 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
         for quantity, source in bearing.inputs.items():
             name = f'{bearing.name}.{quantity}'
             if not source.topic:
-                raise RosError(
-                    f'{name}.topic is missing: a node reads topics, a column is for logs'
-                )
+                raise RosError(f'{name}.topic is missing: a node reads topics, a column is for logs')
             if source.topic in outputs:
                 raise RosError(f"{name}.topic = '{source.topic}' is published by this node itself")
             check_field(name, source)

@@ -82,9 +82,7 @@ def declare(node: Node) -> None:
                 node.declare_parameter(name, value, descriptor(row), ignore_override=True)
                 continue
         missing = row.default is REQUIRED or row.optional
-        node.declare_parameter(
-            name, None if missing else row.default, descriptor(row), ignore_override=True
-        )
+        node.declare_parameter(name, None if missing else row.default, descriptor(row), ignore_override=True)
 
 
 def _as_written(name: str, value: Any) -> Any:
@@ -159,8 +157,7 @@ def changed_values(node: Node, changes: Iterable[RosParameter[Any]]) -> dict[str
 
 def _read_only(name: str, value: Any) -> ConfigurationError:
     return ConfigurationError(
-        f'{name} = {value!r} cannot be set: it is read-only while the node is active;'
-        ' deactivate it first'
+        f'{name} = {value!r} cannot be set: it is read-only while the node is active; deactivate it first'
     )
 
 
@@ -187,12 +184,8 @@ class MonitorNode(LifecycleNode):
     _configured: Configured | None = None
     _running: Running | None = None
 
-    def __init__(
-        self, store: Callable[[ClipConfig], ClipStore] | None = None, **options: Any
-    ) -> None:
-        super().__init__(
-            NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
-        )
+    def __init__(self, store: Callable[[ClipConfig], ClipStore] | None = None, **options: Any) -> None:
+        super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._store, self._failure = store, ''
         self.health = NodeHealth()
         check_time_source(self.get_parameter(USE_SIM_TIME).value)

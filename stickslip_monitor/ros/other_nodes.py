@@ -50,9 +50,7 @@ class Listener(Protocol):
 HandOver = Callable[..., object]
 """Calls a function with arguments where the listeners live."""
 _ALARMS = QoSProfile(
-    depth=20,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    depth=20, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 _NAME = 'stickslip_dashboard'
@@ -141,11 +139,7 @@ class Bridge:
     """
 
     def __init__(
-        self,
-        node: Node,
-        monitor: str,
-        config: MonitorConfig,
-        inputs: Iterable[tuple[str, Input]],
+        self, node: Node, monitor: str, config: MonitorConfig, inputs: Iterable[tuple[str, Input]]
     ) -> None:
         self._publishers: dict[tuple[str, Input], Publisher[Float64]] = {}
         topics = set()

@@ -190,10 +190,7 @@ class Outputs(Sink):
         self._alarms = make(String, '~/alarms', _reliable(ALARMS_KEPT, True), **own_qos)
         self._records = make(String, '~/bearings', _reliable(), **own_qos)
         self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
-        kinds = {
-            topic: message_type(kind)
-            for topic, kind in output_topics(config.bearings, '~').items()
-        }
+        kinds = {topic: message_type(kind) for topic, kind in output_topics(config.bearings, '~').items()}
         self._bearings = {
             bearing.name: [
                 (make(kinds[topic], topic, _reliable()), kinds[topic](), value)
@@ -317,9 +314,7 @@ class Clips:
         self._recorder.finish()
         self._collect()
         if not self._writer.close(patience):
-            self._node.get_logger().error(
-                f'an event clip is lost: the disk takes longer than {patience:g} s'
-            )
+            self._node.get_logger().error(f'an event clip is lost: the disk takes longer than {patience:g} s')
 
     def _collect(self) -> None:
         for clip in self._recorder.clips():

@@ -46,9 +46,7 @@ class Player:
                 self.skipped[topic] = 'the player publishes a clock of its own'
                 continue
             try:
-                self._publishers[topic] = self.node.create_publisher(
-                    message_type(kind), topic, _QOS
-                )
+                self._publishers[topic] = self.node.create_publisher(message_type(kind), topic, _QOS)
             except (RosError, *ROS_FAULTS) as error:
                 self.skipped[topic] = ' '.join(str(error).split())
 
@@ -70,10 +68,7 @@ class Player:
         return count > 0
 
     def play(
-        self,
-        messages: Iterable[Recorded],
-        rate: float,
-        progress: Callable[[int], None] | None = None,
+        self, messages: Iterable[Recorded], rate: float, progress: Callable[[int], None] | None = None
     ) -> int:
         """Publish messages at their recorded times divided by the rate.
 

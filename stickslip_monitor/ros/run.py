@@ -140,8 +140,7 @@ def _check_enclave(keystore: str, args: Sequence[str]) -> None:
     folder = Path(keystore) / 'enclaves' / enclave.strip('/')
     if not (folder / 'cert.pem').is_file():
         raise RosError(
-            f"ROS_SECURITY_ENABLE is true, but the keystore '{keystore}' has no enclave"
-            f" '{enclave}'"
+            f"ROS_SECURITY_ENABLE is true, but the keystore '{keystore}' has no enclave '{enclave}'"
         )
 
 
@@ -153,10 +152,7 @@ def _start(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None)
     """
     what = 'the ROS arguments cannot be used'
     try:
-        rclpy.init(
-            args=without_log_files(args),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        rclpy.init(args=without_log_files(args), signal_handler_options=SignalHandlerOptions.NO)
         what = 'the node cannot be created'
         with warnings.catch_warnings():
             # What cannot be created is half created, and rclpy warns of the other half.
@@ -164,17 +160,11 @@ def _start(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None)
             return MonitorNode(store)
     except StickslipError:
         raise
-    except (
-        *ROS_FAULTS,
-        rclpy_implementation.RCLError,
-        rclpy_implementation.UnknownROSArgsError,
-    ) as error:
+    except (*ROS_FAULTS, rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         raise RosError(f'{what}: {sentence(error)}') from error
 
 
-def _run(
-    args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int
-) -> None:
+def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
     """Run the node until it is to stop."""
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
@@ -198,10 +188,7 @@ def _run(
         rclpy.try_shutdown()
 
 
-def main(
-    args: Sequence[str] | None = None,
-    store: Callable[[ClipConfig], ClipStore] | None = None,
-) -> int:
+def main(args: Sequence[str] | None = None, store: Callable[[ClipConfig], ClipStore] | None = None) -> int:
     """Run the node until it is to stop.
 
     Args:

@@ -18,11 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.host_clock import HostClock
-from stickslip_monitor.monitor.alarms.alarm_records import (
-    ROS_SERVICE,
-    ActionRequest,
-    parse_request,
-)
+from stickslip_monitor.monitor.alarms.alarm_records import ROS_SERVICE, ActionRequest, parse_request
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
 from stickslip_monitor.monitor.health import CLOCKS
 from stickslip_monitor.monitor.monitor import BearingMonitor
@@ -48,13 +44,7 @@ HELD_UP_NS = 10**9
 STILL_NS = 10**9
 """A simulated clock that stands for less [ns] may be a slow one."""
 _DOUBLE_LOOKS = 5
-TRIGGERS = (
-    Action.ACKNOWLEDGE,
-    Action.SILENCE,
-    Action.RESET,
-    Action.SHELVE,
-    Action.UNSHELVE,
-)
+TRIGGERS = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
 """Services of type std_srvs/Trigger."""
 SWITCHES = {
     'suppress': (Action.SUPPRESS, Action.UNSUPPRESS),
@@ -87,12 +77,7 @@ class Running:
     """
 
     def __init__(
-        self,
-        node: LifecycleNode,
-        configured: Configured,
-        survived: Guard,
-        clock: ReadClock,
-        simulated: bool,
+        self, node: LifecycleNode, configured: Configured, survived: Guard, clock: ReadClock, simulated: bool
     ) -> None:
         self._node, self._own, self._simulated = node, configured, simulated
         self._session, self._health = configured.session, configured.health
@@ -262,10 +247,7 @@ class Actions:
     """
 
     def __init__(
-        self,
-        node: LifecycleNode,
-        bearings: list[str],
-        act: Callable[[ActionRequest], list[AlarmChange]],
+        self, node: LifecycleNode, bearings: list[str], act: Callable[[ActionRequest], list[AlarmChange]]
     ) -> None:
         self._node, self._bearings, self._act = node, bearings, act
         self._services: list[Any] = []

@@ -23,17 +23,22 @@ from stickslip_monitor.tables.stamps import (
     scaled_reader,
 )
 
-_NAMED = re.compile(
-    r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch)\b'
-)
+_NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch)\b')
 # Numbers since 1970 by their size: the least, the unit [ns] and its name.
-_SINCE_1970 = (
-    (1e17, 1, 'ns'), (1e14, 10**3, 'us'), (1e11, 10**6, 'ms'), (1e8, SECOND, 's'),
-)  # fmt: skip
+_SINCE_1970 = ((1e17, 1, 'ns'), (1e14, 10**3, 'us'), (1e11, 10**6, 'ms'), (1e8, SECOND, 's'))
 _UNITS = {
-    'ns': 1, 'us': 10**3, 'µs': 10**3, 'ms': 10**6, 's': SECOND, 'sec': SECOND, 'seconds': SECOND,
-    'min': 60 * SECOND, 'h': 3600 * SECOND, 'd': DAY, 'days': DAY,
-}  # fmt: skip
+    'ns': 1,
+    'us': 10**3,
+    'µs': 10**3,
+    'ms': 10**6,
+    's': SECOND,
+    'sec': SECOND,
+    'seconds': SECOND,
+    'min': 60 * SECOND,
+    'h': 3600 * SECOND,
+    'd': DAY,
+    'days': DAY,
+}
 # Days since the end of 1899 of the years 1954 to 2119, as spreadsheets count.
 _SHEET, _SHEET_ZERO = (20_000, 80_000), -25_569
 _MOST_ROWS = 500

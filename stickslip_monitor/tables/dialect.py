@@ -36,9 +36,7 @@ _PIECE = 1 << 20
 # A line without an end is given in pieces of this length, so that none takes the memory.
 _LONGEST_LINE = 1 << 20
 GZIP = b'\x1f\x8b'
-_MARKS = (
-    (b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'),
-)  # fmt: skip
+_MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 _BROKEN = (EOFError, OSError, zlib.error)
 
 
@@ -161,9 +159,8 @@ def sniff(path: Path, extent: Extent) -> Dialect:
         raise BagError(f"log '{path}' has no line with a time and a number")
     names, units = _headings(rows[:first], width)
     return Dialect(
-        encoding, delimiter, decimal, first, names, units, tuple(rows[first:]),
-        tuple(_split(last, delimiter)),
-    )  # fmt: skip
+        encoding, delimiter, decimal, first, names, units, tuple(rows[first:]), tuple(_split(last, delimiter))
+    )
 
 
 def _encoding(head: bytes) -> str:
@@ -229,9 +226,7 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
     return times or numbers[0] or sum(numbers) > 1
 
 
-def _headings(
-    above: Sequence[Cells], width: int
-) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
+def _headings(above: Sequence[Cells], width: int) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
     """Headings and units of a table by the rows above its numbers."""
     named = [row for row in above if len(row) >= max(width - 1, 2)]
     bare = [row for row in named if not row[0].startswith('#')]
@@ -254,14 +249,11 @@ def _is_units(row: Cells) -> bool:
     return any(unit_of(cell) for cell in row) and all(len(cell.strip()) < 12 for cell in row)
 
 
-def _bus_log(
-    path: Path, encoding: str, kind: str, lines: Sequence[str], last: Sequence[str]
-) -> Dialect:
+def _bus_log(path: Path, encoding: str, kind: str, lines: Sequence[str], last: Sequence[str]) -> Dialect:
     rows = [row for row in BUS_LOGS[kind](iter(lines)) if row]
     if not rows:
         raise BagError(
-            f"log '{path}': no line has a time and a number: record it with a time before each"
-            ' line'
+            f"log '{path}': no line has a time and a number: record it with a time before each line"
         )
     tail = tuple(row for row in BUS_LOGS[kind](iter(last)) if row)
     units = (None,) * len(NAMES)

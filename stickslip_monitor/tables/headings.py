@@ -10,11 +10,31 @@ from typing import NamedTuple
 Cells = Sequence[str]
 
 UNITS = {
-    'rpm': 'rpm', 'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm',
-    'u/min': 'rpm', 'min^-1': 'rpm', 'rad/s': 'rad/s', 'hz': 'Hz', '1/s': 'Hz', 's-1': 'Hz',
-    'm/s': 'm/s', 'm s-1': 'm/s', 'n': 'N', 'kn': 'kN', 'm/s^2': 'm/s^2', 'm/s2': 'm/s^2',
-    'g': 'g', 'mm/s': 'mm/s', 'um': 'um', 'µm': 'um', 'pa': 'Pa', 'v': 'V', 'db': 'dB',
-}  # fmt: skip
+    'rpm': 'rpm',
+    'r/min': 'rpm',
+    '1/min': 'rpm',
+    'rev/min': 'rpm',
+    'min-1': 'rpm',
+    'u/min': 'rpm',
+    'min^-1': 'rpm',
+    'rad/s': 'rad/s',
+    'hz': 'Hz',
+    '1/s': 'Hz',
+    's-1': 'Hz',
+    'm/s': 'm/s',
+    'm s-1': 'm/s',
+    'n': 'N',
+    'kn': 'kN',
+    'm/s^2': 'm/s^2',
+    'm/s2': 'm/s^2',
+    'g': 'g',
+    'mm/s': 'mm/s',
+    'um': 'um',
+    'µm': 'um',
+    'pa': 'Pa',
+    'v': 'V',
+    'db': 'dB',
+}
 """What a unit is called in the configuration, by how it is written in lower case."""
 # Of a heading without brackets the last word is its unit only where it can be nothing else.
 _CLEAR = ('rpm', 'kn', 'hz')

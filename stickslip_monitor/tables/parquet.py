@@ -82,9 +82,7 @@ class ParquetTable:
         untimed = 0
         every = list(dict.fromkeys([*self.clock.columns, *wanted]))
         try:
-            for batch in _opened(self._path).iter_batches(
-                BLOCK, columns=[self.names[k] for k in every]
-            ):
+            for batch in _opened(self._path).iter_batches(BLOCK, columns=[self.names[k] for k in every]):
                 own = dict(zip(every, batch.columns, strict=True))
                 times = self._times([own[k] for k in self.clock.columns])
                 untimed += int((~times[1]).sum())

@@ -25,11 +25,24 @@ ReadTimes = Callable[[Sequence[Cells]], Times]
 _MONTHS = {
     name: number
     for number, names in enumerate(
-        ('jan', 'feb', 'mar mär mrz', 'apr', 'may mai', 'jun', 'jul', 'aug', 'sep', 'oct okt',
-         'nov', 'dec dez'), 1,
+        (
+            'jan',
+            'feb',
+            'mar mär mrz',
+            'apr',
+            'may mai',
+            'jun',
+            'jul',
+            'aug',
+            'sep',
+            'oct okt',
+            'nov',
+            'dec dez',
+        ),
+        1,
     )
     for name in names.split()
-}  # fmt: skip
+}
 _CLOCK = (
     r'(?P<H>\d{1,2}):(?P<M>\d\d)(?::(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?'
     r'\s*(?P<half>[AaPp]\.?[Mm]\.?)?'
@@ -75,9 +88,7 @@ class StampLayout:
     """
 
     def __init__(self, seen: Sequence[str]) -> None:
-        self._pattern = max(
-            _STAMPS, key=lambda own: sum(bool(own.fullmatch(text.strip())) for text in seen)
-        )
+        self._pattern = max(_STAMPS, key=lambda own: sum(bool(own.fullmatch(text.strip())) for text in seen))
         found = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
         self.has_zone = any(match['z'] for match in found)
         self.question, self._day_first = '', True

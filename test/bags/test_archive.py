@@ -40,9 +40,14 @@ def ship(tmp_path: Path) -> Path:
 def test_a_folder_stands_for_the_recordings_in_it_by_number_not_by_letter(ship: Path) -> None:
     found = [str(bag.relative_to(ship)) for bag in find_bags([ship])]
     assert found == [
-        '2025/may', '2025/may/deeper/hidden_by_nothing.mcap', 'clip.mcap', 'clip_2.mcap', 'db3',
-        'voyage_2', 'voyage_10',
-    ]  # fmt: skip
+        '2025/may',
+        '2025/may/deeper/hidden_by_nothing.mcap',
+        'clip.mcap',
+        'clip_2.mcap',
+        'db3',
+        'voyage_2',
+        'voyage_10',
+    ]
 
 
 def test_recordings_come_in_the_order_in_which_they_are_named_and_once(ship: Path) -> None:

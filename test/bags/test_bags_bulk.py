@@ -49,11 +49,18 @@ REQUESTS = {
     'std_msgs/msg/Float64': ['data'],
     'ship_msgs/msg/Load': ['force', 'raw[1]', 'header.stamp.nanosec'],
     'ship_msgs/msg/Mixed': [
-        'small', 'on', 'few[1]', 'many[0]', 'large', 'raw[2]', 'parts[1].value', 'parts[0].id',
+        'small',
+        'on',
+        'few[1]',
+        'many[0]',
+        'large',
+        'raw[2]',
+        'parts[1].value',
+        'parts[0].id',
         'last',
     ],
     'ship_msgs/msg/Joints': ['velocity[1]'],
-}  # fmt: skip
+}
 TYPES = list(DEFINITIONS)
 TEXTS = ['', 'a', 'shaft', 'seven77', 'eight888', 'x' * 17, 'y' * 24, 'Wärme', 'z' * 300]
 
@@ -169,9 +176,7 @@ def write_file(path: Path, options: dict[str, Any], messages: list[Written]) -> 
         writer.finish()
 
 
-def build(
-    rows: list[tuple[int, int, str, bool]], rng: np.random.Generator, start: int
-) -> list[Written]:
+def build(rows: list[tuple[int, int, str, bool]], rng: np.random.Generator, start: int) -> list[Written]:
     time, result = start, []
     for topic, step, kind, big_endian in rows:
         time += step
@@ -223,13 +228,9 @@ def expected(
 
 @pytest.mark.slow
 @settings(
-    max_examples=200, deadline=None,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)  # fmt: skip
-@given(
-    files=st.lists(st.tuples(OPTIONS, MESSAGES), min_size=1, max_size=3),
-    seed=st.integers(0, 2**32),
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
+@given(files=st.lists(st.tuples(OPTIONS, MESSAGES), min_size=1, max_size=3), seed=st.integers(0, 2**32))
 def test_reads_what_the_reference_decodes(
     files: list[tuple[dict[str, Any], list[tuple[int, int, str, bool]]]], seed: int
 ) -> None:
@@ -357,9 +358,7 @@ def test_several_channels_of_one_topic(tmp_path: Path) -> None:
 def test_progress_reaches_the_total(tmp_path: Path) -> None:
     write_file(tmp_path / 'a.mcap', {'chunk_size': 200}, load_messages(30, ['a']))
     steps: list[tuple[int, int]] = []
-    open_bag(tmp_path).read(
-        [Request('/load', 'force')], lambda done, total: steps.append((done, total))
-    )
+    open_bag(tmp_path).read([Request('/load', 'force')], lambda done, total: steps.append((done, total)))
     assert len(steps) > 3
     assert steps == sorted(steps)
     assert steps[-1][0] == steps[-1][1]

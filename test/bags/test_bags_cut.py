@@ -84,11 +84,7 @@ def lz4_prefix(part: bytes) -> bytes:
     return restored
 
 
-PREFIXES: dict[str, Callable[[bytes], bytes]] = {
-    '': bytes,
-    'lz4': lz4_prefix,
-    'zstd': zstd_prefix,
-}
+PREFIXES: dict[str, Callable[[bytes], bytes]] = {'': bytes, 'lz4': lz4_prefix, 'zstd': zstd_prefix}
 
 
 def saved(whole: Whole, compression: str, cut: int) -> int:
@@ -140,10 +136,7 @@ def test_messages_inside_a_cut_chunk_are_saved(tmp_path: Path, compression: str)
             f"file 'a.mcap' is cut: its last whole record ends at byte"
             f' {whole.last.chunk_start_offset} of {cut}, and {counts[-1]} messages before the cut'
             ' were saved'
-            + (
-                f', {counts[-1] - 12_000} of them from the chunk that is cut'
-                * (counts[-1] > 12_000)
-            )
+            + (f', {counts[-1] - 12_000} of them from the chunk that is cut' * (counts[-1] > 12_000))
         )
     assert len(set(counts)) >= 3
 

@@ -80,12 +80,17 @@ def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
 
 INFORMATION = 'rosbag2_bagfile_information: '
 UNUSABLE = (
-    '', '[', 'a: 1', f'{INFORMATION}3', '\0', INFORMATION + '[' * 100_000,
+    '',
+    '[',
+    'a: 1',
+    f'{INFORMATION}3',
+    '\0',
+    INFORMATION + '[' * 100_000,
     f'{INFORMATION}{{message_count: .inf, relative_file_paths: []}}',
     f'a: &a [1, 2]\nb: &b [*a, *a]\n{INFORMATION}*b',
     f"{INFORMATION}{{message_count: !!int '', relative_file_paths: []}}",
     f'{INFORMATION}{{message_count: 1, relative_file_paths: [[a]]}}',
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize('text', UNUSABLE, ids=range(len(UNUSABLE)))
@@ -102,9 +107,11 @@ def test_unusable_metadata_is_a_warning(tmp_path: Path, text: str) -> None:
 
 def test_metadata_that_disagrees_is_a_warning(tmp_path: Path) -> None:
     write_folder(
-        tmp_path / 'bag', {'a.mcap': [1, 2], 'extra.mcap': [3]},
-        relative_file_paths=['old/a.mcap', 'gone.mcap'], message_count=50,
-    )  # fmt: skip
+        tmp_path / 'bag',
+        {'a.mcap': [1, 2], 'extra.mcap': [3]},
+        relative_file_paths=['old/a.mcap', 'gone.mcap'],
+        message_count=50,
+    )
     bag = open_bag(tmp_path / 'bag')
     assert bag.warnings == (
         "file 'gone.mcap' is listed in metadata.yaml but missing",
@@ -165,9 +172,7 @@ def test_unreadable_topics_are_listed(tmp_path: Path) -> None:
         '/text': '',
         '/twice': 'it has several types: std_msgs/msg/Float64, std_msgs/msg/String',
     }
-    assert bag.topics['/json'] == TopicInfo(
-        '/json', 'Speed', 1, 'json', "message encoding 'json' is not cdr"
-    )
+    assert bag.topics['/json'] == TopicInfo('/json', 'Speed', 1, 'json', "message encoding 'json' is not cdr")
     assert [m.topic for m in bag.messages(['/json', '/good'])] == ['/good', '/json']
     assert len(list(bag.messages())) == 10
     assert bag.read([Request('/good', 'data')])[Request('/good', 'data')].value.tolist() == [2.5]
@@ -180,19 +185,20 @@ NO_NUMBERS = (
     ('/good', FLOAT64, 'data.x', "'data' is a float64, which has no field 'x'"),
     ('/text', 'std_msgs/msg/String', 'data', "'data' is a string, not a number"),
     (
-        '/nested', 'ship_msgs/msg/N', 'header',
+        '/nested',
+        'ship_msgs/msg/N',
+        'header',
         'it ends at a std_msgs/Header, not at a number: its fields are stamp, frame_id',
     ),
     (
-        '/nested', 'ship_msgs/msg/N', 'readings[2].value',
+        '/nested',
+        'ship_msgs/msg/N',
+        'readings[2].value',
         "'readings' is a ship_msgs/Reading[2], which has no element 2",
     ),
     ('/nested', 'ship_msgs/msg/N', 'few[3]', "'few' is a float64[<=3], which has no element 3"),
-    (
-        '/nested', 'ship_msgs/msg/N', 'many',
-        "'many' is a float64[]: name an element, e.g. many[0]",
-    ),
-)  # fmt: skip
+    ('/nested', 'ship_msgs/msg/N', 'many', "'many' is a float64[]: name an element, e.g. many[0]"),
+)
 UNREADABLE = (
     ('/json', 'Speed', "message encoding 'json' is not cdr"),
     ('/twice', FLOAT64, 'it has several types: std_msgs/msg/Float64, std_msgs/msg/String'),
@@ -251,10 +257,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
     [
         (lambda path: None, "bag '{}' does not exist"),
         (Path.mkdir, "bag '{}' has no .mcap and no .db3 file"),
-        (
-            lambda path: path.write_text('time,speed'),
-            "log '{}' has no line with a time and a number",
-        ),
+        (lambda path: path.write_text('time,speed'), "log '{}' has no line with a time and a number"),
         (
             lambda path: path.write_bytes(b'\1\2\3\4'),
             "bag file '{}' is not an MCAP recording: it begins with bytes 01 02 03 04",
@@ -267,8 +270,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         ),
         (
             folder_with({'a.mcap': [1]}, compression_mode='MESSAGE', compression_format='zstd'),
-            "bag '{}' has compression_mode 'message' of 'zstd', which is not read from mcap:"
-            f' {CONVERT}',
+            f"bag '{{}}' has compression_mode 'message' of 'zstd', which is not read from mcap: {CONVERT}",
         ),
         (
             folder_with({'a.mcap': [1]}, relative_file_paths=['b.mcap']),

@@ -123,9 +123,12 @@ def test_rosbags_reads_what_we_write(tmp_path: Path, compression: str, name: str
         assert reader.message_count == 102
         assert (reader.start_time, reader.end_time) == (TIMES[0] - 5, TIMES[-1] + 8)
         assert {c.topic: c.msgtype for c in reader.connections} == {
-            '/speed': FLOAT64, '/load': FLOAT64, '/never': FLOAT64,
-            '/note': 'std_msgs/msg/String', '/clutch': 'std_msgs/msg/Bool',
-        }  # fmt: skip
+            '/speed': FLOAT64,
+            '/load': FLOAT64,
+            '/never': FLOAT64,
+            '/note': 'std_msgs/msg/String',
+            '/clutch': 'std_msgs/msg/Bool',
+        }
 
 
 def test_metadata_is_what_rosbag2_writes(tmp_path: Path) -> None:
@@ -140,17 +143,26 @@ def test_metadata_is_what_rosbag2_writes(tmp_path: Path) -> None:
     }
     topics = information.pop('topics_with_message_count')
     assert information == {
-        'version': 9, 'storage_identifier': 'mcap', **span, 'compression_format': '',
-        'compression_mode': '', 'relative_file_paths': ['voyage_0.mcap'],
-        'files': [{'path': 'voyage_0.mcap', **span}], 'custom_data': None, 'ros_distro': 'unknown',
-    }  # fmt: skip
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **span,
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': ['voyage_0.mcap'],
+        'files': [{'path': 'voyage_0.mcap', **span}],
+        'custom_data': None,
+        'ros_distro': 'unknown',
+    }
     assert topics[0] == {
         'topic_metadata': {
-            'name': '/speed', 'type': FLOAT64, 'serialization_format': 'cdr',
-            'offered_qos_profiles': [], 'type_description_hash': STORE.hash_rihs01(FLOAT64),
+            'name': '/speed',
+            'type': FLOAT64,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': [],
+            'type_description_hash': STORE.hash_rihs01(FLOAT64),
         },
         'message_count': 50,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize('name', MESSAGE_TYPES)
@@ -237,6 +249,7 @@ def test_we_read_what_rosbags_writes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series[asked[1]].value, np.arange(20.0))
     (fault,) = series[asked[0]].faults
     assert (fault.count, fault.text) == (
-        14, "14 of 20 messages of '/joints' lack the element of field 'velocity[1]'"
-    )  # fmt: skip
+        14,
+        "14 of 20 messages of '/joints' lack the element of field 'velocity[1]'",
+    )
     assert bag.warnings == bag.cuts == ()

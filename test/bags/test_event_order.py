@@ -19,9 +19,7 @@ START = 1_776_074_400 * SECOND
 
 
 @pytest.mark.parametrize('chunk_size', [2000, 1 << 20])
-def test_what_follows_a_step_back_comes_behind_what_was_before(
-    tmp_path: Path, chunk_size: int
-) -> None:
+def test_what_follows_a_step_back_comes_behind_what_was_before(tmp_path: Path, chunk_size: int) -> None:
     path, times = tmp_path / 'a.mcap', START + np.arange(400) * SECOND
     times[300:] -= 200 * SECOND
     with BagWriter(path, chunk_size=chunk_size) as bag:

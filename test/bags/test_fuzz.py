@@ -44,9 +44,7 @@ def test_an_odd_recording_is_told_and_read_as_far_as_it_can_be(
         assert counts(json.loads(capsys.readouterr().out)) == [odd.speed, odd.load]
 
 
-def test_json_and_report_tell_of_damage_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_and_report_tell_of_damage_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, page = tmp_path / 'odd.mcap', tmp_path / 'page.html'
     path.write_bytes(ODD['statistics count more'].make())
     main(['check', str(path), '--config', str(CONFIG), '--json', '--report', str(page)])
@@ -76,8 +74,11 @@ def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
     path.write_bytes(odd.make())
     done = subprocess.run(
         [sys.executable, '-c', LIMITED, str(ADDRESS_SPACE), str(path), '--config', str(CONFIG)],
-        capture_output=True, text=True, timeout=200, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
     assert odd.says in done.stdout + done.stderr
     # Without a load, or with numbers of one time only, nothing is predicted.
     assert done.returncode in ((1,) if odd.load else (0, 1, 2))

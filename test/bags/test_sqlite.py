@@ -41,9 +41,7 @@ def make(path: Path, version: int = 8, mode: CompressionMode = CompressionMode.N
             earlier = time - 500_000_000
             own = header(stamp(earlier // 10**9, earlier % 10**9), 'load')
             zero = vector(0.0, 0.0, 0.0)
-            message = types['geometry_msgs/msg/WrenchStamped'](
-                own, wrench(vector(0.0, 0.0, -float(n)), zero)
-            )
+            message = types['geometry_msgs/msg/WrenchStamped'](own, wrench(vector(0.0, 0.0, -float(n)), zero))
             data = STORE.serialize_cdr(message, 'geometry_msgs/msg/WrenchStamped')
             writer.write(load, time, data)
     return path
@@ -65,9 +63,7 @@ def judge(path: Path, count: int = COUNT) -> None:
 
 
 @pytest.mark.parametrize('version', [8, 9])
-@pytest.mark.parametrize(
-    'mode', [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE]
-)
+@pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_every_number_of_a_folder(tmp_path: Path, version: int, mode: CompressionMode) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
@@ -119,9 +115,7 @@ def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
     recording = open_bag(file)
     series = recording.read([SPEED])[SPEED]
     assert COUNT * 0.9 < series.value.size < COUNT
-    np.testing.assert_array_equal(
-        series.log_time_ns, START + series.value.astype(np.int64) * 10_000_000
-    )
+    np.testing.assert_array_equal(series.log_time_ns, START + series.value.astype(np.int64) * 10_000_000)
     assert 'is damaged' in ' '.join(recording.losses)
 
 
@@ -139,9 +133,7 @@ def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
     assert 'was set back once, by 7.99 s' in ' '.join(recording.warnings)
 
 
-def test_a_type_that_nobody_knows_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_type_that_nobody_knows_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (file,) = make(tmp_path / 'bag').glob('*.db3')
     with sqlite3.connect(file) as database:
         database.execute("UPDATE topics SET type = 'yard_msgs/msg/Shaft' WHERE name = '/load'")
@@ -149,19 +141,24 @@ def test_a_type_that_nobody_knows_is_named(
     assert 'no definition of yard_msgs/msg/Shaft' in open_bag(file).topics['/load'].problem
     folder = tmp_path / 'share/yard_msgs/msg'
     folder.mkdir(parents=True)
-    (folder / 'Shaft.msg').write_text(
-        'std_msgs/Header header # when\ngeometry_msgs/Wrench wrench\n'
-    )
+    (folder / 'Shaft.msg').write_text('std_msgs/Header header # when\ngeometry_msgs/Wrench wrench\n')
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     judge(file)
 
 
 @pytest.mark.parametrize(
     'kind',
-    ['sensor_msgs/msg/JointState', 'geometry_msgs/msg/TwistStamped', 'nav_msgs/msg/Odometry',
-     'sensor_msgs/msg/Imu', 'std_msgs/msg/Float64MultiArray', 'sensor_msgs/msg/NavSatFix',
-     'diagnostic_msgs/msg/DiagnosticArray', 'sensor_msgs/msg/Range'],
-)  # fmt: skip
+    [
+        'sensor_msgs/msg/JointState',
+        'geometry_msgs/msg/TwistStamped',
+        'nav_msgs/msg/Odometry',
+        'sensor_msgs/msg/Imu',
+        'std_msgs/msg/Float64MultiArray',
+        'sensor_msgs/msg/NavSatFix',
+        'diagnostic_msgs/msg/DiagnosticArray',
+        'sensor_msgs/msg/Range',
+    ],
+)
 def test_built_in_definitions_are_those_of_ros(kind: str) -> None:
     """Against the type store of rosbags, names and types of the fields."""
     from rosbags.typesys import get_types_from_msg

@@ -119,24 +119,23 @@ CALM = [
     [
         ({'effects': CALM}, 'without the effect operating_point'),
         (
-            {'effects': [*CALM, {'operating_point': {'rate': 1.0}}, {
-                'load_steps': {'unit': 'N', 'steps': [[0, 0], [10, 4000]], 'rise': 1.0}}]},
+            {
+                'effects': [
+                    *CALM,
+                    {'operating_point': {'rate': 1.0}},
+                    {'load_steps': {'unit': 'N', 'steps': [[0, 0], [10, 4000]], 'rise': 1.0}},
+                ]
+            },
             'without the effect lining_motion it is unknown whether the lining sticks',
         ),
-        (
-            {'duration': between(9, 3)},
-            'duration = {between: [9, 3]} must be two numbers, the lower first',
-        ),
+        ({'duration': between(9, 3)}, 'duration = {between: [9, 3]} must be two numbers, the lower first'),
         ({'parameter_error': {'dampin': 0.1}}, "did you mean 'damping'?"),
         ({'parameter_error': {'mass': 2.0}}, 'parameter_error.mass = 2.0 must be a number'),
-        ({'config': '.'}, "is a folder without a .yaml file"),
+        ({'config': '.'}, 'is a folder without a .yaml file'),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_one_sentence(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    changes: dict[str, Any],
-    words: str,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], words: str
 ) -> None:
     folder = tmp_path / 'scene'
     folder.mkdir()

@@ -60,11 +60,7 @@ def output(
 def test_leads_misses_and_detection() -> None:
     """Of four episodes: 20 s before, 4 s before, 3 s late, never; two of them are detected."""
     quality = quality_of(
-        output(
-            warned=[(80, 150), (996, 1001), (2003, 2010)],
-            alarmed=[(105, 150), (2003, 2010)],
-            changes=9,
-        ),
+        output(warned=[(80, 150), (996, 1001), (2003, 2010)], alarmed=[(105, 150), (2003, 2010)], changes=9),
         truth([(100, 120), (1000, 1010), (2000, 2020), (3000, 3010)]),
         plain=True,
     )
@@ -113,8 +109,7 @@ def test_far_warnings_and_far_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ('times', 'expected'),
-    [([], 0), ([0], 1), ([0, 599, 600, 601, 1300], 3), ([0, 600], 1), ([5] * 12, 12)],
+    ('times', 'expected'), [([], 0), ([0], 1), ([0, 599, 600, 601, 1300], 3), ([0, 600], 1), ([5] * 12, 12)]
 )
 def test_largest_burst_in_ten_minutes(times: list[int], expected: int) -> None:
     assert largest_burst([time * 10**9 for time in times]) == expected
@@ -134,9 +129,7 @@ def test_a_warning_is_newly_given_in_time_and_after_the_episode_before() -> None
 def test_holding_an_alarm_is_time_without_an_episode_and_time_under_a_warning() -> None:
     """An episode of 50 s in an alarm of 200 s; of 1000 s far away 150 s are under a warning."""
     quality = quality_of(
-        output(warned=[(850, 1100)], alarmed=[(1990, 2190)]),
-        truth([(2000, 2050)], [0.5] * 1000),
-        plain=True,
+        output(warned=[(850, 1100)], alarmed=[(1990, 2190)]), truth([(2000, 2050)], [0.5] * 1000), plain=True
     )
     assert quality.unfounded == 150.0
     assert (quality.far_warned, quality.figures()['far_warned']) == (150.0, 0.15)
@@ -189,9 +182,10 @@ def by_monitor(*changes: tuple[float, Condition]) -> RuleOutput:
     [
         # That which stood at the first stick, not one that was cleared before.
         (
-            [(5, CAUTION), (8, NORMAL), (20, CAUTION), (30, BISTABLE), (38, STICK_SLIP),
-             (60, NORMAL)],
-            30.0, 12.0, 0,
+            [(5, CAUTION), (8, NORMAL), (20, CAUTION), (30, BISTABLE), (38, STICK_SLIP), (60, NORMAL)],
+            30.0,
+            12.0,
+            0,
         ),
         ([(52, CAUTION), (54, STICK_SLIP), (65, NORMAL)], -2.0, -4.0, 0),
         ([], None, None, 0),
@@ -202,12 +196,9 @@ def by_monitor(*changes: tuple[float, Condition]) -> RuleOutput:
         ([(20, BISTABLE), (40, STALE), (60, BISTABLE), (80, NORMAL)], 30.0, None, 0),
         ([(40, STALE), (60, NORMAL)], None, None, 0),
     ],
-)  # fmt: skip
+)
 def test_an_episode_from_50_to_60_s(
-    changes: list[tuple[float, Condition]],
-    lead: float | None,
-    alarm_lead: float | None,
-    false: int,
+    changes: list[tuple[float, Condition]], lead: float | None, alarm_lead: float | None, false: int
 ) -> None:
     output = by_monitor(*changes)
     what_was = truth([(50, 60)])

@@ -67,9 +67,7 @@ def test_one_recording_corrects_a_wrong_drawing(
     # The result is what the configuration names, beside it, and beats what it says itself.
     configured = wrong.with_name('calibrated.yaml')
     configured.write_text(
-        wrong.read_text().replace(
-            '      speed: {', '      calibration: aft.calibration.json\n      speed: {'
-        )
+        wrong.read_text().replace('      speed: {', '      calibration: aft.calibration.json\n      speed: {')
     )
     belief = load_config(configured).bearings[0].belief
     assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.72, rel=0.05)

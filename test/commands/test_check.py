@@ -75,9 +75,7 @@ def test_a_level_tells_of_the_blow_that_speed_and_load_do_not_show(
     assert "the recording has no topic '/bearing/aft_stern/level'" in capsys.readouterr().out
 
 
-def test_the_report_has_every_event_of_the_check(
-    page: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_has_every_event_of_the_check(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(BAG, '--json')
     events = json.loads(capsys.readouterr().out)['bearings']['aft_stern']['events']
     text, source = text_of(page), page.read_text('utf-8')
@@ -160,20 +158,10 @@ def test_a_check_imports_only_what_it_needs() -> None:
         f"assert main(['check', {str(BAG)!r}, '--config', {str(CONFIG)!r}]) == 1\n"
         "print(*{name.partition('.')[0] for name in sys.modules}, file=sys.stderr)\n"
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(done.stderr.split())
     assert {'numpy', 'mcap'} <= loaded
-    strangers = {
-        'rich',
-        'matplotlib',
-        'jinja2',
-        'multiprocessing',
-        'distributed',
-        'rclpy',
-        'numba',
-    }
+    strangers = {'rich', 'matplotlib', 'jinja2', 'multiprocessing', 'distributed', 'rclpy', 'numba'}
     assert loaded & strangers == set()
     assert 'aft_stern: 6 events' in done.stdout
 
@@ -206,13 +194,22 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
     harness.write_text(HARNESS.format(page=page.as_uri(), width=width))
     done = subprocess.run(
         [
-            CHROMIUM, '--headless', '--no-sandbox', '--disable-gpu', '--hide-scrollbars',
-            '--dump-dom', '--allow-file-access-from-files',
+            CHROMIUM,
+            '--headless',
+            '--no-sandbox',
+            '--disable-gpu',
+            '--hide-scrollbars',
+            '--dump-dom',
+            '--allow-file-access-from-files',
             f'--user-data-dir={tmp_path / "profile"}',
-            f'--blink-settings=preferredColorScheme={int(not dark)}', harness.as_uri(),
+            f'--blink-settings=preferredColorScheme={int(not dark)}',
+            harness.as_uri(),
         ],
-        capture_output=True, text=True, check=True, timeout=60,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
     (title,) = re.findall(r'<title>(.*?)</title>', done.stdout)
     seen = json.loads(unescape(title))
     assert seen['width'] == width
@@ -221,9 +218,7 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
     assert seen['back'] == ('rgb(22, 25, 29)' if dark else 'rgb(255, 255, 255)')
 
 
-def test_two_publishers_and_a_wrong_unit_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_publishers_and_a_wrong_unit_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """60 and 20 rpm in turn, ten a second; the load in kN where N are expected."""
     time, odd = START + np.arange(200) * 10**8, np.arange(200) % 2
     columns = {
@@ -248,9 +243,7 @@ def test_two_publishers_and_a_wrong_unit_are_told(
     assert 'question: speed on /shaft/speed has no boundary at any load' in out
 
 
-def test_one_of_several_bearings_is_checked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_of_several_bearings_is_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     node = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
     own = node['aft_stern'] | {'stiffness': 2.0e6}
     node |= {'bearings': ['aft_stern', 'fore'], 'aft_stern': own, 'fore': own}

@@ -77,9 +77,7 @@ def test_six_recordings_with_an_alarm_in_one_second_give_six_clips(
     assert capsys.readouterr().err.count('1 clip written') == 6
 
 
-def test_what_the_limit_has_removed_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_limit_has_removed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = config_with(tmp_path, clips={'most': 2})
     bags = [str(sail(tmp_path / 'in' / f'r{n}', SLOW)) for n in range(3)]
     clips = tmp_path / 'clips'
@@ -124,9 +122,7 @@ def test_an_absent_topic_costs_its_bearing_and_no_other(
     assert 'nothing is known of fore' in said.err
 
 
-def test_what_was_not_read_is_no_all_clear(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_not_read_is_no_all_clear(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (file,) = sail(tmp_path / 'whole', FAST).glob('*.mcap')
     assert check(file, '--json') == 0
     assert json.loads(capsys.readouterr().out)['complete'] is True
@@ -138,9 +134,7 @@ def test_what_was_not_read_is_no_all_clear(
     assert found['bearings']['aft_stern']['events'] == []
 
 
-def test_at_rest_no_margin_is_the_worst(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_at_rest_no_margin_is_the_worst(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert check(sail(tmp_path / 'in', 0.0), '--json') == 0
     (bearing,) = json.loads(capsys.readouterr().out)['bearings'].values()
     assert bearing['worst'] == {}

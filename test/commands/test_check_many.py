@@ -32,9 +32,7 @@ def documents(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[i
 
 
 @pytest.mark.slow
-def test_together_and_one_by_one_are_the_same_in_the_order_asked(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_together_and_one_by_one_are_the_same_in_the_order_asked(capsys: pytest.CaptureFixture[str]) -> None:
     bags = [BAGS / name for name in NAMES]
     code, together = documents(capsys, *bags, '--jobs', 3)
     assert code == 1
@@ -60,23 +58,17 @@ def test_a_bag_that_fails_is_named_and_the_others_are_told(
     code, found = documents(capsys, *bags, '--jobs', 2)
     assert code == 2
     assert [document['path'] for document in found] == [str(bag) for bag in bags]
-    assert [bag['error'] is None if 'error' in bag else True for bag in found] == [
-        True, False, False, True,
-    ]  # fmt: skip
+    assert [bag['error'] is None if 'error' in bag else True for bag in found] == [True, False, False, True]
 
 
-def test_one_bag_that_fails_is_an_error_as_ever(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert check(tmp_path / 'gone', '--json') == 2
     said, text = capsys.readouterr(), f"bag '{tmp_path / 'gone'}' does not exist"
     assert json.loads(said.out)['error'] == text
     assert said.err == f'ERROR: {text}\n'
 
 
-def test_a_folder_of_bags_is_a_list_even_of_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
     code, found = documents(capsys, tmp_path)
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
@@ -102,9 +94,7 @@ def test_a_recording_on_standard_input_is_checked_as_the_file_is(
 
 
 @pytest.mark.slow
-def test_a_report_names_what_could_not_be_checked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_names_what_could_not_be_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('jinja2')
     page = tmp_path / 'page.html'
     bags = [BAGS / 'history_above', tmp_path / 'gone <b>', BAGS / 'voyage']

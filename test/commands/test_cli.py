@@ -52,8 +52,10 @@ def test_a_recording_is_shown_without_a_configuration(capsys: pytest.CaptureFixt
     assert main(['info', BAG, '--json']) == 0
     record = json.loads(capsys.readouterr().out)
     assert record['topics']['/shaft/speed'] == {
-        'type': 'std_msgs/msg/Float64', 'messages': 2801, 'problem': None,
-    }  # fmt: skip
+        'type': 'std_msgs/msg/Float64',
+        'messages': 2801,
+        'problem': None,
+    }
     # The scene lasts 280 s and is sampled at 10 Hz.
     assert record['duration'] == pytest.approx(280.0, abs=0.1)
     assert main(['info', BAG]) == 0
@@ -123,16 +125,16 @@ def _read(terminal: int) -> Iterator[bytes]:
         ('stickslip check --config launch_configs/ref', 'reference_bearing.yaml'),
     ],
 )
-def test_the_tab_key_offers_commands_options_and_files(
-    typed: str, offered: str, tmp_path: Path
-) -> None:
+def test_the_tab_key_offers_commands_options_and_files(typed: str, offered: str, tmp_path: Path) -> None:
     """As the shell asks by argcomplete: the answer comes by descriptor 8."""
     asked = {'_ARGCOMPLETE': '1', 'COMP_LINE': typed, 'COMP_POINT': str(len(typed))}
     answer = tmp_path / 'answer'
     subprocess.run(
         ['bash', '-c', f'{SCRIPTS}/stickslip 8>{answer}'],
-        cwd=ROOT, env=os.environ | asked | {'IFS': '\v'}, check=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        env=os.environ | asked | {'IFS': '\v'},
+        check=True,
+    )
     assert offered in answer.read_text()
 
 

@@ -32,10 +32,8 @@ HEADINGS = {
     'finding_1_speed': ['shaft_speed [rpm]', 'surface_speed [m/s]', *AMPLITUDES],
     'finding_2_load': ['load [N]', *AMPLITUDES],
     'finding_3_kinetic': ['kinetic_coefficient [-]', *AMPLITUDES],
-    'finding_4_motion': [
-        'time [s]', 'displacement [m]', 'velocity [m/s]', 'sticking', 'kbm_envelope [m]',
-    ],
-}  # fmt: skip
+    'finding_4_motion': ['time [s]', 'displacement [m]', 'velocity [m/s]', 'sticking', 'kbm_envelope [m]'],
+}
 QUICK = ('finding_4_motion',)
 ALL = dict(figures.FINDINGS)
 
@@ -99,9 +97,7 @@ def test_each_finding_has_a_picture_and_a_table(written: Path, name: str) -> Non
 @pytest.mark.parametrize('name', HEADINGS)
 def test_no_two_words_overlap(name: str) -> None:
     pytest.importorskip('matplotlib')
-    point = figures.Point(
-        'reference bearing', REFERENCE, 20.0 * REFERENCE.speed.factor('rpm'), 1e3
-    )
+    point = figures.Point('reference bearing', REFERENCE, 20.0 * REFERENCE.speed.factor('rpm'), 1e3)
     figure = found(name, point).draw()
     with style():
         figure.draw_without_rendering()

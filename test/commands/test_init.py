@@ -16,18 +16,40 @@ from stickslip_monitor.lab.bearing_estimate import Given, estimate, fold_shifts,
 from stickslip_monitor.monitor.config_file import load_config
 
 DRAWING = (
-    '--journal-diameter', '400mm', '--length', '800mm', '--thickness', '20mm', '--hardness', '70',
-    '--loss-factor', '0.15', '--static', '0.3', '--kinetic', '0.1', '--decay', '10s/m',
-    '--load', '30kN',
-)  # fmt: skip
+    '--journal-diameter',
+    '400mm',
+    '--length',
+    '800mm',
+    '--thickness',
+    '20mm',
+    '--hardness',
+    '70',
+    '--loss-factor',
+    '0.15',
+    '--static',
+    '0.3',
+    '--kinetic',
+    '0.1',
+    '--decay',
+    '10s/m',
+    '--load',
+    '30kN',
+)
 
 
 def _given(**changes: Given) -> dict[str, Given]:
     values = {
-        'journal_diameter': 0.4, 'length': 0.8, 'thickness': 0.02, 'shear_modulus': 1.5e6,
-        'density': 1200.0, 'damping_ratio': 0.05, 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0,
+        'journal_diameter': 0.4,
+        'length': 0.8,
+        'thickness': 0.02,
+        'shear_modulus': 1.5e6,
+        'density': 1200.0,
+        'damping_ratio': 0.05,
+        'static': 0.3,
+        'kinetic': 0.1,
+        'decay': 10.0,
         'load': 3e4,
-    }  # fmt: skip
+    }
     return {name: Given(value, 0.1) for name, value in values.items()} | changes
 
 
@@ -60,8 +82,9 @@ def test_effects_by_the_closed_form() -> None:
     """
     by_name = {e.name: e for e in fold_shifts(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
     assert not by_name.keys() & {'mass', 'stiffness'}
-    damping = fold_shifts(estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0),
-                                      density=Given(1200.0, 0.0))))  # fmt: skip
+    damping = fold_shifts(
+        estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0), density=Given(1200.0, 0.0)))
+    )
     less_damping = next(e.below for e in damping if e.name == 'damping')
     assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)
 
@@ -103,9 +126,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
         ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
     ],
 )
-def test_refusals(
-    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_refusals(arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['init', *arguments]) == 2
     assert sentence in capsys.readouterr().err
 
@@ -113,9 +134,24 @@ def test_refusals(
 def test_dialogue_takes_the_other_value_and_asks_again() -> None:
     """Empty for what may be given otherwise, and values that cannot be, as a person types."""
     typed = iter(
-        ['400mm', '', '0.32 m2', 'thick', '', '20mm', '70', '', '0.15~40%', '0.3', '0.4', '',
-         '0.1', '10s/m', '30 kN']
-    )  # fmt: skip
+        [
+            '400mm',
+            '',
+            '0.32 m2',
+            'thick',
+            '',
+            '20mm',
+            '70',
+            '',
+            '0.15~40%',
+            '0.3',
+            '0.4',
+            '',
+            '0.1',
+            '10s/m',
+            '30 kN',
+        ]
+    )
     shown: list[str] = []
 
     def answer(text: str) -> str:

@@ -47,9 +47,12 @@ def test_the_table_of_a_map_agrees_with_the_physics(tmp_path: Path) -> None:
     assert run(('map',), tmp_path / 'a.csv', '--loads', '0N:2000N') == 0
     table = read(tmp_path / 'a.csv')
     assert list(table) == [
-        'shaft_speed [rpm]', 'surface_speed [m/s]', 'fold_load [N]', 'hopf_load [N]',
+        'shaft_speed [rpm]',
+        'surface_speed [m/s]',
+        'fold_load [N]',
+        'hopf_load [N]',
         'caution_load [N]',
-    ]  # fmt: skip
+    ]
     speed = table['surface_speed [m/s]']
     np.testing.assert_array_equal(table['fold_load [N]'], fold_load(BEARING, speed))
     np.testing.assert_array_equal(table['hopf_load [N]'], hopf_load(BEARING, speed))

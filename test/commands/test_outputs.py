@@ -122,9 +122,13 @@ def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path:
     ],
 )
 def test_a_foreign_file_is_replaced_only_by_force_and_an_own_one_always(
-    command: str, option: str, suffix: str, more: tuple[object, ...],
-    tmp_path: Path, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    command: str,
+    option: str,
+    suffix: str,
+    more: tuple[object, ...],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     output, foreign = tmp_path / f'output{suffix}', 'somebody wrote this on stickslip_monitor\n'
     output.write_text(foreign)
     output.chmod(0o600)
@@ -195,14 +199,14 @@ def test_old_spellings_are_understood_and_the_new_ones_told(
 
 @pytest.mark.slow
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_command_that_is_stopped_leaves_nothing_behind(
-    sent: signal.Signals, tmp_path: Path
-) -> None:
+def test_a_command_that_is_stopped_leaves_nothing_behind(sent: signal.Signals, tmp_path: Path) -> None:
     line = ['check', '-', '-c', str(CONFIG), '--report', str(tmp_path / 'a.json')]
     with subprocess.Popen(
         [sys.executable, '-m', 'stickslip_monitor', *line],
-        stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=os.environ | {'TMPDIR': str(tmp_path)},
-    ) as program:  # fmt: skip
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | {'TMPDIR': str(tmp_path)},
+    ) as program:
         # More than the first piece, by which the file gets its name.
         program.stdin.write(next(BAG.glob('*.mcap')).read_bytes() + bytes(2 << 20))
         program.stdin.flush()
@@ -223,17 +227,26 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(
 
 @pytest.mark.parametrize(
     ('bag', 'closed', 'code'),
-    [('-', '<&-', 2), (BAG, '>&-', 1), (BAG, '2>&-', 1), (BAG, '2>/dev/full', 1),
-     ('gone', '2>/dev/full', 2), (BAG, '>/dev/full', 2)],
-)  # fmt: skip
+    [
+        ('-', '<&-', 2),
+        (BAG, '>&-', 1),
+        (BAG, '2>&-', 1),
+        (BAG, '2>/dev/full', 1),
+        ('gone', '2>/dev/full', 2),
+        (BAG, '>/dev/full', 2),
+    ],
+)
 def test_a_stream_that_takes_nothing_is_no_fault_of_the_program(
     bag: object, closed: str, code: int, tmp_path: Path
 ) -> None:
     line = f'check {bag} -c {CONFIG} --json --report {tmp_path}/a.json {closed}'
     done = subprocess.run(
         f'{sys.executable} -m stickslip_monitor {line}',
-        shell=True, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == code, done.stderr
     assert (tmp_path / 'a.json').exists() == (bag == BAG)
     if closed == '<&-':

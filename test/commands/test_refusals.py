@@ -72,8 +72,7 @@ REFUSED = {
     'dashboard -c own.yaml -c own.yaml --node /a/m --node /b/m --node /c/m': '--config is given 2'
     ' times for 3 nodes',
     f'dashboard -c own.yaml --bag {BAG} --log x.json': 'a replay is not kept',
-    f'dashboard -c own.yaml --bag {BAG} --host 0.0.0.0': '--host 0.0.0.0 lets others in: give'
-    ' --token-file',
+    f'dashboard -c own.yaml --bag {BAG} --host 0.0.0.0': '--host 0.0.0.0 lets others in: give --token-file',
     f'dashboard -c own.yaml --bag {BAG} --host localhost.evil.test': 'lets others in: give',
     # Files.
     'figures -c none.yaml': 'none.yaml: No such file',
@@ -190,9 +189,7 @@ def test_options_with_bounds_have_them() -> None:
 
 
 @pytest.mark.parametrize('name', numbers())
-def test_a_number_out_of_its_bounds_is_refused(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_number_out_of_its_bounds_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     command, action = numbers()[name]
     low, high, above = action.rule
     wrong = [low if above else low - 1, *([high + 1] if high < math.inf else [])]

@@ -85,9 +85,7 @@ def test_what_exists_is_not_overwritten(
     target = tmp_path / name
     target.write_text('dear', 'utf-8')
     assert main(['simulate', scene, '-o', str(target)]) == 2
-    assert capsys.readouterr().err == (
-        f"ERROR: bag '{target}' exists already and is not overwritten\n"
-    )
+    assert capsys.readouterr().err == (f"ERROR: bag '{target}' exists already and is not overwritten\n")
     assert target.read_text('utf-8') == 'dear'
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml', name}
 

@@ -148,9 +148,7 @@ class Browser:
             f'--user-data-dir={folder}',
             'about:blank',
         ]
-        self._process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         ready = folder / 'DevToolsActivePort'
         until(lambda: ready.exists() and '\n' in ready.read_text(), 'Chromium')
         self._loop.run_until_complete(self._connect(int(ready.read_text().split()[0])))
@@ -195,9 +193,7 @@ class Browser:
 
     def js(self, expression: str) -> Any:
         """The value of an expression; a promise is waited for."""
-        answer = self.call(
-            'Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True
-        )
+        answer = self.call('Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True)
         assert 'exceptionDetails' not in answer, answer
         return answer['result'].get('value')
 
@@ -210,9 +206,7 @@ class Browser:
     def choose(self, name: str, value: str) -> None:
         """Choose a value of one of the page's settings."""
         choice = f'document.getElementById({json.dumps(name)})'
-        self.js(
-            f"{choice}.value = {json.dumps(value)}, {choice}.dispatchEvent(new Event('change'))"
-        )
+        self.js(f"{choice}.value = {json.dumps(value)}, {choice}.dispatchEvent(new Event('change'))")
 
     def text(self, selector: str) -> str:
         return str(self.js(f'document.querySelector({json.dumps(selector)})?.textContent ?? ""'))

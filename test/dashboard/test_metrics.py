@@ -22,9 +22,7 @@ from shared import ROOT, until
 
 from benchmarks.signalk_servers import free_port
 
-parser = pytest.importorskip(
-    'prometheus_client.parser', reason="the extra 'dashboard' is not installed"
-)
+parser = pytest.importorskip('prometheus_client.parser', reason="the extra 'dashboard' is not installed")
 
 SHIPPED = ROOT / 'launch_configs' / 'dashboards'
 DOCS = ROOT / 'docs' / 'dashboard.md'
@@ -100,9 +98,7 @@ def test_the_states_of_an_alarm(dashboard: Any) -> None:
     assert state() == ['unacknowledged']
     found = figures(scrape(dashboard))
     assert of(found, 'alarm_active', **labels) == 1.0
-    assert (
-        of(found, 'alarms_unacknowledged', **SPACE) == of(found, 'alarms_sounding', **SPACE) == 1.0
-    )
+    assert of(found, 'alarms_unacknowledged', **SPACE) == of(found, 'alarms_sounding', **SPACE) == 1.0
     dashboard.sail(60.0, 1000.0, 40.0)
     assert state() == ['returned_unacknowledged']
     found = figures(scrape(dashboard))
@@ -148,9 +144,7 @@ def test_the_docs_name_every_figure(dashboard: Any) -> None:
 def test_names_keep_the_conventions(dashboard: Any) -> None:
     tool = program('promtool')
     dashboard.sail(36.0, 1000.0, 5.0)
-    done = subprocess.run(
-        [tool, 'check', 'metrics'], input=scrape(dashboard), text=True, capture_output=True
-    )
+    done = subprocess.run([tool, 'check', 'metrics'], input=scrape(dashboard), text=True, capture_output=True)
     assert (done.returncode, done.stdout + done.stderr) == (0, '')
 
 
@@ -170,9 +164,7 @@ def test_the_shipped_files_please_promtool(arguments: tuple[str, ...]) -> None:
 
 
 @pytest.mark.slow
-def test_a_real_prometheus_scrapes_with_a_token_and_alerts(
-    dashboards: Any, tmp_path: Path
-) -> None:
+def test_a_real_prometheus_scrapes_with_a_token_and_alerts(dashboards: Any, tmp_path: Path) -> None:
     """With the shipped files, but for addresses, pace, and the place of the token."""
     dashboard, port = dashboards(token=TOKEN), free_port()
     told: list[str] = []
@@ -266,10 +258,7 @@ def test_every_query_of_grafana_is_one(tmp_path: Path) -> None:
     (source,) = board['__inputs']
     queries = [t for panel in panels for t in panel.get('targets', ())]
     assert {t['datasource']['uid'] for t in queries} == {f'${{{source["name"]}}}'}
-    rules = [
-        {'record': f'r:{k}', 'expr': re.sub(r'\$\w+', '.*', t['expr'])}
-        for k, t in enumerate(queries)
-    ]
+    rules = [{'record': f'r:{k}', 'expr': re.sub(r'\$\w+', '.*', t['expr'])} for k, t in enumerate(queries)]
     path = tmp_path / 'rules.yml'
     path.write_text(yaml.safe_dump({'groups': [{'name': 'g', 'rules': rules}]}))
     done = subprocess.run([program('promtool'), 'check', 'rules', str(path)], capture_output=True)
@@ -284,9 +273,6 @@ def test_alertmanager_takes_its_example() -> None:
     rules = yaml.safe_load((SHIPPED / 'prometheus_rules.yml').read_text('utf-8'))
     names = {r['alert'] for group in rules['groups'] for r in group['rules'] if 'alert' in r}
     own = yaml.safe_load(Path(path).read_text('utf-8'))['inhibit_rules']
-    sides = [
-        [r[k][0].split('"')[1].split('|') for r in own]
-        for k in ('source_matchers', 'target_matchers')
-    ]
+    sides = [[r[k][0].split('"')[1].split('|') for r in own] for k in ('source_matchers', 'target_matchers')]
     assert {n for side in sides for each in side for n in each} <= names
     assert 'StickSlipPredicted' not in {n for each in sides[1] for n in each}

@@ -74,17 +74,13 @@ def test_an_alarm_appears_without_reloading_and_is_said(dashboard: Any, page: An
     assert 'not acknowledged' in page.text(f'{ALARM} .state')
     page.until('document.getElementById("say-now").textContent.startsWith("alarm: Stick-slip")')
     page.until('document.title.startsWith("(1) ")')
-    page.until(
-        'document.querySelector(".bearing .badge").textContent === "▲ Stick-slip predicted"'
-    )
+    page.until('document.querySelector(".bearing .badge").textContent === "▲ Stick-slip predicted"')
     # One sentence, in its row; one matter, in one row.
     page.until('!document.querySelector(".verdict").checkVisibility()')
     assert page.text('#tally') == '1 not acknowledged'
     # Averaging and the exact cycle both, and what is said is what is shown.
     gauge = page.js('document.querySelectorAll(".gauge")[2].ariaValueText')
-    assert re.fullmatch(
-        r'0\.\d\d mm, predicted; by averaging \(KBM\) 0\.53 mm; limit 0\.90 mm', gauge
-    )
+    assert re.fullmatch(r'0\.\d\d mm, predicted; by averaging \(KBM\) 0\.53 mm; limit 0\.90 mm', gauge)
 
 
 def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
@@ -166,9 +162,7 @@ def test_an_input_that_is_back_says_when_its_alarm_clears(dashboard: Any, page: 
     page.until(f'document.querySelector(`{row} .state`).textContent.includes("gone, not ackn")')
 
 
-def test_it_comes_back_after_the_server_restarts(
-    dashboards: Callable[..., Any], browser: Any
-) -> None:
+def test_it_comes_back_after_the_server_restarts(dashboards: Callable[..., Any], browser: Any) -> None:
     first = dashboards()
     first.sail(60.0, 1000.0)
     browser.open(first.url)
@@ -491,14 +485,17 @@ def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
         'level': {'lost': False, 'age': None, 'rate': None, 'fault': '', 'counts': {}},
     }
     told = own | {
-        'reason': 'caution', 'held_until': own['time'] + 150 * 10**9, 'inputs': inputs,
-        'probability_can': 0.9, 'probability_will': 0.25, 'probability_runs': 0.1,
-        'measured': 'unknown', 'unmeasured': 'the level is stuck',
-    }  # fmt: skip
+        'reason': 'caution',
+        'held_until': own['time'] + 150 * 10**9,
+        'inputs': inputs,
+        'probability_can': 0.9,
+        'probability_will': 0.25,
+        'probability_runs': 0.1,
+        'measured': 'unknown',
+        'unmeasured': 'the level is stuck',
+    }
     shown = dashboard.ship.shown
-    dashboard.do(
-        lambda: (shown.take_health(2, 'no space left on device'), shown.take_record(told))
-    )
+    dashboard.do(lambda: (shown.take_health(2, 'no space left on device'), shown.take_record(told)))
     page.until('document.querySelector(".badge.held")')
     assert page.text('.badge') == '! Margin low, held until 22:15:56'
     assert page.text('.chances') == 'stick-slip: can happen 90 %, starts by itself 25 %, runs 10 %'
@@ -598,9 +595,7 @@ def fleet(dashboard: Any, browser: Any) -> Any:
 
 
 def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
-    names = (
-        '[...document.querySelectorAll("#rows tr:not([hidden]) button")].map((b) => b.textContent)'
-    )
+    names = '[...document.querySelectorAll("#rows tr:not([hidden]) button")].map((b) => b.textContent)'
     assert fleet.js(names)[0] == BEARING
     assert fleet.js(names)[-2:] == ['b22', 'b23']
     assert fleet.text('#counts') == '25: 1 stick-slip, 22 input lost, 2 normal'
@@ -610,8 +605,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     assert max(fleet.js(f'[...document.querySelectorAll("#rows tr")].map({bottom})')) <= 800
     # Only the one that is looked at is drawn.
     shown = (
-        '[...document.querySelectorAll(".bearing")].filter((b) => !b.hidden)'
-        '.map((b) => b.dataset.bearing)'
+        '[...document.querySelectorAll(".bearing")].filter((b) => !b.hidden).map((b) => b.dataset.bearing)'
     )
     assert fleet.js(shown) == [BEARING]
     fleet.js('document.querySelector("#rows [data-name=b23]").click()')
@@ -633,10 +627,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
         '[...document.querySelectorAll("#alarm-list > li")].map((li) =>'
         ' [li.querySelector("h3").textContent, li.querySelector(".state").textContent])'
     )
-    assert [title for title, _ in entries] == [
-        'WARNING: Input lost',
-        'CAUTION: Stick-slip predicted',
-    ]
+    assert [title for title, _ in entries] == ['WARNING: Input lost', 'CAUTION: Stick-slip predicted']
     assert entries[0][1].startswith('22 bearings, not acknowledged')
     assert fleet.text('#alarm-list .places').startswith('b00, b01, b02')
 
@@ -654,10 +645,7 @@ def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None
         shown.bearings, rows = {}, []
         for side, base in (('port', 60), ('stbd', 30)):
             for k in range(25):
-                name, text = (
-                    f'{side}/b{k:02}',
-                    f'Stick-slip predicted. Raise speed above {base + k} rpm.',
-                )
+                name, text = (f'{side}/b{k:02}', f'Stick-slip predicted. Raise speed above {base + k} rpm.')
                 shown.bearings[name] = Watched(name, own.view)
                 shown.bearings[name].take(own.record | {'bearing': name, 'text': text}, own.at)
                 rows.append(alarm | {'bearing': name, 'text': text})

@@ -68,9 +68,7 @@ def post(
     """The answer to a request to do something."""
 
     async def work(session: Any) -> tuple[int, Any]:
-        async with session.post(
-            f'{dashboard.url}{path}', json=document, headers=headers
-        ) as answer:
+        async with session.post(f'{dashboard.url}{path}', json=document, headers=headers) as answer:
             return answer.status, await answer.text()
 
     code, text = ask(work)
@@ -81,9 +79,7 @@ def get(dashboard: Any, path: str = '', **headers: str) -> tuple[int, Any, str]:
     """Status, headers and text of a page."""
 
     async def work(session: Any) -> tuple[int, Any, str]:
-        async with session.get(
-            f'{dashboard.url}{path}', headers=headers, allow_redirects=False
-        ) as answer:
+        async with session.get(f'{dashboard.url}{path}', headers=headers, allow_redirects=False) as answer:
             return answer.status, answer.headers, await answer.text()
 
     return ask(work)
@@ -125,9 +121,7 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
         for _ in range(10):
             await asyncio.to_thread(dashboard.do, storm)
         assert (
-            {'', 'status aft_stern'}
-            <= set(one._waiting)
-            <= {'', 'status aft_stern', 'monitor ', 'alarms '}
+            {'', 'status aft_stern'} <= set(one._waiting) <= {'', 'status aft_stern', 'monitor ', 'alarms '}
         )
         await asyncio.to_thread(dashboard.sail, 70.0, 500.0)
         return await asyncio.gather(*tasks)
@@ -140,9 +134,7 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
     until(lambda: not hub.readers, 'the end of all')
 
 
-def test_more_readers_than_there_is_room_for(
-    dashboard: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 1)
     # The last ones are kept for people who have signed in.
     with pytest.raises(DashboardError, match='are open already'):
@@ -201,12 +193,7 @@ def test_idle_connections_lock_nobody_out(dashboards: Any, caplog: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    'start',
-    [
-        b'\x16\x03\x01\x00\xa5\r\n\r\n',
-        b'GET / HTTP/9.9\r\n\r\n',
-        b'GET / HTTP/1.1\r\nA : b\r\n\r\n',
-    ],
+    'start', [b'\x16\x03\x01\x00\xa5\r\n\r\n', b'GET / HTTP/9.9\r\n\r\n', b'GET / HTTP/1.1\r\nA : b\r\n\r\n']
 )
 def test_a_port_scan_leaves_no_traceback(dashboard: Any, caplog: Any, start: bytes) -> None:
     made = idle_connection(dashboard.port, start)
@@ -446,9 +433,7 @@ def test_a_session_begins_with_the_token_and_can_be_ended(dashboards: Any) -> No
 
 
 @pytest.mark.parametrize(('token', 'code'), [(TOKEN, 200), (TOKEN + '2', 303)])
-def test_a_new_token_logs_everybody_out_and_a_restart_nobody(
-    dashboards: Any, token: str, code: int
-) -> None:
+def test_a_new_token_logs_everybody_out_and_a_restart_nobody(dashboards: Any, token: str, code: int) -> None:
     async def work(session: Any) -> int:
         first = dashboards(token=TOKEN)
         await session.post(f'{first.url}login', data={'token': TOKEN})
@@ -463,9 +448,7 @@ def test_a_new_token_logs_everybody_out_and_a_restart_nobody(
 def test_no_page_of_another_may_hold_or_feed_this_one(dashboard: Any) -> None:
     for path in ('', 'page.js', 'page.css', 'login', 'nothing'):
         _, headers, _ = get(dashboard, path)
-        policy = dict(
-            part.split(' ', 1) for part in headers['Content-Security-Policy'].split('; ')
-        )
+        policy = dict(part.split(' ', 1) for part in headers['Content-Security-Policy'].split('; '))
         assert policy['default-src'] == policy['frame-ancestors'] == "'none'"
         assert set(policy.values()) == {"'none'", "'self'"}
         assert headers['X-Content-Type-Options'] == 'nosniff'

@@ -96,9 +96,7 @@ def test_memory_is_bounded(board: DashboardState) -> None:
         take(status(time_ns=k * 10**9, speed=float(k)))
         take(status(time_ns=k * 10**9 + 5 * 10**8, speed=float(k), load=2.0))
     history = board.history('aft_stern')
-    assert [row[1:3] for row in history['rows']] == [
-        [float(k), 2.0] for k in range(rows, 2 * rows)
-    ]
+    assert [row[1:3] for row in history['rows']] == [[float(k), 2.0] for k in range(rows, 2 * rows)]
     # A clock that steps back leaves nothing that lies ahead of it.
     take(status(time_ns=(2 * rows - 5) * 10**9, speed=7.0))
     rest = board.history('aft_stern')
@@ -116,10 +114,7 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
     board.monitors[0].take_record(status(time_ns=2 * 10**9, fold_margin=0.5, inputs=lost))
     history = board.history('aft_stern')
     place = history['columns'].index('fold_margin')
-    assert [[*row[1:3], row[place]] for row in history['rows']] == [
-        [1.0, 1.0, 0.5],
-        [None, 1.0, None],
-    ]
+    assert [[*row[1:3], row[place]] for row in history['rows']] == [[1.0, 1.0, 0.5], [None, 1.0, None]]
 
 
 @pytest.mark.parametrize(

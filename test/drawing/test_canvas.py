@@ -59,9 +59,7 @@ def test_pictures_that_share_a_page_share_no_id(drawings: list[str]) -> None:
         assert set(used) <= ids
 
 
-def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(
-    drawings: list[str],
-) -> None:
+def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(drawings: list[str]) -> None:
     root = ElementTree.fromstring(drawings[0])
     assert root.get('role') == 'img'
     assert root.get('aria-label') == 'a <map> & "more"'
@@ -145,17 +143,12 @@ def test_the_same_picture_gives_the_same_bytes(tmp_path: Path) -> None:
     ('library', 'error', 'make'),
     [
         ('matplotlib', DrawingError, lambda: draw_diagram(REFERENCE, 1000.0)),
-        (
-            'jinja2',
-            ReportError,
-            lambda: html_page([], CONFIG, '', datetime(2026, 5, 5, tzinfo=timezone.utc)),
-        ),
+        ('jinja2', ReportError, lambda: html_page([], CONFIG, '', datetime(2026, 5, 5, tzinfo=timezone.utc))),
     ],
 )
 def test_without_its_library_the_extra_is_named(
-    library: str, error: type[Exception], make: Callable[[], object],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    library: str, error: type[Exception], make: Callable[[], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in [library, *(name for name in sys.modules if name.startswith(f'{library}.'))]:
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(error, match=r"extra 'report'.*stickslip_monitor\[report\]"):

@@ -124,9 +124,7 @@ def test_a_measured_table_has_all_its_branches() -> None:
     ],
     ids=['coulomb', 'rising', 'damped'],
 )
-def test_without_an_averaged_cycle_there_are_no_branches(
-    own: Bearing, regimes: list[Regime]
-) -> None:
+def test_without_an_averaged_cycle_there_are_no_branches(own: Bearing, regimes: list[Regime]) -> None:
     diagram = diagram_of(own)
     assert diagram.branches == diagram.marks == ()
     assert [regime for *_, regime in diagram.spans] == regimes
@@ -136,17 +134,13 @@ def test_without_an_averaged_cycle_there_are_no_branches(
 
 def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
     """A Hopf with a fold 0.003 rpm above it: between them there are two small cycles."""
-    table = Tabulated(
-        [0.1324560, 0.2096268, 0.2281960, 0.4458427], [0.24518, 0.12219, 0.05504, 0.05496]
-    )
+    table = Tabulated([0.1324560, 0.2096268, 0.2281960, 0.4458427], [0.24518, 0.12219, 0.05504, 0.05496])
     own, load = bearing(table, damping=62.65981), 337.7896
     diagram = bifurcation_diagram(own, load, (0.1, 0.2), 3)
     hopf, fold = diagram.marks[:2]
     assert (hopf.kind, fold.kind) == (MarkKind.HOPF, MarkKind.FOLD)
     assert 0.0 < fold.speed - hopf.speed < 2e-5
-    rates = amplitude_rate(
-        own, 0.5 * (hopf.speed + fold.speed), load, np.geomspace(1e-6, 5e-5, 400)
-    )
+    rates = amplitude_rate(own, 0.5 * (hopf.speed + fold.speed), load, np.geomspace(1e-6, 5e-5, 400))
     assert np.count_nonzero(np.diff(np.sign(rates))) == 2
     below, above = (
         amplitude_rate(own, v, load, np.geomspace(1e-6, 5e-5, 400))

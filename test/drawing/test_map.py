@@ -16,24 +16,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.special import i1e
 from shared import CONFIG as REFERENCE_FILE
 
-from stickslip_monitor import (
-    Bearing,
-    Coulomb,
-    FrictionLaw,
-    Monitor,
-    Stribeck,
-    Tabulated,
-    assess,
-    fold_speed,
-)
+from stickslip_monitor import Bearing, Coulomb, FrictionLaw, Monitor, Stribeck, Tabulated, assess, fold_speed
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.drawing.map import (
-    boundaries,
-    caution_load,
-    draw_map,
-    map_ranges,
-    onset_load,
-)
+from stickslip_monitor.drawing.map import boundaries, caution_load, draw_map, map_ranges, onset_load
 from stickslip_monitor.drawing.track import Track, TrackEvent, envelope, track_of_scan
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
@@ -46,9 +31,7 @@ BEARING = CONFIG.bearings[0]
 REFERENCE = BEARING.bearing
 TABLE = replace(
     REFERENCE,
-    friction=Tabulated(
-        [0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11]
-    ),
+    friction=Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11]),
 )
 DRY = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
 
@@ -60,9 +43,7 @@ def test_boundaries_are_the_closed_forms() -> None:
     for load, x in ((curves.fold_load, v), (curves.caution_load, v / 1.1)):
         np.testing.assert_allclose(load, 400.0 / (2.0 * 2.0 * i1e(x) / x), rtol=1e-12)
     # The published load at which the cycle dies at 20 rpm.
-    assert float(np.interp(20.0 * RPM, curves.speed, curves.fold_load)) == pytest.approx(
-        498, abs=1
-    )
+    assert float(np.interp(20.0 * RPM, curves.speed, curves.fold_load)) == pytest.approx(498, abs=1)
 
 
 @pytest.mark.parametrize('own', [REFERENCE, TABLE], ids=['stribeck', 'table'])
@@ -122,9 +103,15 @@ def names(legend: Any) -> list[str]:
 def test_the_map_names_regions_and_lines_of_one_amplitude() -> None:
     figure = draw_map(BEARING)
     assert names(figure.legends[0]) == [
-        'stable', 'margin low', 'bistable', 'unstable', 'caution margin', 'Hopf', 'fold',
+        'stable',
+        'margin low',
+        'bistable',
+        'unstable',
+        'caution margin',
+        'Hopf',
+        'fold',
         'amplitude',
-    ]  # fmt: skip
+    ]
     axes = figure.axes[0]
     assert len([text for text in axes.texts if text.get_text().endswith(' mm')]) >= 3
     (lines,) = [each for each in axes.collections if hasattr(each, 'levels')]
@@ -190,9 +177,7 @@ def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:
 
 
 VALUES = arrays(
-    np.float64,
-    st.integers(1, 400),
-    elements=st.one_of(st.floats(-1e3, 1e3), st.just(float('nan'))),
+    np.float64, st.integers(1, 400), elements=st.one_of(st.floats(-1e3, 1e3), st.just(float('nan')))
 )
 
 

@@ -84,12 +84,9 @@ def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
 
 
 @pytest.mark.parametrize(
-    ('order', 'told'),
-    [(6, [np.nan] * 3), (7, [-39.9, -39.9, -52.4]), (9, [-2.9, -7.7, -16.3])],
+    ('order', 'told'), [(6, [np.nan] * 3), (7, [-39.9, -39.9, -52.4]), (9, [-2.9, -7.7, -16.3])]
 )
-def test_the_published_polynomial_misses_the_unstable_branch(
-    order: int, told: list[float]
-) -> None:
+def test_the_published_polynomial_misses_the_unstable_branch(order: int, told: list[float]) -> None:
     """The likely reason for the published sentence: the expansion, not averaging [%].
 
     The unstable cycle slips throughout: with ``alpha = a/V < 1`` the friction's average is a
@@ -101,8 +98,7 @@ def test_the_published_polynomial_misses_the_unstable_branch(
         mu = np.polynomial.Polynomial(0.2 * (-10.0 * v) ** power / scipy.special.factorial(power))
         # Of mu(1 - alpha c) the coefficient of alpha^j, times the mean of cos^(j + 1).
         parts = [
-            mu.deriv(int(j))(1.0) * (-1.0) ** j / scipy.special.factorial(j) * mean[j]
-            for j in power[1:]
+            mu.deriv(int(j))(1.0) * (-1.0) ** j / scipy.special.factorial(j) * mean[j] for j in power[1:]
         ]
         parts[0] -= 0.5 * 400.0 * v / 1000.0
         roots = np.polynomial.Polynomial(parts).roots()
@@ -167,9 +163,7 @@ def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history:
     assert np.max(history.motion.velocity) <= V * (1.0 + 1e-12)
     last = history.time > history.time[-1] - history.cycle.period
     _, *whole = history.cycle.waveform(721)
-    motion = np.column_stack(
-        [history.motion.displacement[last] * OMEGA, history.motion.velocity[last]]
-    )
+    motion = np.column_stack([history.motion.displacement[last] * OMEGA, history.motion.velocity[last]])
     cycle = np.column_stack([whole[0] * OMEGA, whole[1]])
     distance = np.hypot(*(motion[:, None] - cycle[None]).transpose(2, 0, 1)).min(axis=1)
     assert np.max(distance) < 6e-3 * V
@@ -178,12 +172,7 @@ def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history:
 @pytest.mark.parametrize(
     ('changes', 'rpm', 'load', 'words'),
     [
-        (
-            {'friction': Coulomb(0.3, 0.1)},
-            20.0,
-            1e3,
-            'needs the friction law stribeck, and this is coulomb',
-        ),
+        ({'friction': Coulomb(0.3, 0.1)}, 20.0, 1e3, 'needs the friction law stribeck, and this is coulomb'),
         ({'friction': Stribeck(0.2, 0.2, 10.0)}, 20.0, 1e3, 'has no fold'),
         ({'damping': 0.0}, 20.0, 1e3, 'load = 1000 N has no fold'),
         ({}, 20.0, 100.0, 'load = 100 N has no fold'),

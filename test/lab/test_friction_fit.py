@@ -54,9 +54,7 @@ def _study(
 ) -> tuple[StribeckFit, ...]:
     """The same curve measured many times, with seeds 1000, 1001, ...; tests share the fits."""
     speed = np.linspace(0.0, 0.5, points)
-    return tuple(
-        fit_stribeck(_noisy(law, speed, scatter, 1000 + k), viscous) for k in range(times)
-    )
+    return tuple(fit_stribeck(_noisy(law, speed, scatter, 1000 + k), viscous) for k in range(times))
 
 
 def _repeated(law: Stribeck, viscous: Viscous, times: int) -> tuple[StribeckFit, ...]:
@@ -113,9 +111,15 @@ def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Visco
     assert np.all(fit.weight > 0.0)
     start = (0.3, 0.1, 8.0, 0.1)[: len(fit.names)]
     found, covariance = curve_fit(
-        _model, curve.speed, curve.coefficient, start, sigma=fit.weight**-0.5,
-        xtol=1e-15, ftol=1e-15, gtol=1e-15,
-    )  # fmt: skip
+        _model,
+        curve.speed,
+        curve.coefficient,
+        start,
+        sigma=fit.weight**-0.5,
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+    )
     np.testing.assert_allclose(fit.estimate, found, rtol=1e-7)
     error = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(fit.correlation, covariance / np.outer(error, error), atol=1e-5)
@@ -220,9 +224,7 @@ def test_order_and_units_do_not_matter() -> None:
 
 def test_auto_takes_the_slope_where_the_data_carry_it() -> None:
     """By chance in no more than the 1 % of the F-test: 1 of 20 is within three errors, 2 not."""
-    used = [
-        sum('viscous' in fit.names for fit in _repeated(law, 'auto', 20)) for law in (LAW, RISING)
-    ]
+    used = [sum('viscous' in fit.names for fit in _repeated(law, 'auto', 20)) for law in (LAW, RISING)]
     assert used[0] < 20 * (0.01 + _three_errors(20, 0.01))
     assert used[1] > 20 * 0.9
 
@@ -235,9 +237,14 @@ def test_the_test_of_the_slope_is_the_f_test() -> None:
     assert test.demands_slope
     assert test.slope == pytest.approx(fit.law.viscous, rel=1e-12)
     found, _ = curve_fit(
-        _model, curve.speed, curve.coefficient, (0.3, 0.1, 8.0), sigma=fit.weight**-0.5,
-        xtol=1e-14, ftol=1e-14,
-    )  # fmt: skip
+        _model,
+        curve.speed,
+        curve.coefficient,
+        (0.3, 0.1, 8.0),
+        sigma=fit.weight**-0.5,
+        xtol=1e-14,
+        ftol=1e-14,
+    )
     left = fit.weight * (curve.coefficient - _model(curve.speed, *found)) ** 2
     gain = float(np.sum(left) - np.sum(fit.weight * fit.residual**2))
     assert test.f_value == pytest.approx(gain / fit.scale**2, rel=1e-6)
@@ -261,7 +268,9 @@ NOISE = np.random.default_rng(11).standard_normal(SPEED.size)
     [
         (SPEED[:4], LAW.coefficient(SPEED[:4]), 'auto', 'points = 4 must be at least 5: 3 coeff'),
         (
-            np.repeat([0.0, 0.1], 5), np.repeat([0.3, 0.2], 5), 'auto',
+            np.repeat([0.0, 0.1], 5),
+            np.repeat([0.3, 0.2], 5),
+            'auto',
             'different speeds = 2 must be at least 3',
         ),
         (SPEED, 0.3 - 0.2 * np.exp(-10.0 * SPEED), 'auto', 'static - kinetic = -0.2 must be abov'),
@@ -273,7 +282,7 @@ NOISE = np.random.default_rng(11).standard_normal(SPEED.size)
         (SPEED, LAW.coefficient(SPEED) - 0.2 * SPEED, 'yes', 'viscous = -0.2 s/m (F = '),
         (SPEED / 50, LAW.coefficient(SPEED / 1000), 'no', 'correlation of kinetic and decay = '),
     ],
-)  # fmt: skip
+)
 def test_a_curve_that_cannot_identify_the_law_is_refused(
     speed: Array, coefficient: Array, viscous: Viscous, words: str
 ) -> None:
@@ -288,9 +297,7 @@ def test_a_level_below_zero_is_held_at_zero() -> None:
     fit = fit_stribeck(curve_of(SPEED, mu))
     assert fit.names == ('static', 'decay')
     assert fit.law.kinetic == 0.0
-    found, _ = curve_fit(
-        lambda v, s, b: s * np.exp(-b * v), SPEED, mu, (0.2, 8.0), sigma=fit.weight**-0.5
-    )
+    found, _ = curve_fit(lambda v, s, b: s * np.exp(-b * v), SPEED, mu, (0.2, 8.0), sigma=fit.weight**-0.5)
     np.testing.assert_allclose(fit.estimate, found, rtol=1e-6)
     assert 'held at 0' in fit.warnings[0]
 
@@ -388,9 +395,7 @@ def test_draws_and_delta_method_agree_when_the_uncertainty_is_small() -> None:
     assert spread.fold_speed.estimate == pytest.approx(fold_speed(bearing, 1000.0), rel=1e-12)
     assert spread.hopf_margin is not None
     assert spread.fold_margin is not None
-    for item, speed_of in (
-        (spread.hopf_speed, hopf_speed), (spread.fold_speed, fold_speed),
-    ):  # fmt: skip
+    for item, speed_of in ((spread.hopf_speed, hopf_speed), (spread.fold_speed, fold_speed)):
         reach = fit.t_quantile * _delta_error(fit, speed_of)
         assert item.median == pytest.approx(item.estimate, abs=0.03 * reach)
         assert item.low == pytest.approx(item.estimate - reach, abs=0.05 * reach)
@@ -500,18 +505,12 @@ def test_as_benches_and_spreadsheets_write_it(write: Write, content: str) -> Non
     [
         ('', ' is empty'),
         ('speed,mu\n', ' has headings (line 1) but no points'),
-        (
-            'a,mu\n1,2\n',
-            ", line 1: no column for the speed among 'a', 'mu': name it with --speed-c",
-        ),
+        ('a,mu\n1,2\n', ", line 1: no column for the speed among 'a', 'mu': name it with --speed-c"),
         ('v,speed,mu\n1,2,3\n', ", line 1: several columns may be the speed: 'v', 'speed'"),
         ('speed,mu\n0,0.3\n\n0.1,x\n', ", line 4, column 'mu': 'x' must be a number"),
         ('speed,mu\n0\n', ", line 2, column 'mu': the line has 1 cell and the headings 2"),
         ('speed,mu\n0,nan\n', ", line 2, column 'mu': 'nan' must be a finite number"),
-        (
-            'speed,mu\n0,-1e40\n',
-            ", line 2, column 'mu': '-1e40' must be a finite number below",
-        ),
+        ('speed,mu\n0,-1e40\n', ", line 2, column 'mu': '-1e40' must be a finite number below"),
         ('speed,mu\n"1,2\n', ', line 2: unexpected end of data'),
         ('speed,mu\n-0.1,0.2\n', ", line 2, column 'speed': '-0.1' must not be negative"),
         ('speed,mu,std\n0.1,0.2,0\n', ", line 2, column 'std': '0' must be greater than 0"),
@@ -520,9 +519,7 @@ def test_as_benches_and_spreadsheets_write_it(write: Write, content: str) -> Non
         (b'\xff\xfe\x00', ' is not a text file in UTF-8'),
     ],
 )
-def test_a_file_that_breaks_a_rule_is_refused(
-    write: Write, content: str | bytes, words: str
-) -> None:
+def test_a_file_that_breaks_a_rule_is_refused(write: Write, content: str | bytes, words: str) -> None:
     path = write(content)
     with pytest.raises(FitError) as caught:
         read_curve(path)

@@ -19,9 +19,7 @@ from benchmarks.warning_quality import Quality, pooled
 from stickslip_monitor.lab.scenes.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
-ENTRIES: dict[str, dict[str, Any]] = json.loads(
-    (ROOT / 'bags' / 'manifest.json').read_text('utf-8')
-)['bags']
+ENTRIES: dict[str, dict[str, Any]] = json.loads((ROOT / 'bags' / 'manifest.json').read_text('utf-8'))['bags']
 # Bags with the truth about their lining.
 TOLD = [
     name

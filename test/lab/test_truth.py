@@ -29,9 +29,7 @@ def event(name: str, second: float, **more: Any) -> str:
     return json.dumps(record | {'time': round(second * SECOND)} | more)
 
 
-def write(
-    path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs/msg/String'
-) -> Path:
+def write(path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs/msg/String') -> Path:
     """A bag of 100 s with events told at some seconds, and speed on a topic of its own."""
     with BagWriter(path) as writer:
         writer.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
@@ -47,22 +45,22 @@ def read(path: Path) -> TruthRecord:
 
 
 SPAN = [(0, event('start', 0)), (90, event('end', 90))]
-FIRST = [
-    (11, event('first_stick', 10.5)),
-    (21, event('last_stick', 20.25, sticks=7, sticking=0.3)),
-]
+FIRST = [(11, event('first_stick', 10.5)), (21, event('last_stick', 20.25, sticks=7, sticking=0.3))]
 
 
 @pytest.mark.parametrize(
     ('told', 'end', 'episodes'),
     [
-        ([*SPAN, *FIRST, (50, event('first_stick', 49)), (60, event('last_stick', 59.5))], 90.0,
-         [(10.5, 20.25), (49.0, 59.5)]),
+        (
+            [*SPAN, *FIRST, (50, event('first_stick', 49)), (60, event('last_stick', 59.5))],
+            90.0,
+            [(10.5, 20.25), (49.0, 59.5)],
+        ),
         # An episode that goes on ends with the truth; of a recording that was cut, at its end.
         ([*SPAN, FIRST[0]], 90.0, [(10.5, 90.0)]),
         ([SPAN[0], FIRST[0]], 100.0, [(10.5, 100.0)]),
     ],
-)  # fmt: skip
+)
 def test_episodes_and_span(
     tmp_path: Path, told: Any, end: float, episodes: list[tuple[float, float]]
 ) -> None:
@@ -93,15 +91,21 @@ def test_no_truth_is_named(tmp_path: Path) -> None:
     with pytest.raises(BagError) as caught:
         read_truth(open_bag(path), 'fore')
     assert str(caught.value) == (
-        f"bag '{path}' holds no truth about fore: topic '/truth/fore/events' is not in it; it is"
-        ' about aft'
+        f"bag '{path}' holds no truth about fore: topic '/truth/fore/events' is not in it; it is about aft"
     )
 
 
 @pytest.mark.parametrize(
-    'text', ['', 'no json', '[]', '{}', '{"schema": "stickslip_monitor/truth/2"}',
-             '{"schema": "stickslip_monitor/truth/1", "event": "start", "time": null}']
-)  # fmt: skip
+    'text',
+    [
+        '',
+        'no json',
+        '[]',
+        '{}',
+        '{"schema": "stickslip_monitor/truth/2"}',
+        '{"schema": "stickslip_monitor/truth/1", "event": "start", "time": null}',
+    ],
+)
 def test_events_of_another_kind_are_named(tmp_path: Path, text: str) -> None:
     path = write(tmp_path / 'a.mcap', [(0, text)])
     with pytest.raises(BagError) as caught:

@@ -18,10 +18,7 @@ from stickslip_monitor.monitor.signals import Input
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
 PAGE = ROOT / 'docs' / 'ship.md'
 REFERENCE = yaml.safe_load((ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text())
-BEARING = REFERENCE['/**']['ros__parameters']['aft_stern'] | {
-    'speed': {'unit': 'Hz'},
-    'load': {'unit': 'N'},
-}
+BEARING = REFERENCE['/**']['ros__parameters']['aft_stern'] | {'speed': {'unit': 'Hz'}, 'load': {'unit': 'N'}}
 SIGNALK = {
     'signalk.url': 'http://127.0.0.1:3000',
     'aft.speed': {'from': 'signalk', 'path': 'propulsion.port.revolutions'},
@@ -80,9 +77,7 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
     assert [item.label for item in links.nmea_inputs] == ['NMEA RPM S 1', 'NMEA XDR AFTLOAD']
 
 
-def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(
-    files: Files,
-) -> None:
+def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(files: Files) -> None:
     links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
     config, made = load_watch(files.write(links, **TOPICS), '/stickslip_monitor')
     assert config.bearings[0].speed.topic == '/s'
@@ -142,12 +137,7 @@ def test_one_sentence_for_whatever_breaks_a_rule(
         (SIGNALK, {'speed': {'unit': 'rpm'}}, False, "unit = 'rpm' must be Hz, in which Signal K"),
         ({'nmea.talker': 'II'}, TOPICS, True, 'uses no bus: give'),
         (None, {}, False, "has no section '/stickslip_links:'"),
-        (
-            {k: v for k, v in SIGNALK.items() if k != 'aft.load'},
-            {},
-            False,
-            "'aft.load' is missing",
-        ),
+        ({k: v for k, v in SIGNALK.items() if k != 'aft.load'}, {}, False, "'aft.load' is missing"),
         (SIGNALK, {}, True, "parameter 'aft.speed.topic' is missing"),
     ],
 )

@@ -114,8 +114,9 @@ def test_one_talker_is_used_and_the_other_named() -> None:
     said: list[str] = []
     inputs = NmeaInputs([SPEED], said.append)
     first, other = sentence('RCRPM,S,1,44.0,,A'), sentence('ERRPM,S,1,50.0,,A')
-    used = [value for now in range(9) for line in (first, other) for *_, value in
-            inputs.take(line, 0.3 * now)]  # fmt: skip
+    used = [
+        value for now in range(9) for line in (first, other) for *_, value in inputs.take(line, 0.3 * now)
+    ]
     assert set(used) == {44.0}
     assert said == ["NMEA RPM S 1: source 'ER' is left out: 'RC' sends"]
     # It is taken over at half of the time-out of 5 s, before the input is lost.
@@ -135,8 +136,7 @@ def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     for _ in range(2):
         inputs.look(5.0, {'bad checksum': 16})
     assert said == [
-        'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum,'
-        ' 2 x RPM,E,1',
+        'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum, 2 x RPM,E,1',
         'NMEA XDR AFTLOAD: no number with a good checksum in 5 s; heard: 16 x bad checksum,'
         ' 1 x XDR AFTLOAD as type N in K, and only type N in N is used',
     ]
@@ -171,9 +171,7 @@ def test_the_text_of_an_alert_says_what_to_do() -> None:
     panel.alerts.take_record({'bearing': 'aft', **point, 'exact_fold_speed': 0.26})
     lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
     assert parse(lines[1])[2][-1] == 'ABOVE 50 RPM OR STOP. NOW 19 RPM 1 KN'
-    lost = (
-        'aft: No valid value on /a/very/long/topic/name/indeed for 5 s: is its sensor connected?'
-    )
+    lost = 'aft: No valid value on /a/very/long/topic/name/indeed for 5 s: is its sensor connected?'
     lines = panel.show(AlarmKind.INPUT_LOST, 'unacknowledged', '06:00:55.50', text=lost)
     text = parse(lines[1])[2][-1]
     assert len(text) <= 48
@@ -194,9 +192,7 @@ class Panel:
         settings = {'talker': 'II', 'manufacturer': 'XXX', 'first_alert': 10001}
         self.alerts = Alerts(['aft'], accept_actions=True, **settings | options)
 
-    def show(
-        self, kind: AlarmKind, state: str, at: str, silenced: bool = False, text: str = ''
-    ) -> list[str]:
+    def show(self, kind: AlarmKind, state: str, at: str, silenced: bool = False, text: str = '') -> list[str]:
         time = datetime.strptime(f'2026-11-22 {at}', '%Y-%m-%d %H:%M:%S.%f')
         time_ns = round(time.replace(tzinfo=timezone.utc).timestamp() * 1000) * 10**6
         change = {'time': time_ns, 'bearing': 'aft', 'alarm': kind.value}
@@ -254,9 +250,7 @@ def test_the_life_of_an_alarm_in_golden_sentences() -> None:
         ),
     ],
 )
-def test_every_kind(
-    kind: AlarmKind, identifier: int, priority: str, states: list[str], letters: str
-) -> None:
+def test_every_kind(kind: AlarmKind, identifier: int, priority: str, states: list[str], letters: str) -> None:
     panel = Panel()
     for state, letter in zip(states, letters, strict=True):
         parsed = parse(panel.show(kind, state, '06:00:00.00')[0])
@@ -278,9 +272,7 @@ def test_the_cyclic_list_and_the_heartbeat() -> None:
 def test_a_long_list_is_split_and_counted() -> None:
     alerts = Alerts([f'b{n}' for n in range(20)], 'II', 'XXX', 9_999_990, False)
     alarm = {'state': 'unacknowledged', 'silenced': False, 'text': 'x' * 200, 'changed': 0}
-    alarms = [
-        {**alarm, 'bearing': f'b{n}', 'alarm': kind.value} for n in range(20) for kind in AlarmKind
-    ]
+    alarms = [{**alarm, 'bearing': f'b{n}', 'alarm': kind.value} for n in range(20) for kind in AlarmKind]
     lines = alerts.take_alarms({'time': 0, 'changes': [], 'alarms': alarms})
     listed = alerts.listing()
     assert sum(int(line.split(',')[4].partition('*')[0]) for line in listed) == 20 * len(AlarmKind)
@@ -325,9 +317,7 @@ NOW = 6 * 3600 * 10**9 + 91 * 10**9  # 06:01:31
         ('unacknowledged', ACKNOWLEDGE.replace('*32', '*33'), None, []),
     ],
 )
-def test_what_a_display_asks(
-    state: str, line: str, action: Action | None, answer: list[str]
-) -> None:
+def test_what_a_display_asks(state: str, line: str, action: Action | None, answer: list[str]) -> None:
     panel = Panel()
     panel.show(AlarmKind.STICK_SLIP, state, '06:00:00.00')
     asked = action and ActionRequest(action, 'nmea', 'aft', AlarmKind.STICK_SLIP)

@@ -214,9 +214,7 @@ class Display:
         return int(self.server.sockets[0].getsockname()[1])
 
 
-async def test_sentences_in_alerts_out_and_acknowledgements_back(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.LogCaptureFixture) -> None:
     samples: list[Any] = []
     requests: list[str] = []
     told: list[Any] = []

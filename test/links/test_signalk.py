@@ -9,12 +9,7 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor.links.signalk import (
-    Notifications,
-    SignalKInput,
-    SignalKInputs,
-    SignalKValues,
-)
+from stickslip_monitor.links.signalk import Notifications, SignalKInput, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
@@ -22,12 +17,7 @@ from stickslip_monitor.monitor.signals import Input
 
 SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'
 PATH = 'propulsion.port.revolutions'
-HELLO = {
-    'name': 'signalk-server',
-    'version': '2.23.0',
-    'self': SHIP,
-    'timestamp': '2026-11-21T22:00:00.000Z',
-}
+HELLO = {'name': 'signalk-server', 'version': '2.23.0', 'self': SHIP, 'timestamp': '2026-11-21T22:00:00.000Z'}
 
 
 def delta(
@@ -39,10 +29,7 @@ def delta(
     if second < 0.0:
         stamp = f'2026-11-21T21:59:{60.0 + second:06.3f}Z'
     values = [{'path': path, 'value': value}]
-    return {
-        'context': context,
-        'updates': [{'$source': source, 'timestamp': stamp, 'values': values}],
-    }
+    return {'context': context, 'updates': [{'$source': source, 'timestamp': stamp, 'values': values}]}
 
 
 class Reader:
@@ -262,10 +249,7 @@ def test_every_state_as_a_notification(
 ) -> None:
     value = Server().alarm(state, AlarmKind(kind), silenced)[-1]
     flag = {'temporarySilenceStatus', 'acknowledgeStatus'} & set(value)
-    assert (value['state'], value['method'], flag) == (
-        *expected[:2],
-        {expected[2]} if expected[2] else set(),
-    )
+    assert (value['state'], value['method'], flag) == (*expected[:2], {expected[2]} if expected[2] else set())
     assert value['data']['lifecycle'] == state
     messages = {'returned_unacknowledged': 'Over: aft: text'}
     shown = '' if value['state'] == 'normal' else 'aft: text'

@@ -151,9 +151,7 @@ async def test_a_frozen_server_is_noticed_by_its_silence(
         await ship.until(lambda: ship.up('signalk_in'))
 
 
-async def test_what_is_not_taken_is_told(
-    server: SmallServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(signalk_client, 'UNHEARD', 0.2)
     server.deaf = True
     async with sailing(Ship(server)) as ship:
@@ -171,12 +169,16 @@ async def test_what_is_not_taken_is_told(
         (401, 'no', False, 'the server gives nothing without a token: name a file as'),
         (403, 'no', True, 'the token may not read'),
         (404, 'no', True, 'the server has no such path'),
-        (200, '{"value": 3, "timestamp": "2026-11-25T10:00:00Z"}', False,
-         'its source is silent; the last value is of 2026-11-25T10:00:00Z'),
+        (
+            200,
+            '{"value": 3, "timestamp": "2026-11-25T10:00:00Z"}',
+            False,
+            'its source is silent; the last value is of 2026-11-25T10:00:00Z',
+        ),
         (200, '[]', False, 'the server answers 200 to a look at it'),
         (0, 'Connection refused', False, 'the server answers Connection refused'),
     ],
-)  # fmt: skip
+)
 def test_why_a_path_brings_nothing(status: int, value: str, token: bool, why: str) -> None:
     assert signalk_client._silence(status, value, token).startswith(why)
 
@@ -202,9 +204,7 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
         await ship.until(lambda: ship.kept(MARGIN) == -0.5)
         ship.client.tick(False)
         await asyncio.sleep(0.05)
-        assert ship.kept('notifications.p.shaft.monitor')['message'] == (
-            'No data from the monitor.'
-        )
+        assert ship.kept('notifications.p.shaft.monitor')['message'] == ('No data from the monitor.')
         await ship.client.finish()
         await asyncio.sleep(0.1)
         assert ship.kept(MARGIN) is None
@@ -212,9 +212,7 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
         assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
 
 
-async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(
-    server: SmallServer,
-) -> None:
+async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(server: SmallServer) -> None:
     server.token = 'the-right-one'
     ship = Ship(server, token='a-wrong-one', token_file='token')
     with pytest.raises(LinkError, match=r"token_file = 'token': the token is refused.* \(401\)"):
@@ -259,9 +257,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-async def test_a_certificate_must_fit(
-    server: SmallServer, certificate: Path, tmp_path: Path
-) -> None:
+async def test_a_certificate_must_fit(server: SmallServer, certificate: Path, tmp_path: Path) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate / 'cert.pem', certificate / 'key.pem')
     await server.stop()
@@ -296,9 +292,7 @@ async def test_a_token_is_asked_for(
             await asked
     else:
         assert await asked == expected
-    assert said == [
-        f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)'
-    ]
+    assert said == [f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)']
     await server.stop()
     with pytest.raises(LinkError, match=r'cannot be asked for a token: [^<]+$'):
         await request_token(link, 'id', said.append)

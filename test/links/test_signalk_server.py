@@ -149,18 +149,14 @@ class Ship:
             async with session.get(api) as answer:
                 known = await answer.json()
             (number,) = [
-                key
-                for key, item in known.items()
-                if item['value'].get('data', {}).get('occurrence') == token
+                key for key, item in known.items() if item['value'].get('data', {}).get('occurrence') == token
             ]
             async with session.post(f'{api}/{number}/{what}') as answer:
                 assert answer.status == 200, await answer.text()
 
 
 @asynccontextmanager
-async def sailing(
-    server: RealServer, token: str = '', link: str = 'signalk_out'
-) -> AsyncIterator[Ship]:
+async def sailing(server: RealServer, token: str = '', link: str = 'signalk_out') -> AsyncIterator[Ship]:
     ship = Ship(server, token)
     works = [ship.client.run(), ship.live.run(), ship.tick()]
     works += [ship.as_another(ship.meter), ship.as_another(ship.watchman)]
@@ -193,14 +189,10 @@ async def test_rounds_with_none_invented_and_none_lost(
                 assert ship.states['stick_slip'] == 'unacknowledged'
             token = next(iter(t for t, v in ship.seen.items() if v['state'] == 'alarm'))
             await ship.do('acknowledge', token)
-            await ship.until(
-                lambda: ship.states.get('stick_slip') == 'acknowledged', f'its end {number}'
-            )
+            await ship.until(lambda: ship.states.get('stick_slip') == 'acknowledged', f'its end {number}')
             ship.rpm = AHEAD
             await ship.until(lambda: 'stick_slip' not in ship.states, f'the end {number}')
-            await ship.until(
-                lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal'
-            )
+            await ship.until(lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal')
         own = [(c['alarm'], c['what']) for c in ship.changes if c['by'] == 'signal k']
         # Who knows of the worst alarm knows of what it covers.
         assert {alarm for alarm, _ in own} <= {'stick_slip', 'bistable', 'margin_low'}

@@ -175,9 +175,7 @@ async def test_a_frozen_server_does_not_keep_it(
     assert 'exception' not in ship.output
 
 
-def test_a_link_that_comes_and_goes_is_logged_once_in_five_minutes(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_a_link_that_comes_and_goes_is_logged_once_in_five_minutes(caplog: pytest.LogCaptureFixture) -> None:
     now = [0.0]
     links: dict[str, bool] = {}
     states = LinkStates(links, lambda: now[0])
@@ -186,29 +184,20 @@ def test_a_link_that_comes_and_goes_is_logged_once_in_five_minutes(
             states.report('nmea_out', False, 'Connection refused')
             states.report('nmea_out', None, 'unknown')
     assert [record.message for record in caplog.records] == [
-        'nmea_out: Connection refused', 'nmea_out: unknown',
-    ] * 2  # at 0 and at 300 s  # fmt: skip
+        'nmea_out: Connection refused',
+        'nmea_out: unknown',
+    ] * 2  # at 0 and at 300 s
     assert links == {}
     states.report('nmea_out', True, '')
     assert links == {'nmea_out': True}
 
 
-def test_copies_are_not_published_where_no_stamp_is_seen(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_copies_are_not_published_where_no_stamp_is_seen(caplog: pytest.LogCaptureFixture) -> None:
     published: list[float] = []
     take = without_copies(
         lambda _, __, value: published.append(value), logging.getLogger('stickslip_monitor')
     )
-    for value, stamp in (
-        (1.0, 5),
-        (1.0, 5),
-        (1.0, 5),
-        (1.1, 5),
-        (1.1, 6),
-        (1.1, None),
-        (1.1, None),
-    ):
+    for value, stamp in ((1.0, 5), (1.0, 5), (1.0, 5), (1.1, 5), (1.1, 6), (1.1, None), (1.1, None)):
         take('aft', Input.SPEED, value, stamp)
     assert published == [1.0, 1.1, 1.1, 1.1, 1.1]
     (record,) = caplog.records

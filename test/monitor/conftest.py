@@ -22,8 +22,6 @@ def configure() -> Callable[..., MonitorConfig]:
 
     def build(**changes: Any) -> MonitorConfig:
         values = REFERENCE | {key.replace('__', '.'): value for key, value in changes.items()}
-        return build_config(
-            {'bearings': ['aft']} | {f'aft.{key}': value for key, value in values.items()}
-        )
+        return build_config({'bearings': ['aft']} | {f'aft.{key}': value for key, value in values.items()})
 
     return build

@@ -38,12 +38,7 @@ def _stribeck(static: float, kinetic: float, decay: float, viscous: float = 0.0)
 
 
 def _body(mass: float, damping: float, stiffness: float, diameter: float) -> dict[str, Any]:
-    return {
-        'mass': mass,
-        'damping': damping,
-        'stiffness': stiffness,
-        'journal_diameter': diameter,
-    }
+    return {'mass': mass, 'damping': damping, 'stiffness': stiffness, 'journal_diameter': diameter}
 
 
 _TABLE = {
@@ -62,9 +57,21 @@ BEARINGS: dict[str, tuple[dict[str, Any], float, float]] = {
 }
 """By name: parameters, fold speed (for a Coulomb law some speed) [rpm] and nominal load [N]."""
 KINDS = (
-    'plain', 'noise', 'odd_values', 'gaps', 'bursts', 'copies', 'odd_stamps', 'late', 'clock_jump',
-    'stuck', 'astern', 'stops', 'quantised', 'two_publishers',
-)  # fmt: skip
+    'plain',
+    'noise',
+    'odd_values',
+    'gaps',
+    'bursts',
+    'copies',
+    'odd_stamps',
+    'late',
+    'clock_jump',
+    'stuck',
+    'astern',
+    'stops',
+    'quantised',
+    'two_publishers',
+)
 """What can be special about a sequence; each has one of these and may have two more."""
 
 
@@ -300,9 +307,7 @@ def _sent(
     return sent
 
 
-def _odd_values(
-    bits: Bits, ship: _Ship, kinds: tuple[str, ...], quantity: int, value: Floats
-) -> Floats:
+def _odd_values(bits: Bits, ship: _Ship, kinds: tuple[str, ...], quantity: int, value: Floats) -> Floats:
     value = value.copy()
     if 'stuck' in kinds and bits.chance(0.6):
         first = bits.below(value.size)
@@ -365,13 +370,7 @@ def _late(bits: Bits, sent: Messages) -> Messages:
     return changed[np.argsort(arrival, kind='stable')]
 
 
-_EFFECTS = {
-    'gaps': _gaps,
-    'bursts': _bursts,
-    'copies': _copies,
-    'odd_stamps': _odd_stamps,
-    'late': _late,
-}
+_EFFECTS = {'gaps': _gaps, 'bursts': _bursts, 'copies': _copies, 'odd_stamps': _odd_stamps, 'late': _late}
 
 
 def _second(bits: Bits, ship: _Ship, rate: float, start_ns: int) -> Messages:

@@ -43,29 +43,34 @@ NO_VALUE = (float('nan'), -9999.0, -999.25, 32767.0, 65535.0, 1e20)
 NAMES = ('aft', 'forward')
 PAIRS = (('reference', 'ship'), ('steep', 'viscous'), ('ship', 'steep'), ('viscous', 'reference'))
 KINDS: dict[str, dict[str, float]] = {
-    'plain': {}, 'tolerance': {'tolerance.damping': 0.05, 'tolerance.decay': 0.05},
+    'plain': {},
+    'tolerance': {'tolerance.damping': 0.05, 'tolerance.decay': 0.05},
     'limit': {'alarm.amplitude_limit': 1e-6},
-}  # fmt: skip
+}
 """Parameters of both bearings beside their delays."""
 RATES = {
-    'lost': 0.05, 'late': 0.05, 'delayed': 0.05, 'doubled': 0.02, 'no value': 0.02,
-    'far stamp': 0.01, 'pause': 0.002, 'clock set': 0.002, 'held up': 0.002, 'kill': 0.001,
-    'act': 0.01, 'retune': 0.001, 'level dies': 0.001,
-}  # fmt: skip
+    'lost': 0.05,
+    'late': 0.05,
+    'delayed': 0.05,
+    'doubled': 0.02,
+    'no value': 0.02,
+    'far stamp': 0.01,
+    'pause': 0.002,
+    'clock set': 0.002,
+    'held up': 0.002,
+    'kill': 0.001,
+    'act': 0.01,
+    'retune': 0.001,
+    'level dies': 0.001,
+}
 """How often each fault happens: of a message, or at a step of :data:`STEP`."""
-ON_THE_WAY = (
-    'lost', 'late', 'delayed', 'doubled', 'no value', 'far stamp', 'pause', 'level dies',
-)  # fmt: skip
+ON_THE_WAY = ('lost', 'late', 'delayed', 'doubled', 'no value', 'far stamp', 'pause', 'level dies')
 """Faults that a recording shows as they are: with these alone it tells the same changes."""
 
 
 @cache
 def configuration(
-    pair: tuple[str, str],
-    kind: str,
-    on_delay: float = 2.0,
-    off_delay: float = 10.0,
-    latch: bool = False,
+    pair: tuple[str, str], kind: str, on_delay: float = 2.0, off_delay: float = 10.0, latch: bool = False
 ) -> MonitorConfig:
     """Two bearings, the second with a level."""
     alarm = {'alarm.on_delay': on_delay, 'alarm.off_delay': off_delay, 'alarm.latch': latch}
@@ -150,12 +155,7 @@ class Run:
         choose = self.random.choice
         ahead = choose((0, 0, 0, -300, 5, 3600)) * SECOND
         return Sender(
-            name,
-            place,
-            choose((0.2, 0.5, 1.0)),
-            choose((0.0, 0.8)),
-            ahead,
-            choose((False, False, True)),
+            name, place, choose((0.2, 0.5, 1.0)), choose((0.0, 0.8)), ahead, choose((False, False, True))
         )
 
     def happens(self, fault: str) -> bool:

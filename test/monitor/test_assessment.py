@@ -28,9 +28,7 @@ LAWS = {
     'level': Stribeck(0.2, 0.2, 10.0),
     'coulomb': Coulomb(0.3, 0.1),
     'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
-    'two falls': Tabulated(
-        [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
-    ),
+    'two falls': Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]),
 }
 
 
@@ -43,9 +41,7 @@ def _with_law(law: FrictionLaw, damping: float = 400.0) -> Bearing:
 
 def test_published_boundaries_and_threshold() -> None:
     verdict = assess(BEARING, 34 * RPM, 1000.0)
-    assert (verdict.hopf_speed, verdict.fold_speed) == pytest.approx(
-        (0.1609438, 0.2132256), abs=5e-8
-    )
+    assert (verdict.hopf_speed, verdict.fold_speed) == pytest.approx((0.1609438, 0.2132256), abs=5e-8)
     assert verdict.hopf_speed / RPM == pytest.approx(30.7380, abs=0.5e-4)
     assert verdict.fold_speed / RPM == pytest.approx(40.7231, abs=0.5e-4)
     assert 1e3 * verdict.threshold_amplitude == pytest.approx(0.59272, abs=0.5e-5)
@@ -116,15 +112,11 @@ def test_assessment_repeats_the_physics(name: str) -> None:
     stable = np.where(cycles.stable, cycles.amplitude, -np.inf).max(axis=-1, initial=-np.inf)
     np.testing.assert_array_equal(verdict.amplitude, np.where(np.isfinite(stable), stable, np.nan))
     inside = ~np.isnan(verdict.amplitude)
-    np.testing.assert_array_equal(
-        verdict.regime == 'unstable', growth_rate(bearing, speed, load) > 0.0
-    )
+    np.testing.assert_array_equal(verdict.regime == 'unstable', growth_rate(bearing, speed, load) > 0.0)
     exact = np.isfinite(exact_cycle(bearing, speed, load).amplitude)
     np.testing.assert_array_equal(verdict.regime == 'stable', ~inside & ~exact)
     tolerance = 1e-9 if isinstance(bearing.friction, Stribeck) else 1e-4
-    np.testing.assert_allclose(
-        verdict.exact_fold_speed, exact_fold_speed(bearing, load), rtol=tolerance
-    )
+    np.testing.assert_allclose(verdict.exact_fold_speed, exact_fold_speed(bearing, load), rtol=tolerance)
 
 
 UNKNOWN = Outcome.NOT_FINITE
@@ -142,15 +134,11 @@ UNKNOWN = Outcome.NOT_FINITE
         (0.3, 1000.0, Outcome.NO_CYCLE, Regime.STABLE),
     ],
 )
-def test_points_without_a_cycle_say_why(
-    speed: float, load: float, outcome: Outcome, regime: Regime
-) -> None:
+def test_points_without_a_cycle_say_why(speed: float, load: float, outcome: Outcome, regime: Regime) -> None:
     for name in LAWS if outcome is not Outcome.NO_CYCLE else ['stribeck']:
         verdict = assess(_with_law(LAWS[name]), speed, load)
         assert (verdict.outcome, verdict.regime) == (outcome, regime)
-        assert np.isnan(
-            [verdict.amplitude, verdict.amplitude_exact, verdict.amplitude_error]
-        ).all()
+        assert np.isnan([verdict.amplitude, verdict.amplitude_exact, verdict.amplitude_error]).all()
         if outcome is Outcome.NO_CONTACT:
             assert (verdict.growth_rate, verdict.hopf_margin) == (-4.0, np.inf)  # -c/(2 m)
         if outcome is UNKNOWN:
@@ -182,15 +170,11 @@ def test_friction_that_does_not_fall_has_no_boundary(name: str) -> None:
         (50.0, 400.0, 2e6, Stribeck(0.3, 0.1, 10.0, 1e300)),
         (50.0, 400.0, 2e6, Stribeck(1e-300, 0.0, 10.0)),
         # The exact folds of this one take two minutes.
-        pytest.param(
-            *(50.0, 400.0, 2e6, Tabulated([0.0, 1.0], [1e200, 0.0])), marks=pytest.mark.slow
-        ),
+        pytest.param(*(50.0, 400.0, 2e6, Tabulated([0.0, 1.0], [1e200, 0.0])), marks=pytest.mark.slow),
         (50.0, 400.0, 2e6, Tabulated([0.0, 1e300], [0.3, 0.1])),
     ],
 )
-def test_no_bearing_raises_or_warns(
-    mass: float, damping: float, stiffness: float, law: FrictionLaw
-) -> None:
+def test_no_bearing_raises_or_warns(mass: float, damping: float, stiffness: float, law: FrictionLaw) -> None:
     """Over the whole range of floats (warnings are errors in this suite)."""
     speed = np.array([5e-324, 1e-100, 1e-9, 0.1, 1e9, 1e100, 1e300])[:, None]
     load = [5e-324, 1e-3, 1.0, 1e6, 1e30, 1e300]
@@ -215,17 +199,14 @@ def test_columns_have_the_shape_of_speed_and_load() -> None:
 
 
 NUMBERS = st.one_of(
-    st.floats(-0.3, 0.3),
-    st.sampled_from([0.0, -0.0, np.nan, np.inf, 1e300, 5e-324, 0.16094379124341002]),
+    st.floats(-0.3, 0.3), st.sampled_from([0.0, -0.0, np.nan, np.inf, 1e300, 5e-324, 0.16094379124341002])
 )
 POINTS = st.lists(st.tuples(NUMBERS, st.floats(-10.0, 5e3)), min_size=1, max_size=10)
 
 
 @settings(max_examples=80, deadline=None)
 @given(name=st.sampled_from(['stribeck', 'viscous', 'rising', 'level']), points=POINTS)
-def test_batch_is_bit_identical_to_single_points(
-    name: str, points: list[tuple[float, float]]
-) -> None:
+def test_batch_is_bit_identical_to_single_points(name: str, points: list[tuple[float, float]]) -> None:
     """All columns but those by the exact fold: many loads start from neighbours."""
     bearing = _with_law(LAWS[name])
     batch = assess(bearing, *(np.array(column) for column in zip(*points, strict=True)))

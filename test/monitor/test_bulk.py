@@ -16,17 +16,7 @@ from stickslip_monitor.monitor.bulk import BearingScan, Scan
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
 NUMBERS = range(3, COUNT, 16)
 COMPILED = range(1, COUNT, 5)
-COLUMNS = (
-    'time_ns',
-    'until_ns',
-    'speed',
-    'load',
-    'chances',
-    'rung',
-    'sticking',
-    'sample',
-    'status',
-)
+COLUMNS = ('time_ns', 'until_ns', 'speed', 'load', 'chances', 'rung', 'sticking', 'sample', 'status')
 
 
 def _stream(messages: Messages) -> Stream:

@@ -77,9 +77,7 @@ def test_a_later_alarm_has_its_own_and_they_overlap() -> None:
         (Condition.STICK_SLIP, Condition.NORMAL, False),
     ],
 )
-def test_alarms_begin_clips_and_nothing_else(
-    before: Condition, after: Condition, kept: bool
-) -> None:
+def test_alarms_begin_clips_and_nothing_else(before: Condition, after: Condition, kept: bool) -> None:
     assert len(run(ClipRecorder(CONFIG), 100, event(50, after, before))) == kept
 
 

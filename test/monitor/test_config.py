@@ -67,18 +67,9 @@ LAW = {
 MASS = 'must be a finite number not below 1e-06 and not above 1e+07 kg'
 # One of each kind of rule, and of what is no number; all but the dots begins the message.
 REFUSED = [
-    (
-        {'aft.mass': -1.0},
-        'aft.mass = -1.0 must be a finite number not below 1e-06 and not above 1e+07 kg',
-    ),
-    (
-        {'aft.mass': '50'},
-        "aft.mass = '50' must be a finite number not below 1e-06 and not above 1e+07 kg",
-    ),
-    (
-        {'aft.mass': True},
-        'aft.mass = True must be a finite number not below 1e-06 and not above 1e+07 kg',
-    ),
+    ({'aft.mass': -1.0}, 'aft.mass = -1.0 must be a finite number not below 1e-06 and not above 1e+07 kg'),
+    ({'aft.mass': '50'}, "aft.mass = '50' must be a finite number not below 1e-06 and not above 1e+07 kg"),
+    ({'aft.mass': True}, 'aft.mass = True must be a finite number not below 1e-06 and not above 1e+07 kg'),
     (
         {'aft.damping': -1e-9},
         'aft.damping = -1e-09 must be a finite number not below 0 and not above 1e+10 N s/m',
@@ -88,8 +79,7 @@ REFUSED = [
     ({'aft.load.timeout': 1.1e9}, 'aft.load.timeout = 1100000000.0 must be a finite number above'),
     (
         {'aft.load.scale': 0},
-        'aft.load.scale = 0 must be a finite number not below -1e+09 and not above 1e+09 and other'
-        ' than 0',
+        'aft.load.scale = 0 must be a finite number not below -1e+09 and not above 1e+09 and other than 0',
     ),
     ({'aft.speed.offset': math.nan}, 'aft.speed.offset = nan must be a finite number'),
     ({'aft.speed.topic': 7}, 'aft.speed.topic = 7 must be a text'),
@@ -111,10 +101,7 @@ REFUSED = [
     ({'autostrat': 1.0}, "unknown parameter 'autostrat' = 1.0; did you mean 'autostart'?"),
     # A misspelt key is named before the one that it leaves missing.
     ({'aft.mass': MISSING, 'aft.masss': 50.0}, "...'aft.masss' = 50.0; did you mean"),
-    (
-        {'forward.mass': 50.0},
-        "section 'forward' is not a bearing: add it to bearings, which lists aft",
-    ),
+    ({'forward.mass': 50.0}, "section 'forward' is not a bearing: add it to bearings, which lists aft"),
     ({'bearings': []}, '...must name at least one bearing'),
     ({'bearings': ['aft', 'aft']}, "...'aft' is listed twice"),
     ({'bearings': ['Aft']}, "...'Aft' must be a name of lower-case letters"),
@@ -142,14 +129,8 @@ REFUSED = [
         LAW | {'aft.friction.speed': [0.0], 'aft.friction.coefficient': [0.3]},
         'aft: friction table has 1 point: give at least two',
     ),
-    (
-        LAW | {'aft.friction.speed': [0.0, -1.0]},
-        'aft.friction.speed = [0.0, -1.0] must be a list of',
-    ),
-    (
-        LAW | {'aft.friction.coefficient': [0.3, math.nan]},
-        'aft.friction.coefficient = [0.3, nan] must be',
-    ),
+    (LAW | {'aft.friction.speed': [0.0, -1.0]}, 'aft.friction.speed = [0.0, -1.0] must be a list of'),
+    (LAW | {'aft.friction.coefficient': [0.3, math.nan]}, 'aft.friction.coefficient = [0.3, nan] must be'),
     (LAW | {'aft.friction.speed': [0.0, True]}, 'aft.friction.speed = [0.0, True] must be a list'),
     (LAW | {'aft.friction.speed': '01'}, "aft.friction.speed = '01' must be a list of finite"),
     # Rules of two parameters.
@@ -177,16 +158,10 @@ def test_edges_of_ranges_are_allowed(configure: Configure) -> None:
     edges = {'alarm__hysteresis': 0.9, 'alarm__amplitude_limit': math.inf, 'alarm__on_delay': 0}
     edges |= {'alarm__minimum_speed': 0.99, 'speed__maximum': 1.0}
     aft = configure(damping=0.0, speed__timeout=604_800.0, **edges).bearing('aft')
-    assert (aft.bearing.damping, aft.speed.timeout_ns, aft.alarm.on_delay_ns) == (
-        0.0,
-        604_800 * 10**9,
-        0,
-    )
+    assert (aft.bearing.damping, aft.speed.timeout_ns, aft.alarm.on_delay_ns) == (0.0, 604_800 * 10**9, 0)
 
 
-@pytest.mark.parametrize(
-    'name', [p.name for p in BEARING_PARAMETERS if p.default is REQUIRED] + ['bearings']
-)
+@pytest.mark.parametrize('name', [p.name for p in BEARING_PARAMETERS if p.default is REQUIRED] + ['bearings'])
 def test_a_required_parameter_is_asked_for(reference: dict[str, Any], name: str) -> None:
     full = name if name == 'bearings' else f'aft.{name}'
     with pytest.raises(ConfigurationError, match=f"parameter '{full}'.* is missing"):
@@ -195,9 +170,7 @@ def test_a_required_parameter_is_asked_for(reference: dict[str, Any], name: str)
 
 def test_laws_are_built_from_their_numbers(configure: Configure) -> None:
     table = configure(
-        friction__law='tabulated',
-        friction__speed=[0, 0.5, 2],
-        friction__coefficient=[0.3, 0.2, 0.1],
+        friction__law='tabulated', friction__speed=[0, 0.5, 2], friction__coefficient=[0.3, 0.2, 0.1]
     )
     assert table.bearings[0].bearing.friction == Tabulated([0.0, 0.5, 2.0], [0.3, 0.2, 0.1])
     stretched = configure(friction__exponent=2.0).bearings[0].bearing.friction
@@ -208,9 +181,7 @@ TORSIONAL = {'inertia': 0.125, 'torsional_damping': 1.0, 'torsional_stiffness': 
 
 
 def test_a_lining_is_given_by_torsional_values_too(reference: dict[str, Any]) -> None:
-    both = {'bearings': ['aft']} | {
-        f'aft.{name}': value for name, value in (reference | TORSIONAL).items()
-    }
+    both = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in (reference | TORSIONAL).items()}
     plain = {f'aft.{name}' for name in ('mass', 'damping', 'stiffness')}
     alone = {name: value for name, value in both.items() if name not in plain}
     # Each over the square of a radius of 50 mm.

@@ -45,9 +45,7 @@ def _refusal(path: Path) -> str:
     return text.removeprefix(str(path))
 
 
-def test_a_file_says_what_the_same_values_say(
-    write: Write, configure: Callable[..., MonitorConfig]
-) -> None:
+def test_a_file_says_what_the_same_values_say(write: Write, configure: Callable[..., MonitorConfig]) -> None:
     assert load_config(write(WHOLE)) == configure()
     assert load_config(str(write(WHOLE))) == configure()
 
@@ -78,9 +76,7 @@ def test_later_sections_override_single_values(write: Write) -> None:
 
 
 def test_dotted_names_and_nested_names_are_the_same(write: Write) -> None:
-    dotted = WHOLE.replace('      mass: 50\n', '').replace(
-        '    bearings', '    aft.mass: 50.0\n    bearings'
-    )
+    dotted = WHOLE.replace('      mass: 50\n', '').replace('    bearings', '    aft.mass: 50.0\n    bearings')
     assert load_config(write(dotted)) == load_config(write(WHOLE))
 
 
@@ -123,9 +119,7 @@ def test_what_is_a_number(write: Write, text: str, value: Any) -> None:
         ('names: [a, 1]', 'a list mixes int and str, which ROS 2 refuses'),
     ],
 )
-def test_what_a_node_refuses_is_refused_with_its_line(
-    write: Write, line: str, sentence: str
-) -> None:
+def test_what_a_node_refuses_is_refused_with_its_line(write: Write, line: str, sentence: str) -> None:
     # rcl: "No value at line" and "Sequence should be of same type", seen with rclpy 9.1.
     refusal = _refusal(write(f'/**:\n  ros__parameters:\n    {line}\n'))
     assert refusal.startswith(', line 3: ')
@@ -157,9 +151,7 @@ def test_a_number_read_as_a_text_has_its_remedy(write: Write, written: str) -> N
         ('1: a\n1: b\n', 2, '1'),
     ],
 )
-def test_a_key_given_twice_is_refused_with_its_line(
-    write: Write, content: str, line: int, key: str
-) -> None:
+def test_a_key_given_twice_is_refused_with_its_line(write: Write, content: str, line: int, key: str) -> None:
     assert _refusal(write(content)) == f", line {line}: key '{key}' is given twice"
 
 
@@ -191,10 +183,7 @@ def test_no_file_and_a_folder(tmp_path: Path) -> None:
 
 def test_a_broken_rule_is_told_with_the_file(write: Write) -> None:
     path = write(WHOLE.replace('mass: 50', 'mass: -1'))
-    assert (
-        _refusal(path)
-        == ': aft.mass = -1 must be a finite number not below 1e-06 and not above 1e+07 kg'
-    )
+    assert _refusal(path) == ': aft.mass = -1 must be a finite number not below 1e-06 and not above 1e+07 kg'
 
 
 def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
@@ -247,9 +236,7 @@ def test_a_file_for_two_nodes_is_asked_about(tmp_path: Path) -> None:
         ('/starboard/*', False),
     ],
 )
-def test_a_section_is_for_the_nodes_that_rcl_says(
-    tmp_path: Path, section: str, matches: bool
-) -> None:
+def test_a_section_is_for_the_nodes_that_rcl_says(tmp_path: Path, section: str, matches: bool) -> None:
     """Expected values are those of rclpy 9.1 for ``/port/stickslip_monitor`` and the same file."""
     path = tmp_path / 'ship.yaml'
     path.write_text(f"'{section}': {{ros__parameters: {{autostart: false}}}}")

@@ -60,9 +60,7 @@ def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
         (0.0, QUIET, Status.REPEATED),
         (-1.0, UNSTABLE, Status.OUT_OF_ORDER),
     ):
-        update = monitor.update(
-            Sample('aft', 'speed', round(time * SECOND), value, round(0.5 * SECOND))
-        )
+        update = monitor.update(Sample('aft', 'speed', round(time * SECOND), value, round(0.5 * SECOND)))
         assert (update.status, update.verdict, update.events) == (status, None, [])
     assert monitor.bearings['aft'].now_ns == 0
     assert not monitor.bearings['aft'].sticking
@@ -116,11 +114,7 @@ def test_rejected_samples_do_not_keep_an_input_alive(configure: Configure) -> No
 
 
 def test_bearings_are_independent(reference: dict[str, Any]) -> None:
-    changes = {
-        f'{name}.alarm.{k}': 0.0
-        for name in ('aft', 'forward')
-        for k in ('on_delay', 'onset_growth')
-    }
+    changes = {f'{name}.alarm.{k}': 0.0 for name in ('aft', 'forward') for k in ('on_delay', 'onset_growth')}
     monitor = Monitor(_two(reference, **changes))
     assert _point(monitor, 100.0, QUIET, 'aft') == []
     # The other bearing's clock runs by its own samples.
@@ -164,9 +158,7 @@ def test_after_a_jump_the_other_input_stands_for_its_timeout(configure: Configur
     for time in (0.0, 1.0, 2.0):
         assert feed(monitor, time, 'speed', QUIET).verdict is not None
     events = monitor.advance(6 * SECOND + 1)
-    assert [(brief(e), e.lost) for e in events] == [
-        ((4.0, 'normal', 'input_stale'), {'load': 4.0})
-    ]
+    assert [(brief(e), e.lost) for e in events] == [((4.0, 'normal', 'input_stale'), {'load': 4.0})]
 
 
 @pytest.mark.parametrize('offset', [-2.9, 2.9])
@@ -230,9 +222,7 @@ def test_retune_keeps_the_state(configure: Configure) -> None:
 def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> None:
     monitor = Monitor(configure(**AT_ONCE))
     _point(monitor, 0.0, UNSTABLE)
-    changed = configure(
-        **AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11
-    )
+    changed = configure(**AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11)
     monitor.retune(changed)
     update = feed(monitor, 1.0, 'load', 600.0)
     assert update.verdict is not None
@@ -325,9 +315,7 @@ def test_below_the_range_stick_slip_ends(configure: Configure) -> None:
 
 
 @pytest.mark.parametrize('number', NO_VALUES)
-def test_a_number_that_means_no_value_hides_no_stick_slip(
-    configure: Configure, number: float
-) -> None:
+def test_a_number_that_means_no_value_hides_no_stick_slip(configure: Configure, number: float) -> None:
     """As it stands in the message, whatever scale and offset make of it; as NaN it is lost."""
     monitor = Monitor(configure(speed__scale=0.1))
     for k in range(60):
@@ -359,9 +347,7 @@ def test_what_no_ship_has_is_not_judged(configure: Configure) -> None:
 
 
 @pytest.mark.parametrize('off', [-3600.0, -2.0, 0.3, 3600.0])
-def test_a_stamp_far_from_its_arrival_is_not_the_time_of_a_value(
-    configure: Configure, off: float
-) -> None:
+def test_a_stamp_far_from_its_arrival_is_not_the_time_of_a_value(configure: Configure, off: float) -> None:
     monitor = Monitor(configure())
     feed(monitor, 100.0 + off, 'speed', QUIET, arrival=100.0)
     update = feed(monitor, 100.5 + off, 'load', 1000.0, arrival=100.5)
@@ -381,8 +367,7 @@ def test_an_equal_stamp_is_a_copy_with_an_equal_value_only(configure: Configure)
     monitor = Monitor(configure())
     sent = [(10.0, 60.0), (10.0, 60.0), (10.0, 61.0), (10.0, 60.0)]
     found = [
-        feed(monitor, stamp, 'speed', rpm, arrival=10.1 + k).status
-        for k, (stamp, rpm) in enumerate(sent)
+        feed(monitor, stamp, 'speed', rpm, arrival=10.1 + k).status for k, (stamp, rpm) in enumerate(sent)
     ]
     assert found == [Status.ACCEPTED, Status.REPEATED, Status.ACCEPTED, Status.ACCEPTED]
 

@@ -39,9 +39,7 @@ def test_memory_holds_what_began(configure: Configure) -> None:
 
 
 @pytest.mark.parametrize('noise', [0.05, 0.1])
-def test_noise_of_the_load_makes_no_probability_sure_or_unsure(
-    configure: Configure, noise: float
-) -> None:
+def test_noise_of_the_load_makes_no_probability_sure_or_unsure(configure: Configure, noise: float) -> None:
     """A steady point near the fold of parameters that are known well, by a noisy load cell."""
     config = configure(tolerance__damping=0.05, tolerance__decay=0.05)
     belief, count = config.bearing('aft').belief, 1000
@@ -71,9 +69,7 @@ def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
         told = {f'tolerance.{name}': share for name, share in spread.items()}
         own = values | told | {'tolerance.load': 0.05, 'speed.unit': 'rpm', 'load.unit': 'N'}
         topics = {'speed.topic': '/n', 'load.topic': '/f', 'load.timeout': 5.0}
-        config = build_config(
-            {'bearings': ['b']} | {f'b.{k}': v for k, v in (own | topics).items()}
-        )
+        config = build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in (own | topics).items()})
         bearing, factor = config.bearings[0].bearing, config.bearings[0].speed.factor
         place = np.arange((legs - 1) * steps) / steps
         rpm = np.interp(place, np.arange(legs), fold * random.uniform(0.2, 2.0, legs))
@@ -120,10 +116,7 @@ def conditions(config: MonitorConfig) -> list[str]:
 
 def test_caution_and_bistable_go_by_their_thresholds(configure: Configure) -> None:
     config = configure(
-        **TOLERANCE,
-        alarm__caution_probability=0.2,
-        alarm__can_probability=0.9,
-        alarm__look_ahead=0.0,
+        **TOLERANCE, alarm__caution_probability=0.2, alarm__can_probability=0.9, alarm__look_ahead=0.0
     )
     scan = Monitor(config).scan({'aft': passage()})['aft']
     assert 'Stick-slip is possible with' in scan.events[0].text

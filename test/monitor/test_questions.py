@@ -68,9 +68,7 @@ def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
         ),
     ],
 )
-def test_a_slip_is_asked_about(
-    configure: Configure, changes: dict[str, object], clause: str
-) -> None:
+def test_a_slip_is_asked_about(configure: Configure, changes: dict[str, object], clause: str) -> None:
     assert any(clause in text for text in asked(configure, **changes)), asked(configure, **changes)
 
 

@@ -50,9 +50,16 @@ def test_what_is_out_of_its_range_is_refused_by_name(name: str, damage: Any) -> 
 
 @pytest.mark.parametrize(
     ('name', 'value'),
-    [('vibrating', 3), ('course', -1), ('raised', 32), ('sticking', 2), ('can', 1.5),
-     ('growth', -1.0), ('still', -1)],
-)  # fmt: skip
+    [
+        ('vibrating', 3),
+        ('course', -1),
+        ('raised', 32),
+        ('sticking', 2),
+        ('can', 1.5),
+        ('growth', -1.0),
+        ('still', -1),
+    ],
+)
 def test_a_value_of_no_meaning_is_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f'^{name} = {value!r} must be from'):
         State.of_record(_STICKING | {name: value})

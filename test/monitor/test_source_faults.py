@@ -60,9 +60,7 @@ def test_live_and_bulk_raise_the_same_faults(
         live += [fault for fault in [watch.see(now, si)] if fault]
         watch.standing(now)  # being asked changes nothing
     bulk, cut = SourceWatch(least), len(rows) // 3
-    first, second = (
-        bulk.see_column(arrival[part], value[part]) for part in (slice(cut), slice(cut, None))
-    )
+    first, second = (bulk.see_column(arrival[part], value[part]) for part in (slice(cut), slice(cut, None)))
     assert repr([*first, *second]) == repr(live)
 
 

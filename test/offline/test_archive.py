@@ -177,8 +177,7 @@ def test_another_version_on_the_workers_is_refused(
     monkeypatch.setattr(offline_archive, '__version__', '9.9')
     line = refusal(capsys, '--scheduler', address)
     assert re.search(
-        r'worker \S+ of .* has stickslip_monitor 0\..*, not stickslip_monitor 9\.9, .* as here',
-        line,
+        r'worker \S+ of .* has stickslip_monitor 0\..*, not stickslip_monitor 9\.9, .* as here', line
     )
 
 
@@ -200,9 +199,7 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
         time.sleep(seconds)
         return seconds
 
-    with subprocess.Popen(
-        [sys.executable, '-c', CLUSTER], stdout=subprocess.PIPE, text=True
-    ) as cluster:
+    with subprocess.Popen([sys.executable, '-c', CLUSTER], stdout=subprocess.PIPE, text=True) as cluster:
         try:
             address = cluster.stdout.readline().strip()
             arriving = on_cluster(address, wait, {'short': (0.0,), 'long': (60.0,)})
@@ -214,9 +211,7 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
             cluster.kill()
 
 
-def test_a_cluster_without_workers_is_not_waited_for_for_ever(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cluster_without_workers_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(offline_archive, '_LOOK', 0.1)
     with (
         distributed.LocalCluster(

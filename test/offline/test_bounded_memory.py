@@ -60,9 +60,8 @@ def _peak(path: Path, *options: str) -> float:
     """The most memory of a check [MB]."""
     arguments = [str(path), str(CONFIG), str(300 << 20), *options]
     done = subprocess.run(
-        [sys.executable, '-c', _PROGRAM, *arguments],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, '-c', _PROGRAM, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     code, peak = done.stderr.split()[-2:]
     assert code == '1'
     return int(peak) * 1024 / 1e6
@@ -71,9 +70,7 @@ def _peak(path: Path, *options: str) -> float:
 @pytest.mark.slow
 @pytest.mark.usefixtures('compiled')
 def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> None:
-    short, long = (
-        _peak(_recording(tmp_path / f'{n}.mcap', n * _MILLION), '--json') for n in (1, 4)
-    )
+    short, long = (_peak(_recording(tmp_path / f'{n}.mcap', n * _MILLION), '--json') for n in (1, 4))
     assert long < short + 25.0
     # Some 110 MB of it is numba, which runs the rule over a long recording.
     assert long < 400.0
@@ -99,9 +96,7 @@ def _outline(scan: BearingScan, streams: list[Stream]) -> Outline:
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.integers(0, 9000), min_size=1, max_size=4), st.integers(0, 99))
-def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(
-    cuts: list[int], seed: int
-) -> None:
+def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(cuts: list[int], seed: int) -> None:
     (config,) = load_config(CONFIG).bearings
     rng, size = np.random.default_rng(seed), 4500
     speed = 45.0 + 10.0 * np.sin(np.arange(size) / 300.0) + rng.normal(0.0, 3.0, size)

@@ -25,8 +25,7 @@ NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
 
 def clip(number: int = 0, count: int = 3) -> Clip:
     messages = [
-        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64s([i])[0])
-        for i in range(count)
+        ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64s([i])[0]) for i in range(count)
     ]
     messages.append(ClipMessage(T0, '/b', 'my_msgs/msg/Odd', b'\0\1\0\0\7\0\0\0'))
     definitions = {'my_msgs/msg/Odd': 'int32 x\n'}
@@ -103,8 +102,7 @@ def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
 def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
     name = '.20260504T060000Z_aft_stick_slip.mcap.0.draft'
     old, new, other, foreign = (
-        tmp_path / n
-        for n in (name, name.replace('.0.', '.1.'), '.x.draft', name.replace('.0.', '.2.'))
+        tmp_path / n for n in (name, name.replace('.0.', '.1.'), '.x.draft', name.replace('.0.', '.2.'))
     )
     for path in (old, new, other):
         path.touch()

@@ -26,11 +26,7 @@ def facts(**known: object) -> str:
 
 
 CASES = {
-    'missing': (
-        None,
-        None,
-        facts()[:-1] + f": the recording has no topic '{LOAD}': it has {SPEED}",
-    ),
+    'missing': (None, None, facts()[:-1] + f": the recording has no topic '{LOAD}': it has {SPEED}"),
     'silent': (FLOAT, (), facts()),
     'type': (
         'std_msgs/msg/Bool',
@@ -47,9 +43,12 @@ CASES = {
 
 @pytest.mark.parametrize(('kind', 'values', 'sentence'), CASES.values(), ids=CASES)
 def test_why_an_input_brings_nothing(
-    kind: str | None, values: np.ndarray | None, sentence: str,
-    tmp_path: Path, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    kind: str | None,
+    values: np.ndarray | None,
+    sentence: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     time = START + np.arange(100) * 10**8
     with BagWriter(tmp_path / 'bag.mcap') as bag:
         bag.add_topic(SPEED, FLOAT)
@@ -63,18 +62,14 @@ def test_why_an_input_brings_nothing(
     assert sentence in said
 
 
-def test_clocks_that_differ_lose_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Stamps of the load are 100 s behind when they are recorded: then the arrival counts."""
     time = START + np.arange(100) * 10**8
     with BagWriter(tmp_path / 'bag.mcap') as bag:
         bag.add_topic(SPEED, FLOAT)
         bag.add_topic(LOAD, STAMPED)
         stamped = encode_stamped(STAMPED, 'wrench.force.z', time - 100 * 10**9, np.full(100, 1e3))
-        bag.write_columns(
-            [(SPEED, time, encode_float64s(np.full(100, 30.0))), (LOAD, time, stamped)]
-        )
+        bag.write_columns([(SPEED, time, encode_float64s(np.full(100, 30.0))), (LOAD, time, stamped)])
     config = tmp_path / 'config.yaml'
     text = CONFIG.read_text('utf-8')
     old = text[text.index('load: {') :].splitlines()[0]

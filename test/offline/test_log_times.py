@@ -63,6 +63,5 @@ def test_rewritten_log_times_are_told_and_hide_nothing(tmp_path: Path, pace: flo
     seconds, faults = _stick_slip(_checked(tmp_path, lambda stamp: later + (stamp - START) * pace))
     assert seconds == pytest.approx(180.0, abs=15.0)
     assert set(faults) == {
-        f'Log times pass {pace:g} times as fast as the stamps, so they were rewritten: judged by'
-        ' the stamps.'
+        f'Log times pass {pace:g} times as fast as the stamps, so they were rewritten: judged by the stamps.'
     }

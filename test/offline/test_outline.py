@@ -12,12 +12,7 @@ from stickslip_monitor.monitor.assessment import BISTABLE, NO_CYCLE, assess
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.outline import (
-    ConditionInterval,
-    coarsened,
-    condition_intervals,
-    together,
-)
+from stickslip_monitor.offline.outline import ConditionInterval, coarsened, condition_intervals, together
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.boundary_table import known_table
 
@@ -57,9 +52,7 @@ def test_neighbours_of_the_same_kind_are_one() -> None:
 
 def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
     # A second of each in turn for 1000 s, and one millisecond of stick-slip.
-    parts = [
-        ConditionInterval(i * NS, (i + 1) * NS, (NORMAL, CAUTION)[i % 2]) for i in range(1000)
-    ]
+    parts = [ConditionInterval(i * NS, (i + 1) * NS, (NORMAL, CAUTION)[i % 2]) for i in range(1000)]
     brief = [
         ConditionInterval(500 * NS, 500 * NS + 10**6, STICK),
         ConditionInterval(500 * NS + 10**6, 501 * NS, NORMAL),

@@ -19,15 +19,11 @@ from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.input_check import Plausibility
 from stickslip_monitor.physics.friction import Stribeck
 
-CONFIG = (
-    load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')
-).bearings[0]
+CONFIG = (load_config(Path(__file__).parents[2] / 'launch_configs' / 'reference_bearing.yaml')).bearings[0]
 FOLD = 0.2132
 
 
-def asked(
-    speed: list[float], load: list[float], config: BearingConfig = CONFIG
-) -> dict[str, list[str]]:
+def asked(speed: list[float], load: list[float], config: BearingConfig = CONFIG) -> dict[str, list[str]]:
     seen = Plausibility(config)
     # In two parts: what is said of a recording does not depend on how it is cut.
     for part in (slice(1), slice(1, None)):
@@ -88,7 +84,6 @@ def test_friction_that_rises_from_rest_is_asked_about() -> None:
 
 def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
     assert asked([0.2, 0.2, 0.3], [0.0, 0.0, 1000.0])['load'] == [
-        'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field'
-        ' right?'
+        'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field right?'
     ]
     assert asked([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []

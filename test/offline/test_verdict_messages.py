@@ -184,8 +184,7 @@ def test_inputs_are_copied_byte_by_byte_with_their_times(bag: Path, written: Pat
 def test_our_reader_gives_the_same_check_again(written: Path, checked: CheckReport) -> None:
     again = check_recording(written, config_of())
     first, second = (
-        [event_record(event) for event in found.bearings['aft'].events]
-        for found in (checked, again)
+        [event_record(event) for event in found.bearings['aft'].events] for found in (checked, again)
     )
     assert first == second
     request = Request('/stickslip_monitor/aft/fold_margin', 'data', 'std_msgs/msg/Float64')
@@ -226,9 +225,7 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     assert one == other
 
 
-def test_a_publish_period_thins_the_values_and_keeps_the_changes(
-    bag: Path, tmp_path: Path
-) -> None:
+def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path, tmp_path: Path) -> None:
     config = config_of(publish_period=5.0)
     found = write(bag, tmp_path / 'out.mcap', config)
     regimes = open_bag(tmp_path / 'out.mcap').messages(['/stickslip_monitor/aft/regime'])

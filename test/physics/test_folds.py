@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from stickslip_monitor import (
-    Bearing,
-    Coulomb,
-    CycleKind,
-    Stribeck,
-    Tabulated,
-    exact_cycle,
-    exact_fold_speed,
-)
+from stickslip_monitor import Bearing, Coulomb, CycleKind, Stribeck, Tabulated, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics import folds, orbits
 from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
@@ -74,9 +66,7 @@ def test_a_fold_in_proportion_to_the_load_under_coulombs_law():
 
 # A steep law has its onset at 2 N, far below the loads that it carries; near grazing its orbits
 # part at once.
-@pytest.mark.parametrize(
-    ('decay', 'least', 'rounding'), [(10.0, 203.0, 1e-9), (1000.0, 3.0, 3e-6)]
-)
+@pytest.mark.parametrize(('decay', 'least', 'rounding'), [(10.0, 203.0, 1e-9), (1000.0, 3.0, 3e-6)])
 def test_the_table_over_the_load_is_the_exact_fold(decay, least, rounding):
     bearing = bench(Stribeck(0.3, 0.1, decay))
     load = np.array([least, 311.0, 1007.0, 9001.0])

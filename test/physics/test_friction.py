@@ -56,9 +56,7 @@ def test_stribeck_is_the_law_of_the_specification(v: float) -> None:
 def test_coulomb_has_two_values_and_no_slope() -> None:
     """PHYSICS.md: mu_s for v = 0, mu_k for v != 0."""
     law = Coulomb(0.3, 0.1)
-    np.testing.assert_array_equal(
-        law.coefficient([0.0, 5e-324, -5e-324, 9.0]), [0.3, 0.1, -0.1, 0.1]
-    )
+    np.testing.assert_array_equal(law.coefficient([0.0, 5e-324, -5e-324, 9.0]), [0.3, 0.1, -0.1, 0.1])
     np.testing.assert_array_equal(law.slope([0.0, 1.0]), [0.0, 0.0])
 
 
@@ -107,9 +105,7 @@ def test_stribeck_refuses_by_name_value_and_rule(name: str, value: float, rule: 
 
 
 def test_stribeck_refuses_a_slope_beyond_floats() -> None:
-    with pytest.raises(
-        PhysicsError, match=r'\(static - kinetic\) \* decay = inf s/m must be a fin'
-    ):
+    with pytest.raises(PhysicsError, match=r'\(static - kinetic\) \* decay = inf s/m must be a fin'):
         Stribeck(1e200, 0.0, 1e200)
 
 

@@ -39,8 +39,7 @@ def test_one_tolerance_has_closed_forms() -> None:
     assert will == pytest.approx(0.0128214327, abs=5e-4)
     assert DAMPING.probabilities(40.72309112811 * RPM, 1000.0)[0] == pytest.approx(0.5, abs=5e-4)
     assert DAMPING.probabilities(math.log(5.0) / 10.0, 1000.0)[1] == pytest.approx(0.5, abs=5e-4)
-    found = [s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed)
-             for p in (0.05, 0.5, 0.95)]  # fmt: skip
+    found = [s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed) for p in (0.05, 0.5, 0.95)]
     wanted = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
     assert found == pytest.approx(wanted, rel=5e-5)
 
@@ -53,9 +52,7 @@ def test_one_tolerance_has_closed_forms() -> None:
         (35.0, 800.0, 0.339634, 0.000412),
     ],
 )
-def test_three_tolerances_keep_the_published_values(
-    rpm: float, load: float, can: float, will: float
-) -> None:
+def test_three_tolerances_keep_the_published_values(rpm: float, load: float, can: float, will: float) -> None:
     assert THREE.probabilities(rpm * RPM, load) == pytest.approx((can, will), abs=1.5e-3)
 
 
@@ -91,9 +88,7 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance, off: fl
         assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=off)
 
 
-@pytest.mark.parametrize(
-    'law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE]
-)
+@pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
 def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> None:
     # Drawn by damping and load alone, each bearing with its own boundaries by averaging.
     bearing = replace(BEARING, friction=law)
@@ -108,9 +103,7 @@ def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> No
         assert belief.probabilities(speed, 1000.0) == pytest.approx(wanted, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    'law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE]
-)
+@pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
 def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionLaw) -> None:
     bearing = replace(BEARING, friction=law)
     other = moved(bearing, 1.2, 0.8)
@@ -136,9 +129,9 @@ def test_what_has_no_operating_point_has_no_probability() -> None:
     assert np.isnan(can).tolist() == [True, True, True, False, False]
     assert can[3] == THREE.probabilities(0.1, 1e3)[0]
     assert can[4] == 0.0
-    assert [
-        THREE.probabilities(v, n)[0] for v, n in zip(speed, load, strict=True)
-    ] == pytest.approx(can.tolist(), nan_ok=True, abs=1e-12)
+    assert [THREE.probabilities(v, n)[0] for v, n in zip(speed, load, strict=True)] == pytest.approx(
+        can.tolist(), nan_ok=True, abs=1e-12
+    )
 
 
 def test_margins_are_those_of_the_quantiles() -> None:

@@ -58,11 +58,7 @@ def test_newton_without_a_root_goes_to_the_end_that_is_nearest_to_one() -> None:
     """The documented convention for a function of one sign."""
     beyond = np.array([3.0, -2.0])
     got = newton_on_bracket(
-        lambda x, c: (c - x, -np.ones_like(x)),
-        np.zeros(2),
-        np.ones(2),
-        np.full(2, 0.5),
-        (beyond,),
+        lambda x, c: (c - x, -np.ones_like(x)), np.zeros(2), np.ones(2), np.full(2, 0.5), (beyond,)
     )
     np.testing.assert_allclose(got, [1.0, 0.0], atol=1e-9)
 

@@ -70,9 +70,15 @@ def document(text: str) -> dict[str, Any]:
     """What a check prints, with a text wherever a name or a sentence stands."""
     topics = {text: {'type': text, 'messages': 7, 'problem': text}}
     spoken = {
-        'topic': text, 'messages': 7, 'used': 7, 'span': [1.0, 2.0], 'si_span': [1.0, 2.0],
-        'rate': 1.0, 'gaps': 1, 'longest_gaps': [{'time': START, 'seconds': 9.0}],
-    }  # fmt: skip
+        'topic': text,
+        'messages': 7,
+        'used': 7,
+        'span': [1.0, 2.0],
+        'si_span': [1.0, 2.0],
+        'rate': 1.0,
+        'gaps': 1,
+        'longest_gaps': [{'time': START, 'seconds': 9.0}],
+    }
     bearing = {
         'evaluations': 7,
         'seconds': {'stable': 1.0, 'bistable': 3.0, 'unstable': 0.0},
@@ -80,10 +86,16 @@ def document(text: str) -> dict[str, Any]:
         'inputs': {'speed': spoken},
     }
     return {
-        'path': text, 'start': START, 'end': START + 10**10, 'duration': 10.0, 'messages': 7,
-        'cuts': [{'text': text}], 'warnings': [text], 'topics': topics,
+        'path': text,
+        'start': START,
+        'end': START + 10**10,
+        'duration': 10.0,
+        'messages': 7,
+        'cuts': [{'text': text}],
+        'warnings': [text],
+        'topics': topics,
         'bearings': {text: bearing},
-    }  # fmt: skip
+    }
 
 
 def page_of(text: str) -> str:

@@ -54,8 +54,7 @@ def test_stick_slip_comes_first(course: Make) -> None:
     finding = finding_of(replace(own, spells=in_and_out))
     assert finding.grade == 'alarm'
     assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
-        'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on'
-        ' 2026-05-04.'
+        'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on 2026-05-04.'
     )
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
     assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in said(finding)
@@ -69,9 +68,7 @@ def test_close(course: Make) -> None:
     near = spells((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
     finding = finding_of(replace(calm, spells=near))
     assert finding.grade == 'warning'
-    assert 'no stick-slip was predicted, but the bearing was within the caution margin' in said(
-        finding
-    )
+    assert 'no stick-slip was predicted, but the bearing was within the caution margin' in said(finding)
     assert 'a disturbance' not in said(finding)
     inside = spells((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
     text = said(finding_of(replace(calm, spells=inside)))

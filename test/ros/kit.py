@@ -215,9 +215,7 @@ class Hosted(Named):
 
     def go(self, *transitions: str) -> bool:
         """Take transitions of the life cycle; whether all succeeded."""
-        return all(
-            getattr(self.node, f'trigger_{name}')().name == 'SUCCESS' for name in transitions
-        )
+        return all(getattr(self.node, f'trigger_{name}')().name == 'SUCCESS' for name in transitions)
 
     def end(self) -> None:
         """What the process of the node does in the end."""
@@ -230,9 +228,7 @@ class Hosted(Named):
 class Monitor(Named, Program):
     """The node in a process of its own."""
 
-    def __init__(
-        self, peer: Peer, space: str, folder: Path, values: dict[str, Any], *arguments: str
-    ) -> None:
+    def __init__(self, peer: Peer, space: str, folder: Path, values: dict[str, Any], *arguments: str) -> None:
         Named.__init__(self, peer, space, values)
         file = folder / f'{space}.yaml'
         file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
@@ -258,9 +254,7 @@ class Telemetry:
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
         kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
-        self.heard = {
-            name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()
-        }
+        self.heard = {name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()}
         while not all(self.heard.values()):
             self.send(60.0, 1000.0)
             self.peer.spin(0.1)
@@ -326,8 +320,7 @@ def events(warnings: list[Any]) -> list[dict[str, Any]]:
 def status(diagnostics: list[Any], bearing: str = 'aft') -> dict[str, Any]:
     """The latest diagnostic status of a bearing, as a flat record."""
     found = next(
-        (s for m in reversed(diagnostics) for s in m.status if s.name.endswith(f': {bearing}')),
-        None,
+        (s for m in reversed(diagnostics) for s in m.status if s.name.endswith(f': {bearing}')), None
     )
     if found is None:
         return {}

@@ -30,14 +30,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, MagneticField
 from std_msgs.msg import Byte, Float64, Float64MultiArray, Header
 
-from stickslip_monitor.ros.inputs import (
-    MOST_WAITING,
-    TURN_NS,
-    Inputs,
-    Lane,
-    RosGraph,
-    check_inputs,
-)
+from stickslip_monitor.ros.inputs import MOST_WAITING, TURN_NS, Inputs, Lane, RosGraph, check_inputs
 from stickslip_monitor.ros.message_types import _type, definition, number_reader
 
 BEGIN = 1_700_000_000 * 10**9
@@ -146,9 +139,7 @@ def test_a_stamp_before_1970_is_none() -> None:
 
 
 @pytest.mark.parametrize(('late', 'counts'), [(False, (3, 0)), (True, (0, 3))])
-def test_what_is_missing_between_two_numbers_is_counted(
-    late: bool, counts: tuple[int, int]
-) -> None:
+def test_what_is_missing_between_two_numbers_is_counted(late: bool, counts: tuple[int, int]) -> None:
     """Of what is missing while the node was held up nobody knows that it was lost on the way."""
     node = _Node()
     _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data')
@@ -267,14 +258,10 @@ VECTOR = 'geometry_msgs/msg/Vector3'
             {'speed.type': JOINT, 'speed.field': 'velocity'},
             f"aft.speed.field 'velocity' of {JOINT} is a sequence<double>, not a number",
         ),
-        (
-            {'speed.field': 'data[0]'},
-            "aft.speed.field 'data[0]': [0] needs an array, but there is a double",
-        ),
+        ({'speed.field': 'data[0]'}, "aft.speed.field 'data[0]': [0] needs an array, but there is a double"),
         (
             {'load.field': 'data.value'},
-            "aft.load.field 'data.value': double has no field 'value'; it has: none, it is a"
-            ' double',
+            "aft.load.field 'data.value': double has no field 'value'; it has: none, it is a double",
         ),
         (
             {'speed.type': 'sensor_msgs/msg/MagneticField', 'speed.field': f'{COVARIANCE}[9]'},
@@ -306,11 +293,7 @@ def test_an_input_that_leads_to_no_number_is_refused(change: dict[str, Any], tex
         (Byte(data=b'\xfa'), 'data', 250.0),
         (JointState(velocity=[1.0, 2.0]), 'velocity[1]', 2.0),
         (JointState(velocity=[1.0, 2.0]), 'velocity[2]', math.nan),  # an array too short
-        (
-            MagneticField(magnetic_field_covariance=[float(k) for k in range(9)]),
-            f'{COVARIANCE}[8]',
-            8.0,
-        ),
+        (MagneticField(magnetic_field_covariance=[float(k) for k in range(9)]), f'{COVARIANCE}[8]', 8.0),
         (JointState(header=Header()), 'header.stamp.sec', 0.0),
     ],
 )

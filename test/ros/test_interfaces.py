@@ -15,20 +15,10 @@ import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
-from stickslip_monitor.monitor.alarms.alarm_records import (
-    ActionRequest,
-    Note,
-    alarms_record,
-    request_record,
-)
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, Note, alarms_record, request_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.input_watch import InputState
-from stickslip_monitor.monitor.messages import (
-    BearingState,
-    bearings_json,
-    diagnostic_values,
-    event_record,
-)
+from stickslip_monitor.monitor.messages import BearingState, bearings_json, diagnostic_values, event_record
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
 SCHEMAS = resources.files('stickslip_monitor') / 'schemas'
@@ -58,9 +48,7 @@ def wrong(schema: dict[str, Any], value: Any, path: str = '') -> Iterator[str]:
             yield from wrong(schema.get('items', {}), item, f'{path}[]')
     if isinstance(value, dict):
         own, more = schema.get('properties'), schema.get('additionalProperties', {})
-        yield from (
-            f'{path} lacks {name}' for name in schema.get('required', ()) if name not in value
-        )
+        yield from (f'{path} lacks {name}' for name in schema.get('required', ()) if name not in value)
         for name, item in value.items():
             if own is not None and name not in own:
                 yield f'{path} has {name}'
@@ -99,10 +87,7 @@ def test_a_warning_and_the_alarms_keep_their_schemas(monitor: Monitor) -> None:
     record = alarms_record(annunciator, changes, 2, 1, notes=[Note(1, 'node', 'x')])
     assert complaints('alarm-1', record) == []
     # A schema that takes anything would be none.
-    assert complaints('alarm-1', record | {'time': 'now', 'more': 1}) == [
-        '.time is a str',
-        ' has more',
-    ]
+    assert complaints('alarm-1', record | {'time': 'now', 'more': 1}) == ['.time is a str', ' has more']
 
 
 def test_the_bearings_keep_their_schema(monitor: Monitor) -> None:

@@ -65,10 +65,7 @@ def test_the_services(host: Any) -> None:
     panel.until(stick_slip='shelved', bistable='shelved', margin_low='shelved')
     panel.until(stick_slip='unacknowledged', **COVERED)  # after a second, by itself
     assert panel.ask('shelve')[0]
-    assert panel.ask('unshelve') == (
-        True,
-        'unshelve: aft/stick_slip, aft/bistable, aft/margin_low',
-    )
+    assert panel.ask('unshelve') == (True, 'unshelve: aft/stick_slip, aft/bistable, aft/margin_low')
     assert panel.ask('out_of_service', True)[0]
     panel.peer.until(lambda: set(panel.states().values()) == {'out_of_service'}, 'removal')
     assert panel.ask('out_of_service', True) == (True, 'it is so already')

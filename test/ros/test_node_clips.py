@@ -22,11 +22,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 def values(tmp_path: Path) -> dict[str, Any]:
     """One bearing, and clips of two seconds before and after an alarm."""
     parameters: dict[str, Any] = kit.parameters(kit.STAMPED)
-    return parameters | {
-        'clips.directory': str(tmp_path / 'clips'),
-        'clips.around': 2.0,
-        'clips.most': 2,
-    }
+    return parameters | {'clips.directory': str(tmp_path / 'clips'), 'clips.around': 2.0, 'clips.most': 2}
 
 
 def clips(tmp_path: Path) -> list[Path]:
@@ -82,9 +78,8 @@ def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
 
 
 def test_a_clip_that_cannot_be_written_is_told_and_written_when_there_is_room_again(
-    host: Callable[..., Any], values: dict[str, Any], tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    host: Callable[..., Any], values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr('stickslip_monitor.state_file.RETRY_PERIOD', 0.02)
     monitor = host(values)
     diagnostics = monitor.diagnostics()

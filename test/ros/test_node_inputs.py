@@ -82,10 +82,7 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
         return int(kit.status(diagnostics, 'the node').get('messages left out', 0))
 
     peer.until(left_out, 'the flood')
-    peer.until(
-        lambda: taken() + left_out() == before + count + MOST_WAITING + 500,
-        'every message counted',
-    )
+    peer.until(lambda: taken() + left_out() == before + count + MOST_WAITING + 500, 'every message counted')
     assert int(kit.status(diagnostics)[key]) > before
 
 
@@ -132,10 +129,7 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
         peer.spin(0.05)
         return {name: kit.status(diagnostics, name).get('speed fault', '') for name in expected}
 
-    peer.until(
-        lambda: all(told()[name].startswith(text) for name, text in expected.items()),
-        f'{expected}',
-    )
+    peer.until(lambda: all(told()[name].startswith(text) for name, text in expected.items()), f'{expected}')
     mixed_status = kit.status(diagnostics, 'mixed')
     assert (mixed_status['level'], mixed_status['reason']) == (b'\x01', 'normal')
     assert expected['mixed'] in mixed_status['message']

@@ -32,9 +32,7 @@ def test_shutdown_from_a_state_that_is_not_active(host: Any, state: str) -> None
     assert monitor.go('shutdown')
 
 
-def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets(
-    host: Any,
-) -> None:
+def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets(host: Any) -> None:
     monitor = host(kit.parameters(kit.STAMPED))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     alarms = monitor.listen('alarms', latched=True)
@@ -46,9 +44,7 @@ def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets
     assert monitor.set(aft__alarm__on_delay=0.6) == [(True, '')]
     assert monitor.go('deactivate')
     # The last word: what readers keep is not the state of a bearing that nobody watches.
-    peer.until(
-        lambda: kit.status(diagnostics)['reason'] == 'not_monitoring', 'the last diagnostics'
-    )
+    peer.until(lambda: kit.status(diagnostics)['reason'] == 'not_monitoring', 'the last diagnostics')
     assert kit.status(diagnostics)['level'] == b'\x01'
     peer.until(lambda: not json.loads(alarms[-1].data)['monitoring'], 'the last list')
     # All that was done to the node is on record.
@@ -110,10 +106,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
     node._spin(SimpleNamespace(survive=survived.append), [])  # type: ignore[arg-type]
     executor.shutdown.assert_called_once()
-    assert [str(error) for error in survived] == [
-        'Transition is not registered.',
-        'what nobody expected',
-    ]
+    assert [str(error) for error in survived] == ['Transition is not registered.', 'what nobody expected']
 
 
 def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
@@ -153,9 +146,7 @@ def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host:
     monitor = host(kit.parameters())
     health = monitor.node.health
     assert monitor.set(aft__alarm__on_delay=5.0) == [(True, '')]
-    assert health.message == (
-        'Changed over ROS and not acknowledged: aft.alarm.on_delay from 2.0 to 5.0.'
-    )
+    assert health.message == ('Changed over ROS and not acknowledged: aft.alarm.on_delay from 2.0 to 5.0.')
     assert health.level == 1
     assert monitor.set(aft__alarm__on_delay=2.0) == [(True, '')]
     assert health.message == 'Monitoring.'

@@ -61,8 +61,7 @@ def test_published_numbers_equal_the_assessment(host: Any) -> None:
         assert answer == {
             'amplitude': 0.0 if math.isnan(expected.amplitude) else expected.amplitude,
             'amplitude_exact': pytest.approx(
-                0.0 if math.isnan(expected.amplitude_exact) else expected.amplitude_exact,
-                rel=1e-6,
+                0.0 if math.isnan(expected.amplitude_exact) else expected.amplitude_exact, rel=1e-6
             ),
             'hopf_margin': expected.hopf_margin,
             'fold_margin': expected.fold_margin,
@@ -91,11 +90,7 @@ def test_quality_of_service_of_every_topic(host: Any) -> None:
         monitor.name('aft/hopf_margin'): number,
         monitor.name('aft/fold_margin'): number,
         monitor.name('aft/regime'): ('std_msgs/msg/String', 'RELIABLE', 'VOLATILE'),
-        f'/{monitor.space}/diagnostics': (
-            'diagnostic_msgs/msg/DiagnosticArray',
-            'RELIABLE',
-            'VOLATILE',
-        ),
+        f'/{monitor.space}/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray', 'RELIABLE', 'VOLATILE'),
     }
 
     def found(infos: list[Any]) -> list[tuple[str, str, str]]:
@@ -143,10 +138,7 @@ def test_diagnostics_come_every_second_and_at_once_on_a_change(host: Any) -> Non
     said = {kit.status([message]).get('reason') for message in diagnostics}
     assert {to for _, to in LEVELS[1:]} <= said
     record = kit.status(diagnostics)
-    assert (record['level'], record['name']) == (
-        b'\x02',
-        f'{monitor.space}/stickslip_monitor: aft',
-    )
+    assert (record['level'], record['name']) == (b'\x02', f'{monitor.space}/stickslip_monitor: aft')
     assert record['message'].startswith('aft: Stick-slip predicted. ')
     words = [record[key] for key in ('regime', 'outcome', 'stick-slip predicted')]
     assert words == ['unstable', 'stick_slip', 'true']

@@ -41,14 +41,10 @@ def test_thresholds_are_tuned_while_active(host: Any) -> None:
     peer.until(lambda: [e['to'] for e in kit.events(warnings)] == ['caution'], 'caution')
 
     # Two together, where each rests on the other; an integer for a number; the amplitude alarm.
-    assert monitor.set(atomically=True, aft__alarm__minimum_speed=9, aft__speed__maximum=200) == [
-        (True, '')
-    ]
+    assert monitor.set(atomically=True, aft__alarm__minimum_speed=9, aft__speed__maximum=200) == [(True, '')]
     at_rest = telemetry.hold(20.0, 1000.0, 1.0)
     assert at_rest['regime'] == 'undetermined'
-    assert monitor.set(atomically=True, aft__alarm__minimum_speed=0, aft__speed__maximum=0.15) == [
-        (True, '')
-    ]
+    assert monitor.set(atomically=True, aft__alarm__minimum_speed=0, aft__speed__maximum=0.15) == [(True, '')]
     assert telemetry.hold(20.0, 1000.0, 1.0)['regime'] == 'unstable'
     # The load that stands is converted: the same number is twice the load from now on.
     assert monitor.set(aft__alarm__amplitude_limit=0.5e-3, aft__load__scale=2) == [(True, '')] * 2
@@ -74,8 +70,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
     assert 'aft.alarm.caution_margin' in refused(aft__alarm__caution_margin=math.nan)
     assert refused(use_sim_time='later')
     assert refused(use_sim_time=True, aft__alarm__on_delay=9.0) == (
-        'use_sim_time = True cannot be set: it is read-only while the node is active;'
-        ' deactivate it first'
+        'use_sim_time = True cannot be set: it is read-only while the node is active; deactivate it first'
     )
     # What rclpy deletes cannot be set again, whether it had a value or not.
     for name in ('aft.alarm.on_delay', 'aft.friction.speed'):
@@ -87,11 +82,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
         {'aft__alarm__on_delay': 1.0, 'aft__stiffness': 1e6},
     ):
         assert 'read-only while the node is active' in refused(**changes)
-    for fixed in (
-        {'bearings': ['aft', 'fwd']},
-        {'state_file': '/tmp/x'},
-        {'aft__calibration': 'x'},
-    ):
+    for fixed in ({'bearings': ['aft', 'fwd']}, {'state_file': '/tmp/x'}, {'aft__calibration': 'x'}):
         assert 'a running node keeps it' in refused(**fixed)
     # The same value again is no change.
     assert monitor.set(aft__mass=50.0, bearings=['aft']) == [(True, '')] * 2

@@ -50,11 +50,7 @@ def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) ->
     missing = tmp_path / 'missing.yaml'
     for program, *texts in (
         (run(*command('--params-file', str(missing))), 'failed to initialize rcl', str(missing)),
-        (
-            run(*command('--no-such-option')),
-            'the ROS arguments cannot be used: ',
-            '--no-such-option',
-        ),
+        (run(*command('--no-such-option')), 'the ROS arguments cannot be used: ', '--no-such-option'),
         (
             start(kit.parameters(), '-r', f'__node:={"n" * 300}'),
             'the node cannot be created: error creating node: invalid node name: node name length',
@@ -298,9 +294,7 @@ def test_the_unit_is_one_that_systemd_takes(tmp_path: Path) -> None:
     assert program.is_file()
     own = tmp_path / UNIT.name
     own.write_text(text.replace('/opt/stickslip_monitor/bin/monitor', str(program)))
-    done = subprocess.run(
-        [analyze, 'verify', '--man=no', own], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([analyze, 'verify', '--man=no', own], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout + done.stderr) == (0, '')
     safe = [analyze, 'security', '--offline=true', '--threshold=20', own]
     assert subprocess.run(safe, capture_output=True, check=False).returncode == 0
@@ -323,11 +317,7 @@ KEYS = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_KEYSTORE': 'keys'}
     ],
 )
 def test_an_environment_that_ros_would_ignore_or_die_of_is_refused(
-    environment: dict[str, str],
-    arguments: str,
-    text: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    environment: dict[str, str], arguments: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own = tmp_path / 'keys' / 'enclaves' / 'stickslip_monitor'
     own.mkdir(parents=True)
@@ -364,9 +354,7 @@ def test_the_security_policy_covers_all_topics_and_services(host: Any) -> None:
     def allowed(kind: str, rule: str) -> list[str]:
         groups = (group for group in profile if group.get(rule) == 'ALLOW')
         return [
-            str(item.text).replace('~', f'{space}/{name}')
-            for group in groups
-            for item in group.iter(kind)
+            str(item.text).replace('~', f'{space}/{name}') for group in groups for item in group.iter(kind)
         ]
 
     inputs = [monitor.input(topic) for topic in ('shaft/speed', 'aft/load')]
@@ -400,9 +388,7 @@ def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPa
         double.destroy_node()
 
 
-def test_a_second_publisher_of_the_clock_is_named(
-    host: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_publisher_of_the_clock_is_named(host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosgraph_msgs.msg import Clock
 
     monkeypatch.setattr('stickslip_monitor.ros.running._DOUBLE_LOOKS', 1)
@@ -412,6 +398,4 @@ def test_a_second_publisher_of_the_clock_is_named(
         monitor.peer.talk(Clock, monitor.input('clock'))
     own = f'/{monitor.peer.node.get_name()}'
     text = f'Several nodes publish /clock, so time jumps to and fro: {own}, {own}.'
-    monitor.peer.until(
-        lambda: text in kit.status(diagnostics, 'the node').get('message', ''), 'both names'
-    )
+    monitor.peer.until(lambda: text in kit.status(diagnostics, 'the node').get('message', ''), 'both names')

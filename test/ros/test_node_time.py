@@ -43,9 +43,7 @@ class Sensors:
 
         return check
 
-    def run(
-        self, begin: float, rpm: float | None, condition: Any, what: str, step: float = 0.2
-    ) -> float:
+    def run(self, begin: float, rpm: float | None, condition: Any, what: str, step: float = 0.2) -> float:
         """Run the clock in steps until a condition holds; the time then."""
         now = begin
 
@@ -136,9 +134,7 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict(host: Any) -> None:
     for _ in range(8):
         telemetry.step(20.0, 1000.0)
         monitor.peer.spin(0.15)
-    monitor.peer.until(
-        lambda: any(e['to'] == 'stick_slip' for e in kit.events(warnings)), 'the alarm'
-    )
+    monitor.peer.until(lambda: any(e['to'] == 'stick_slip' for e in kit.events(warnings)), 'the alarm')
     raised = next(e for e in kit.events(warnings) if e['to'] == 'stick_slip')
     # By the median, 20 rpm are there from the second value on, and for the on-delay of 0.5 s.
     assert raised['time'] - kit.T0 == pytest.approx((begun + 0.7) * 1e9, abs=1e3)
@@ -237,9 +233,7 @@ ROS, TICK = 10**18, 6 * 10**8
         ),
     ],
 )
-def test_time_without_samples(
-    simulated: bool, begun: int, ticks: list[tuple[int, int, int]]
-) -> None:
+def test_time_without_samples(simulated: bool, begun: int, ticks: list[tuple[int, int, int]]) -> None:
     from stickslip_monitor.monitor.session import Moment
     from stickslip_monitor.ros.running import PassingTime
 

@@ -42,9 +42,7 @@ def bag(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def play(run: Any) -> Callable[..., Any]:
-    return lambda *arguments: run(
-        sys.executable, '-m', 'stickslip_monitor.cli', 'play', *map(str, arguments)
-    )
+    return lambda *arguments: run(sys.executable, '-m', 'stickslip_monitor.cli', 'play', *map(str, arguments))
 
 
 class Heard:
@@ -109,9 +107,7 @@ def test_loop_takes_the_clock_back_and_loses_nothing(peer: Any, tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_what_cannot_be_played_is_skipped_and_named(
-    peer: Any, tmp_path: Path, play: Any, run: Any
-) -> None:
+def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, play: Any, run: Any) -> None:
     from std_msgs.msg import Float64
 
     path = tmp_path / 'odd'
@@ -180,9 +176,7 @@ def replay(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
     )
     monitor.peer.until(lambda: not player.alive, 'the end', 60.0)
     assert player.wait() == 0, player.output
-    monitor.peer.until(
-        lambda: len(warnings) >= count, f'{count} events, not {kit.events(warnings)}', 5.0
-    )
+    monitor.peer.until(lambda: len(warnings) >= count, f'{count} events, not {kit.events(warnings)}', 5.0)
     return kit.events(warnings)
 
 

@@ -31,10 +31,9 @@ def numbers(bag: Path) -> list[Row]:
         (sequence, (time, request.topic, value))
         for request, series in found.items()
         for sequence, time, value in zip(
-            series.sequence.tolist(), series.log_time_ns.tolist(), series.value.tolist(),
-            strict=True,
+            series.sequence.tolist(), series.log_time_ns.tolist(), series.value.tolist(), strict=True
         )
-    ]  # fmt: skip
+    ]
     return [row for _, row in sorted(rows)]
 
 
@@ -46,9 +45,7 @@ def as_csv(path: Path, rows: list[Row]) -> Path:
 
 def as_parquet(path: Path, rows: list[Row]) -> Path:
     times, topics, values = zip(*rows, strict=True)
-    table = pa.table({
-        'time': pa.array(times, pa.timestamp('ns', 'UTC')), 'name': topics, 'value': values,
-    })  # fmt: skip
+    table = pa.table({'time': pa.array(times, pa.timestamp('ns', 'UTC')), 'name': topics, 'value': values})
     parquet.write_table(table, path.with_suffix('.parquet'))
     return path.with_suffix('.parquet')
 

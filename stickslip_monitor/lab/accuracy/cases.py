@@ -16,13 +16,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance, has_resolvent
-from stickslip_monitor.lab.accuracy.measurement import (
-    Case,
-    Method,
-    MethodResult,
-    found,
-    not_converged,
-)
+from stickslip_monitor.lab.accuracy.measurement import Case, Method, MethodResult, found, not_converged
 from stickslip_monitor.lab.accuracy.time_stepping import event_driven, smoothed, switching
 from stickslip_monitor.lab.findings import REFERENCE
 from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
@@ -81,8 +75,11 @@ METHODS = (
     _AVERAGING_IN_BULK,
     *(
         Method(
-            f'harmonic balance, H = {harmonics}', 'harmonic balance',
-            partial(harmonic_balance, harmonics), has_resolvent, slow=harmonics > 31,
+            f'harmonic balance, H = {harmonics}',
+            'harmonic balance',
+            partial(harmonic_balance, harmonics),
+            has_resolvent,
+            slow=harmonics > 31,
         )
         for harmonics in HARMONICS
     ),
@@ -92,15 +89,13 @@ METHODS = (
     _switching('tight, bounded step', True, 0.1),
     Method('event-driven integrator', 'event-driven integrator', event_driven),
     *_single_and_bulk('exact cycle', exact),
-)  # fmt: skip
+)
 """All methods, in the order of the tables."""
 
 _RPM = REFERENCE.speed.factor('rpm')
 
 
-def _bench(
-    name: str, rpm: float, load: float, reference: float, quick: bool = False, **changes: Any
-) -> Case:
+def _bench(name: str, rpm: float, load: float, reference: float, quick: bool = False, **changes: Any) -> Case:
     return Case(name, replace(REFERENCE, **changes), rpm * _RPM, load, reference, quick)
 
 
@@ -117,9 +112,7 @@ CASES = (
     # Grazes the belt: event location misses it.
     _bench('40 rpm', 40.0, 1000.0, 0.001048880117242072, quick=True),
     # nu = 0.05 s/m: friction rises again.
-    _bench(
-        'viscous', 20.0, 1000.0, 0.0005525388009365229, friction=Stribeck(0.30, 0.10, 10.0, 0.05)
-    ),
+    _bench('viscous', 20.0, 1000.0, 0.0005525388009365229, friction=Stribeck(0.30, 0.10, 10.0, 0.05)),
     # eta = 3: strongly damped, strongly driven.
     _bench('zeta = 0.3', 20.0, 15000.0, 0.000978449202489445, damping=6000.0),
     # zeta = 0.02: a relaxation oscillation, sticks for 70 % of the cycle.

@@ -113,9 +113,7 @@ def time_call(
     once = max(wall() - start, 1e-9)
     inner = max(1, math.ceil(effort.sample / once))
     samples: list[tuple[float, float]] = []
-    while len(samples) < effort.fewest or (
-        len(samples) < effort.most and wall() - start < effort.budget
-    ):
+    while len(samples) < effort.fewest or (len(samples) < effort.most and wall() - start < effort.budget):
         wall_begin, cpu_begin = wall(), cpu()
         for _ in range(inner):
             call()
@@ -214,8 +212,11 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
 
     Points that are not finite take no part; errors below rounding are equal.
     """
-    usable = [i for i, (t, e) in enumerate(zip(seconds, errors, strict=True))
-              if math.isfinite(t) and math.isfinite(e)]  # fmt: skip
+    usable = [
+        i
+        for i, (t, e) in enumerate(zip(seconds, errors, strict=True))
+        if math.isfinite(t) and math.isfinite(e)
+    ]
     front: list[int] = []
     least = math.inf
     for i in sorted(usable, key=lambda i: (seconds[i], errors[i])):

@@ -17,13 +17,7 @@ from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
-from stickslip_monitor.physics.motion.integrator import (
-    Drive,
-    MotionOutcome,
-    MotionState,
-    Phase,
-    integrate,
-)
+from stickslip_monitor.physics.motion.integrator import Drive, MotionOutcome, MotionState, Phase, integrate
 from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.scalar_law import friction_drop, scalar_law
 
@@ -53,9 +47,7 @@ def _turning(_: float, y: FloatArray) -> float:
 
 def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
     """Half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
-    turns = [
-        (t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)
-    ]
+    turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
     late = np.array([x for t, x in turns if t > _WATCHED * span])
     if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
         return math.nan
@@ -63,9 +55,7 @@ def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) ->
     return amplitude if amplitude * omega > _QUIET * speed else math.nan
 
 
-def smoothed(
-    width: float, tight: bool, bearing: Bearing, speed: float, load: float
-) -> MethodResult:
+def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Regularised friction: the sign of the relative speed becomes ``tanh(v/width)`` [m/s].
 
     LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
@@ -83,9 +73,7 @@ def smoothed(
         return load * math.tanh(relative / width) * mu
 
     flow = _flow(bearing, speed, friction)
-    way = solve_ivp(
-        flow, (0.0, span), start, method='LSODA', events=_turning, rtol=rtol, atol=atol
-    )
+    way = solve_ivp(flow, (0.0, span), start, method='LSODA', events=_turning, rtol=rtol, atol=atol)
     if not way.success:
         return not_converged(way.nfev)
     return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
@@ -107,9 +95,7 @@ _MOST_PHASES = 200
 _DEAF = 1e-6
 
 
-def switching(
-    tight: bool, longest: float, bearing: Bearing, speed: float, load: float
-) -> MethodResult:
+def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Switching between stick and slip: a slip phase ends at the event ``x' = V``.
 
     Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
@@ -125,10 +111,15 @@ def switching(
     ways: list[Any] = []
     while time < span and len(ways) < _MOST_PHASES:
         way = solve_ivp(
-            _slip_flow(side, bearing, speed, load), (time, span), (x, speed), method=method,
+            _slip_flow(side, bearing, speed, load),
+            (time, span),
+            (x, speed),
+            method=method,
             events=[_turning, _contact(speed, side, time + _DEAF / omega)],
-            rtol=rtol, atol=atol, max_step=longest / omega,
-        )  # fmt: skip
+            rtol=rtol,
+            atol=atol,
+            max_step=longest / omega,
+        )
         ways.append(way)
         if not way.success:
             break

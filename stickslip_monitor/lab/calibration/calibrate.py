@@ -176,9 +176,7 @@ class Calibration:
         """What makes the result worth less, a sentence each."""
         found = []
         if not self.episodes:
-            found.append(
-                'no episode was seen: quiet bounds the Hopf speed, and says little of the fold'
-            )
+            found.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
         elif not self.edges.seen:
             found.append(
                 'no vibration was seen to end while the speed rose, so that the fold is only'
@@ -247,10 +245,7 @@ class Calibration:
             return ''
         middle = 100.0 * (float(np.median(off)) - 1.0)
         count = '1 episode ends' if len(off) == 1 else f'{len(off)} episodes end'
-        return (
-            f'{count} {abs(middle):.1f} % {"above" if middle >= 0.0 else "below"} the configured'
-            ' fold'
-        )
+        return f'{count} {abs(middle):.1f} % {"above" if middle >= 0.0 else "below"} the configured fold'
 
 
 def track_over(end: End, reference: Reference) -> float:
@@ -297,9 +292,7 @@ def calibrate(
     own = prior_of(bearing, tolerance) if prior is None else prior
     spreads = Spreads(tolerance.load or LOAD, forget)
     posterior = infer(edges, reference, own, spreads)
-    result = Calibration(
-        reference, own, tolerance, spreads, edges, posterior, tuple(found), repeated
-    )
+    result = Calibration(reference, own, tolerance, spreads, edges, posterior, tuple(found), repeated)
     _require_own(result)
     return result
 

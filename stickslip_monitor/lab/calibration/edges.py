@@ -232,12 +232,7 @@ def _read(found: Edges, track: ReportedCourse, reference: Reference, onsets: boo
 
 
 def _passage(
-    track: ReportedCourse,
-    report: VibrationReport,
-    begin: float,
-    b: float,
-    began: bool,
-    trust: float,
+    track: ReportedCourse, report: VibrationReport, begin: float, b: float, began: bool, trust: float
 ) -> Passage | None:
     late = report.tolerance + LAGS[-1] if began else 0.0
     rows = (track.time >= begin) & (track.time <= b + late)
@@ -250,12 +245,7 @@ def _passage(
 
 
 def _end_of(
-    track: ReportedCourse,
-    report: VibrationReport,
-    a: float,
-    b: float,
-    meets: bool,
-    reference: Reference,
+    track: ReportedCourse, report: VibrationReport, a: float, b: float, meets: bool, reference: Reference
 ) -> End | None:
     off = report.tolerance
     whole = outlives(track, b, reference) if meets and report.rings else 0.0
@@ -279,9 +269,7 @@ def _rises(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
     after = (track.time > time) & (track.time <= time + _GOES_ON)
     least = (1.0 + _RISEN) * wide[inside].min()
     return bool(
-        np.interp(time, track.time, wide) > least
-        and after.any()
-        and track.over[after].mean() > least
+        np.interp(time, track.time, wide) > least and after.any() and track.over[after].mean() > least
     )
 
 

@@ -77,9 +77,7 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
     for line, cells in body:
         where = f'{path}, line {line}'
         if len(cells) != len(names):
-            raise CalibrationError(
-                f'{where}: it has {len(cells)} cells and there are {len(names)} headings'
-            )
+            raise CalibrationError(f'{where}: it has {len(cells)} cells and there are {len(names)} headings')
         reports.append(_report(where, dict(zip(names, cells, strict=True)), bearings))
     return in_order(reports)
 
@@ -87,8 +85,7 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
 def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
     if row['bearing'] not in bearings:
         raise CalibrationError(
-            f"{where}: bearing '{row['bearing']}' is not configured; there are:"
-            f' {", ".join(bearings)}'
+            f"{where}: bearing '{row['bearing']}' is not configured; there are: {', '.join(bearings)}"
         )
     if row['state'].lower() not in STATES:
         raise CalibrationError(f"{where}: state '{row['state']}' must be squeal or quiet")
@@ -108,9 +105,7 @@ def _time(where: str, text: str) -> int:
     try:
         moment = datetime.fromisoformat(re.sub('[zZ]$', '+00:00', whole))
     except ValueError:
-        raise CalibrationError(
-            f"{where} '{text}' must be a time such as 2026-05-04T06:01:10Z"
-        ) from None
+        raise CalibrationError(f"{where} '{text}' must be a time such as 2026-05-04T06:01:10Z") from None
     if moment.tzinfo is None:
         raise CalibrationError(f"{where} '{text}' has no zone: end it in Z or +02:00, say")
     passed = moment - _EPOCH
@@ -189,6 +184,4 @@ def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray)
     size = np.abs(speed)
     mean_speed, mean_load = (np.bincount(inverse, weights=x) / count for x in (size, load))
     resting = np.bincount(inverse, weights=size == 0.0) > 0
-    return TelemetryBins(
-        name, bins * BIN_NS + BIN_NS // 2, np.where(resting, 0.0, mean_speed), mean_load
-    )
+    return TelemetryBins(name, bins * BIN_NS + BIN_NS // 2, np.where(resting, 0.0, mean_speed), mean_load)

@@ -140,9 +140,7 @@ def level_reports(
     found: list[VibrationReport] = []
     knocks: list[VibrationReport] = []
     lags: list[float] = []
-    for part in np.split(
-        np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > _GAP) + 1
-    ):
+    for part in np.split(np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > _GAP) + 1):
         if part.size > 2:
             _read(bearing, level.time[part], level.value[part], threshold, found, knocks, lags)
     lag = round(1e9 * float(np.median(lags))) if lags else 0

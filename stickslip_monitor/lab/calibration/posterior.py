@@ -146,9 +146,7 @@ def _fold_grid(
     nodes = [len(SHARES) * len(LAGS) // 2] if quick else range(len(SHARES) * len(LAGS))
     scatter = np.array([_SCATTER[-2]]) if quick else _SCATTER
     common = np.zeros(1) if quick else _common_prior()
-    total = np.zeros((len(nodes), scatter.size, *log_r.shape)) + common.reshape(
-        len(nodes), -1, 1, 1
-    )
+    total = np.zeros((len(nodes), scatter.size, *log_r.shape)) + common.reshape(len(nodes), -1, 1, 1)
     step = float(u[1] - u[0])
     for k, (_, group) in enumerate(groupby(edges.ends, lambda end: end.recording)):
         if k and spreads.forget:
@@ -208,9 +206,7 @@ def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: fl
     return float(min(wrong / np.exp(with_trust).mean(), 1.0)) if trust < 1.0 else 0.0
 
 
-def _with_onsets(
-    fold: Grid, passages: Sequence[Passage], reference: Reference, spreads: Spreads
-) -> Grid:
+def _with_onsets(fold: Grid, passages: Sequence[Passage], reference: Reference, spreads: Spreads) -> Grid:
     """The grid with what onsets, and passages without one, tell."""
     cells = np.argwhere(fold.weight > fold.weight.max() * math.exp(-_DEPTH))
     log_r, log_q = fold.log_r[tuple(cells.T)], fold.log_q[cells[:, 1]]
@@ -222,9 +218,7 @@ def _with_onsets(
     for one, age in zip(passages, ages, strict=True):
         own = math.hypot(0.02, spreads.load, spreads.forget * math.sqrt(age))
         # Three nodes of the passage's own boundary, as a load.
-        parts = [
-            log_passage(one, reference, log_r, log_q + z * own) for z in (-1.2247, 0.0, 1.2247)
-        ]
+        parts = [log_passage(one, reference, log_r, log_q + z * own) for z in (-1.2247, 0.0, 1.2247)]
         total += logsumexp(np.stack(parts), axis=0) - math.log(3.0)
     log_p = np.full(fold.weight.shape, -np.inf)
     log_p[tuple(cells.T)] = np.log(fold.weight[tuple(cells.T)]) + logsumexp(total, axis=(1, 2))
@@ -237,9 +231,7 @@ def _ages(passages: Sequence[Passage]) -> list[int]:
     return list(range(len(passages) - 1, -1, -1))
 
 
-def log_passage(
-    one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray
-) -> FloatArray:
+def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray) -> FloatArray:
     """Log likelihood of a passage, shape (cells, e-folds, lags)."""
     speed, load = one.speed * np.exp(-log_r)[:, None], one.load * np.exp(log_q)[:, None]
     rate = growth_rate(reference.bearing, speed, load)

@@ -17,12 +17,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
-from stickslip_monitor.lab.calibration.calibrate import (
-    Calibration,
-    Evidence,
-    calibrate,
-    read_levels,
-)
+from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence, calibrate, read_levels
 from stickslip_monitor.lab.calibration.evidence import (
     TRUTH_TOLERANCE,
     TRUTH_TRUST,
@@ -139,16 +134,12 @@ def _require_inside(reports: Sequence[VibrationReport], found: Sequence[Evidence
     for report in reports:
         if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
             raise CalibrationError(
-                f'{report.source}: the report lies outside the recordings: give the bag that it'
-                ' is about'
+                f'{report.source}: the report lies outside the recordings: give the bag that it is about'
             )
 
 
 def learned(
-    config: BearingConfig,
-    source: EvidenceSource,
-    found: Sequence[Evidence | str],
-    command: str,
+    config: BearingConfig, source: EvidenceSource, found: Sequence[Evidence | str], command: str
 ) -> list[str]:
     """What the recordings teach of a bearing, a sentence each.
 

@@ -55,11 +55,7 @@ def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
 
 
 def to_document(
-    config: BearingConfig,
-    found: Calibration,
-    earlier: Mapping[str, Any] | None,
-    created: str,
-    version: str,
+    config: BearingConfig, found: Calibration, earlier: Mapping[str, Any] | None, created: str, version: str
 ) -> dict[str, Any]:
     """The calibration as the documented JSON object, added to an earlier one if any."""
     past, (low, high) = earlier or {}, found.loads
@@ -140,9 +136,7 @@ def known_recordings(path: str, document: Mapping[str, Any]) -> list[str]:
     return marks
 
 
-def prior_with_bench(
-    bearing: Bearing, tolerance: Tolerance, path: str, document: Mapping[str, Any]
-) -> Prior:
+def prior_with_bench(bearing: Bearing, tolerance: Tolerance, path: str, document: Mapping[str, Any]) -> Prior:
     """A bearing's prior with the law of ``stickslip fit --json``; the damping stays.
 
     Raises:
@@ -178,10 +172,7 @@ def prior_with_bench(
     return Prior(
         np.array([-log_beta, log_fall + log_beta]),
         np.array(
-            [
-                [of_beta, -of_beta - both],
-                [-of_beta - both, of_damping + of_fall + of_beta + 2.0 * both],
-            ]
+            [[of_beta, -of_beta - both], [-of_beta - both, of_damping + of_fall + of_beta + 2.0 * both]]
         ),
     )
 

@@ -263,9 +263,15 @@ class Lining:
     """
 
     def __init__(
-        self, config: BearingConfig, shaft: Shaft, course: FrictionCourse, deviation: float,
-        knocks: Sequence[tuple[float, float]], random: np.random.Generator, duration: float,
-    ) -> None:  # fmt: skip
+        self,
+        config: BearingConfig,
+        shaft: Shaft,
+        course: FrictionCourse,
+        deviation: float,
+        knocks: Sequence[tuple[float, float]],
+        random: np.random.Generator,
+        duration: float,
+    ) -> None:
         self.config, self._shaft, self._course = config, shaft, course
         self._deviation, self._knocks, self._random = deviation, dict(knocks), random
         self._duration = duration
@@ -358,8 +364,7 @@ class Lining:
         motion = integrate(bearing, Drive.sampled(*nodes), state, times, accuracy=FAST)
         if motion.outcome is not MotionOutcome.COMPLETE:
             raise SceneError(
-                f'lining_motion of {self.config.name}: after {motion.span[1]:g} s,'
-                f' {motion.outcome.value}'
+                f'lining_motion of {self.config.name}: after {motion.span[1]:g} s, {motion.outcome.value}'
             )
         self._state = motion.final
         return motion
@@ -373,9 +378,7 @@ class Lining:
         change = motion.transitions
         own = (change.before == Phase.STICK) | (change.after == Phase.STICK)
         now = (change.after[own] == Phase.STICK).tolist()
-        found += [
-            (t, True, sticks) for t, sticks in zip(change.time[own].tolist(), now, strict=True)
-        ]
+        found += [(t, True, sticks) for t, sticks in zip(change.time[own].tolist(), now, strict=True)]
         self._sticking = motion.final.phase is Phase.STICK
         return found
 

@@ -134,9 +134,7 @@ def _numbers(name: str, row: list[str]) -> list[float]:
     try:
         time, value = map(float, row)
     except ValueError:
-        raise SceneError(
-            f"{name} = '{','.join(row)}' must be two numbers: time in s, value"
-        ) from None
+        raise SceneError(f"{name} = '{','.join(row)}' must be two numbers: time in s, value") from None
     return [time, value]
 
 

@@ -16,12 +16,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.encode import (
-    encode_bool,
-    encode_float64s,
-    encode_stamped,
-    encode_string,
-)
+from stickslip_monitor.bags.encode import encode_bool, encode_float64s, encode_stamped, encode_string
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.lab.scenes import telemetry
@@ -35,15 +30,20 @@ from stickslip_monitor.monitor.config_file import load_config, load_yaml
 
 SCHEMA = 'stickslip_monitor/scene/1'
 KEYS = (
-    'scene', 'description', 'duration', 'start', 'seed', 'config', 'telemetry', 'sensors',
-    'parameter_error', 'effects',
-)  # fmt: skip
+    'scene',
+    'description',
+    'duration',
+    'start',
+    'seed',
+    'config',
+    'telemetry',
+    'sensors',
+    'parameter_error',
+    'effects',
+)
 SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
-_EPOCHS = (
-    10**18,
-    4 * 10**18,
-)  # 2001 to 2096: no time of a recording in a smaller unit is nanoseconds
+_EPOCHS = (10**18, 4 * 10**18)  # 2001 to 2096: no time of a recording in a smaller unit is nanoseconds
 _LATEST_NS = (1 << 63) - 1
 _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 # Imported for the effects that they declare.
@@ -55,9 +55,7 @@ STAGES: Mapping[str, tuple[str, ...]] = {
 """The effects of each stage. Stages act in this order, and so do the effects of a stage, whatever
 the order in the file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it
 between the samples; the others change block after block."""
-EFFECTS: Mapping[str, Effect] = {
-    name: DECLARED[name] for names in STAGES.values() for name in names
-}
+EFFECTS: Mapping[str, Effect] = {name: DECLARED[name] for names in STAGES.values() for name in names}
 SENSOR_EFFECTS = (*STAGES['sensing'], *STAGES['sensor'], *STAGES['recording'])
 """What happens to a measurement, not to the ship."""
 
@@ -87,9 +85,7 @@ class Scene:
         return run
 
 
-def load_scene(
-    path: str | Path, seed: int | None = None, sensors: str | Path | None = None
-) -> Scene:
+def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | None = None) -> Scene:
     """Read and validate a scene file.
 
     The seed is the file's and the sensors those that it names, unless others are given.
@@ -129,8 +125,7 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
     config_path = _config_path(path.parent, settings, seed)
     config = load_config(config_path)
     telemetry, errors = (
-        settings if given is None or key in settings else given
-        for key in ('telemetry', 'parameter_error')
+        settings if given is None or key in settings else given for key in ('telemetry', 'parameter_error')
     )
     what = '{speed: {rate: Hz}, load: {rate: Hz}}, or score it with --sensors'
     rates = telemetry.value('telemetry', what)
@@ -174,9 +169,7 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
     return found[seed % len(found)]
 
 
-def _sensors(
-    folder: Path, settings: Settings, seed: int, path: str | Path | None
-) -> Settings | None:
+def _sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
     """The file of sensors that was asked for, else that which the scene names, if any."""
     if path is None:
         if 'sensors' not in settings:
@@ -252,9 +245,7 @@ def _start_ns(settings: Settings, duration: float) -> int:
         raise settings.broken('start', f'must be {what}')
     for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
         if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
-            raise settings.broken(
-                'start', f'looks like {unit}: nanoseconds since 1970 are {value * factor}'
-            )
+            raise settings.broken('start', f'looks like {unit}: nanoseconds since 1970 are {value * factor}')
     if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
         raise settings.broken('start', 'must lie, with the whole scene, between 1970 and 2262')
     return value

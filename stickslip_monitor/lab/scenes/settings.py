@@ -66,15 +66,12 @@ class Settings:
         """One of some texts."""
         value = self.value(key, f'one of {", ".join(options)}')
         if not isinstance(value, str) or value not in options:
-            raise self.broken(
-                key, f'must be one of {", ".join(options)}{did_you_mean(value, options)}'
-            )
+            raise self.broken(key, f'must be one of {", ".join(options)}{did_you_mean(value, options)}')
         return value
 
     def number(
-        self, key: str, unit: str, above: float = -math.inf, least: float = -math.inf,
-        most: float = math.inf,
-    ) -> float:  # fmt: skip
+        self, key: str, unit: str, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
+    ) -> float:
         """A finite number above one bound, or not below another, and not above a third."""
         rule = f'a number [{unit}]'
         rule += f' above {above:g}' if above > -math.inf else ''
@@ -154,10 +151,7 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
         return {key: drawn(value, seed, f'{place}.{key}') for key, value in document.items()}
     if isinstance(document, list):
         names = _names(document)
-        return [
-            drawn(value, seed, f'{place}.{name}')
-            for name, value in zip(names, document, strict=True)
-        ]
+        return [drawn(value, seed, f'{place}.{name}') for name, value in zip(names, document, strict=True)]
     return document
 
 
@@ -196,16 +190,13 @@ def read_parameter_error(settings: Settings) -> dict[str, float]:
     return {name: own.number(name, '-', least=0.0, most=0.9) for name in PARAMETERS if name in own}
 
 
-def with_parameter_errors(
-    config: BearingConfig, errors: Mapping[str, float], seed: int
-) -> BearingConfig:
+def with_parameter_errors(config: BearingConfig, errors: Mapping[str, float], seed: int) -> BearingConfig:
     """The configuration of a bearing as the monitor gets it, with errors drawn for a seed.
 
     Errors are given by parameter; each is drawn evenly up to it, either way.
     """
     factor = {
-        name: 1.0
-        + error * float(random_stream(seed, 'parameter_error', config.name, name).uniform(-1, 1))
+        name: 1.0 + error * float(random_stream(seed, 'parameter_error', config.name, name).uniform(-1, 1))
         for name, error in errors.items()
     }
     law: Any = config.bearing.friction  # a dataclass, as every law

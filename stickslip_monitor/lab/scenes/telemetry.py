@@ -180,9 +180,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
         own = _section(telemetry, bearing.name, [b.name for b in config.bearings])
         for quantity in QUANTITIES if 'level' not in own else INPUTS:
             if quantity not in bearing.inputs:
-                raise SceneError(
-                    f'telemetry.level: the configuration has no {bearing.name}.level.topic'
-                )
+                raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
             rate = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}').number(
                 'rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE
             )

@@ -206,11 +206,7 @@ class AlarmState(SentenceEnum):
     NORMAL = 'normal', 'A', 'Not active, nothing to acknowledge.'
     UNACKNOWLEDGED = 'unacknowledged', 'B', 'Active, not acknowledged.'
     ACKNOWLEDGED = 'acknowledged', 'C', 'Active, acknowledged.'
-    RETURNED = (
-        'returned_unacknowledged',
-        'D, E',
-        'Cleared, not acknowledged.',
-    )
+    RETURNED = ('returned_unacknowledged', 'D, E', 'Cleared, not acknowledged.')
     LATCHED = 'latched', 'F', 'Cleared and acknowledged, waits for its reset.'
     SHELVED = 'shelved', 'G', 'Shelved by a person until a set time.'
     SUPPRESSED = 'suppressed', 'H', 'Suppressed by design: the condition has no meaning now.'

@@ -159,9 +159,7 @@ def state_record(annunciator: Annunciator, time_ns: int) -> dict[str, Any]:
         'bearings': {
             name: {
                 'shaft_locked': annunciator.causes[name].shaft_locked,
-                'alarms': {
-                    kind.value: _kept(alarm, annunciator.now_ns) for kind, alarm in own.items()
-                },
+                'alarms': {kind.value: _kept(alarm, annunciator.now_ns) for kind, alarm in own.items()},
             }
             for name, own in annunciator.alarms.items()
         },

@@ -77,11 +77,7 @@ class Flood:
     def figures(self, now_ns: int) -> dict[str, Any]:
         """How many were raised lately and at most, and whether it is a flood."""
         self._pass(now_ns)
-        return {
-            'alarms_10min': len(self._times),
-            'most_10min': self.most,
-            'flooding': self._flooding,
-        }
+        return {'alarms_10min': len(self._times), 'most_10min': self.most, 'flooding': self._flooding}
 
     def _pass(self, now_ns: int) -> None:
         while self._times and now_ns - self._times[0] >= WINDOW_NS:
@@ -238,9 +234,7 @@ class Annunciator:
             return [self._give(worst, change)]
         return self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
 
-    def take_fault(
-        self, bearing: str, place: int, status: Status, time_ns: int
-    ) -> list[AlarmChange]:
+    def take_fault(self, bearing: str, place: int, status: Status, time_ns: int) -> list[AlarmChange]:
         """A sample of one input was refused for its value."""
         self.causes[bearing].take_fault(place, status, self.now_ns)
         return self._sync(bearing, time_ns)
@@ -252,12 +246,7 @@ class Annunciator:
         return []
 
     def act(
-        self,
-        action: Action,
-        time_ns: int,
-        by: str,
-        bearing: str | None = None,
-        kind: AlarmKind | None = None,
+        self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
     ) -> list[AlarmChange]:
         """Do what a person asks for.
 
@@ -290,9 +279,7 @@ class Annunciator:
         if kind is not None:
             below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
             # One matter: who knows of the worst knows of what it covers.
-            return [
-                a for a in own.values() if a.kind is kind or (below and self.covering(a) is kind)
-            ]
+            return [a for a in own.values() if a.kind is kind or (below and self.covering(a) is kind)]
         return [a for a in own.values() if action is not Action.SHELVE or a.state in STANDING]
 
     def _lock(self, action: Action, name: str, time_ns: int, by: str) -> list[AlarmChange]:
@@ -363,9 +350,7 @@ class Annunciator:
         """Whether an alarm stays until it is reset."""
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
 
-    def _fire(
-        self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str
-    ) -> list[AlarmChange]:
+    def _fire(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
         facts = Facts(
             suppressed=bool(alarm.suppressed_by),
             covered=self.covering(alarm) is not None,
@@ -412,6 +397,4 @@ class Annunciator:
 
 
 def _change(alarm: LiveAlarm, time_ns: int, what: str, before: AlarmState, by: str) -> AlarmChange:
-    return AlarmChange(
-        time_ns, alarm.bearing, alarm.kind, what, before, alarm.state, by, alarm.text
-    )
+    return AlarmChange(time_ns, alarm.bearing, alarm.kind, what, before, alarm.state, by, alarm.text)

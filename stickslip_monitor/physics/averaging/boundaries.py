@@ -101,9 +101,7 @@ class StationaryAmplitudes:
     stable: NDArray[np.bool_]
 
 
-def stationary_amplitudes(
-    bearing: Bearing, speed: ArrayLike, load: ArrayLike
-) -> StationaryAmplitudes:
+def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> StationaryAmplitudes:
     """Amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
 
     Args:
@@ -169,9 +167,7 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
     return result
 
 
-def amplitude_rate(
-    bearing: Bearing, speed: ArrayLike, load: ArrayLike, amplitude: ArrayLike
-) -> FloatArray:
+def amplitude_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike, amplitude: ArrayLike) -> FloatArray:
     """Growth ``dA/dt`` of a vibration of displacement amplitude ``A`` under first-order KBM.
 
     Args:

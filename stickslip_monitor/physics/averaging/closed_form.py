@@ -26,11 +26,7 @@ import numpy as np
 from scipy.special import i0e, i1e
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.physics.averaging.quadrature import (
-    crossing_angle,
-    friction_harmonic,
-    gauss_rule,
-)
+from stickslip_monitor.physics.averaging.quadrature import crossing_angle, friction_harmonic, gauss_rule
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.oscillator import damping_per_load
 from stickslip_monitor.physics.roots import newton_on_bracket
@@ -179,11 +175,7 @@ def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray
     sine = (0.5 * np.pi / (1.0 + r)) * np.maximum(i1e(v) - 0.5 * kappa * v, 0.0)
     start = np.minimum(np.arcsin(np.minimum(sine, 1.0)), highest)
     theta = newton_on_bracket(
-        lambda x, speed, drag: _beyond_limit(x, speed, drag, r),
-        np.zeros_like(v),
-        highest,
-        start,
-        (v, kappa),
+        lambda x, speed, drag: _beyond_limit(x, speed, drag, r), np.zeros_like(v), highest, start, (v, kappa)
     )
     half = np.sin(0.5 * theta)
     amplitude: FloatArray = v + 2.0 * v * half * half / np.cos(theta)
@@ -274,9 +266,7 @@ def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatAr
     return np.maximum(alpha / law.decay, speed)
 
 
-def threshold_amplitude(
-    law: Stribeck, speed: FloatArray, damping: float, load: FloatArray
-) -> FloatArray:
+def threshold_amplitude(law: Stribeck, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
     """Velocity amplitude of the unstable cycle [m/s], for speeds between Hopf and fold."""
     # How far the speed is past the Hopf speed, beta V + ln kappa, is near kappa = 1 so small a
     # difference that the amplitude would be off by 1e-10 with the digits of a double: it is taken

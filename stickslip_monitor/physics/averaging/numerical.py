@@ -190,9 +190,7 @@ def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> Floa
     return np.fmax.reduce(np.where(stable > 0.0, amplitude, np.nan), axis=1, initial=np.nan)
 
 
-def threshold_amplitude(
-    law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray
-) -> FloatArray:
+def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
     """Velocity amplitude of the smallest unstable cycle [m/s] about a stable equilibrium.
 
     ``nan`` where steady sliding is not stable or no cycle surrounds it.
@@ -262,18 +260,9 @@ def _brackets(
     turn, value = peaks(law, speed[p], GRID[c - 1], GRID[c + 1], -side)
     crossed = (value - q[p]) * side < 0.0
     p, c, turn, up = p[crossed], c[crossed], turn[crossed], (here <= 0.0).astype(float)[crossed]
-    left, right = (
-        np.concatenate([left, GRID[c - 1], turn]),
-        np.concatenate([right, turn, GRID[c + 1]]),
-    )
+    left, right = (np.concatenate([left, GRID[c - 1], turn]), np.concatenate([right, turn, GRID[c + 1]]))
     start = np.concatenate([start, 0.5 * (left + right)[start.size :]])
-    return (
-        np.concatenate([point, p, p]),
-        left,
-        right,
-        start,
-        np.concatenate([rising, up, 1.0 - up]),
-    )
+    return (np.concatenate([point, p, p]), left, right, start, np.concatenate([rising, up, 1.0 - up]))
 
 
 def _excess(
@@ -324,11 +313,7 @@ def _bent(above: FloatArray, doubt: FloatArray | float) -> BoolArray:
 
 
 def _turns(
-    law: FrictionLaw,
-    speed: FloatArray,
-    above: FloatArray,
-    p: IndexArray,
-    c: IndexArray,
+    law: FrictionLaw, speed: FloatArray, above: FloatArray, p: IndexArray, c: IndexArray
 ) -> tuple[IndexArray, IndexArray]:
     """Those triples that turn towards ``q``, by point and middle column."""
     left, here, right = (above[p, c + k] for k in range(3))

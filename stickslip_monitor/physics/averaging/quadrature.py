@@ -44,9 +44,7 @@ _STRETCHES = 400_000
 Integrand = Callable[[FloatArray, FloatArray, NDArray[np.intp]], tuple[FloatArray, ...]]
 
 
-def crossing_angle(
-    speed: FloatArray, amplitude: FloatArray, level: FloatArray | float
-) -> FloatArray:
+def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray | float) -> FloatArray:
     """Phase ``t`` in [0, pi] at which ``V - a cos t`` passes a level; clipped to the ends.
 
     The half-angle form keeps full precision at grazing, where ``arccos`` loses half its digits.
@@ -183,9 +181,7 @@ def friction_harmonic_and_slope(
     shape, speed, amplitude = speed.shape, speed.ravel(), amplitude.ravel()
     level = law.coefficient(speed)
 
-    def both(
-        v: FloatArray, cosine: FloatArray, element: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray]:
+    def both(v: FloatArray, cosine: FloatArray, element: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         varying = _varying(law, v, level[element])
         return varying * cosine, law.slope(v) * cosine * cosine
 
@@ -236,9 +232,7 @@ def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatAr
     return np.where(still, -law.slope(speed), 2.0 * friction_harmonic(law, speed, a) / a)
 
 
-def slope_and_derivative(
-    law: FrictionLaw, x: FloatArray, speed: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def slope_and_derivative(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """``rho`` and its derivative along the amplitude coordinate [s/m]."""
     a = amplitude_at(x, speed)
     average, per_a = friction_harmonic_and_slope(law, speed, a)
@@ -261,10 +255,7 @@ def golden_maximum(
         fresh = np.where(left_wins, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
         f_fresh = height(fresh)
         inner, outer = np.where(left_wins, fresh, outer), np.where(left_wins, inner, fresh)
-        f_inner, f_outer = (
-            np.where(left_wins, f_fresh, f_outer),
-            np.where(left_wins, f_inner, f_fresh),
-        )
+        f_inner, f_outer = (np.where(left_wins, f_fresh, f_outer), np.where(left_wins, f_inner, f_fresh))
     return np.where(f_inner > f_outer, inner, outer), np.maximum(f_inner, f_outer)
 
 
@@ -282,15 +273,11 @@ def surface_rows(law: FrictionLaw, speed: FloatArray) -> FloatArray:
     for start in range(0, speed.size, _SPEEDS):
         part = speed[start : start + _SPEEDS]
         grid, wide = np.broadcast_arrays(GRID, part[:, None])
-        rows[start : start + _SPEEDS] = slope_surface(law, grid.ravel(), wide.ravel()).reshape(
-            grid.shape
-        )
+        rows[start : start + _SPEEDS] = slope_surface(law, grid.ravel(), wide.ravel()).reshape(grid.shape)
     return rows
 
 
-def peak_and_place(
-    law: FrictionLaw, speed: FloatArray, rows: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def peak_and_place(law: FrictionLaw, speed: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """``max_a rho(a; V)`` [s/m] and the amplitude coordinate where it stands.
 
     Args:

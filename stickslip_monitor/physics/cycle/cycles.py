@@ -141,9 +141,7 @@ class Cycle:
         return time, x, v
 
 
-def _beginning(
-    bearing: Bearing, speed: float, load: float, start: float, slips: bool
-) -> MotionState:
+def _beginning(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
     """The state in which a cycle begins, from the place in :class:`.FoundCycles`."""
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
     place = float(field.force[0]) * scalar_law.highest_static(bearing.friction) - field.damping
@@ -165,9 +163,7 @@ def _found(bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool) 
     return found
 
 
-def _one_by_one(
-    bearing: Bearing, speed: FloatArray, load: FloatArray, wanted: float
-) -> FoundCycles:
+def _one_by_one(bearing: Bearing, speed: FloatArray, load: FloatArray, wanted: float) -> FoundCycles:
     law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
     columns = np.full((7, speed.size), np.nan).tolist()
     slip.cycles_of_points(law.plain, body, speed.tolist(), load.tolist(), wanted, columns)
@@ -183,8 +179,7 @@ def _decided(
     rows = np.flatnonzero(why_no_cycles(bearing, speed, load) == CycleKind.STICK_SLIP)
     rows = rows[kind[rows] != CycleKind.UNRESOLVED]
     below, above = (
-        _reaches_belt(bearing, speed[rows] * share, load[rows])
-        for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
+        _reaches_belt(bearing, speed[rows] * share, load[rows]) for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
     )
     if not stable:  # something has to part stable sliding from stick-slip (Poincare and Bendixson)
         parts = rows[below & above & (kind[rows] == CycleKind.NONE)]
@@ -260,9 +255,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return _cycle(bearing, speed, load, stable=False)
 
 
-def exact_amplitude(
-    bearing: Bearing, speed: ArrayLike, load: ArrayLike, many: bool = False
-) -> Any:
+def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike, many: bool = False) -> Any:
     """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle`; ``nan`` without one.
 
     Of many points it is right to 1e-9, at half the price.

@@ -234,13 +234,7 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
     sticks = landed & ((one.place <= 0.0) | np.isnan(one.over))
     sticking = np.maximum(-one.place, 0.0)
     stuck = FoundCycles(
-        nothing + STICK_SLIP,
-        one.turns[0],
-        one.turns[1],
-        one.time,
-        sticking,
-        nothing,
-        nothing - np.inf,
+        nothing + STICK_SLIP, one.turns[0], one.turns[1], one.time, sticking, nothing, nothing - np.inf
     )
     put_cycles(found, sticks, _some(stuck, sticks))
     rows = np.flatnonzero(landed & ~sticks)
@@ -288,9 +282,7 @@ def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles
     jumps *= (start + jump) / (start - stroke - jump)
     nothing = np.zeros(first.size)
     exponent = one.divergence + np.log(np.abs(jumps))
-    found = FoundCycles(
-        nothing + OVERTAKING, one.turns[0], one.turns[1], one.time, nothing, start, exponent
-    )
+    found = FoundCycles(nothing + OVERTAKING, one.turns[0], one.turns[1], one.time, nothing, start, exponent)
     lost = np.flatnonzero((one.end != LANDED) | np.isnan(one.over))
     put_cycles(found, lost, absent_cycles(np.full(lost.size, UNRESOLVED)))
     return found

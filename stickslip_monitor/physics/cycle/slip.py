@@ -247,9 +247,7 @@ def motion_fades(medium: Medium, direction: float, energy: float, now: float, z:
     return ESCAPED if through or now > _ESCAPED_SHARE * (1.0 + energy) else GOES_ON
 
 
-def follow_slip(
-    law: LawInUse, medium: Medium, e: float, z: float, orbit: Orbit, weigh: float
-) -> Followed:
+def follow_slip(law: LawInUse, medium: Medium, e: float, z: float, orbit: Orbit, weigh: float) -> Followed:
     """Follow one orbit from a displacement and a relative speed to its end.
 
     Args:
@@ -280,9 +278,7 @@ def follow_slip(
             if not abs(h) > _SHORTEST_SLIP:
                 break
             continue
-        event, s, after = slip_event(
-            law, medium, orbit, stage, state, SlipEvent(GOES_ON, length, after)
-        )
+        event, s, after = slip_event(law, medium, orbit, stage, state, SlipEvent(GOES_ON, length, after))
         if weigh > 0.0:
             divergence += step_divergence(law, medium, state, s)
         time, state = time + s, after
@@ -495,9 +491,7 @@ def why_no_cycle(law: LawInUse, body: Oscillator, speed: float, load: float) -> 
     return STICK_SLIP
 
 
-def amplitude_of_cycle(
-    law: LawInUse, body: Oscillator, speed: float, load: float, wanted: float
-) -> float:
+def amplitude_of_cycle(law: LawInUse, body: Oscillator, speed: float, load: float, wanted: float) -> float:
     """Half the peak-to-peak displacement of the stable cycle [m]; ``nan`` where there is none."""
     found = stable_cycle(law, body, speed, load, wanted, ONLY)
     omega = math.sqrt(body.stiffness / body.mass)

@@ -238,9 +238,7 @@ def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
     for name, values in (('time', time), ('speed', speed), ('load', load)):
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            raise PhysicsError(
-                f'drive {name}[{bad[0]}] = {values[bad[0]]:g} must be a finite number'
-            )
+            raise PhysicsError(f'drive {name}[{bad[0]}] = {values[bad[0]]:g} must be a finite number')
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         index = int(back[0])
@@ -389,8 +387,6 @@ def _starting_phase(law: LawInUse, body: march.Body, drive: Drive, state: Motion
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    lines = march.Lines(
-        drive.time[:1].tolist(), *(c[:1].tolist() for c in (*drive.speed.T, *drive.load.T))
-    )
+    lines = march.Lines(drive.time[:1].tolist(), *(c[:1].tolist() for c in (*drive.speed.T, *drive.load.T)))
     e = body.omega * state.displacement
     return Phase(march.phase_at_rest(law, body, march.course_at(body, lines, 0, 0.0), e, 0))

@@ -180,9 +180,7 @@ def medium_of(law: LawInUse, body: Body, at: DriveAt, side: float) -> Medium:
     speed, rise = side * at.speed, side * at.rise
     offset = rise + body.damping * speed - at.force * law.top
     offset_rate = body.damping * rise - at.force_rate * law.top
-    return Medium(
-        1.0, at.force, body.damping, offset, 0.0, speed, at.force_rate, offset_rate, rise
-    )
+    return Medium(1.0, at.force, body.damping, offset, 0.0, speed, at.force_rate, offset_rate, rise)
 
 
 def dips(begin: SlipState, end: SlipState, h: float) -> bool:
@@ -257,9 +255,7 @@ def rounding_of(law: LawInUse, body: Body, at: DriveAt, e: float) -> float:
     return _ROUNDING * (inner + abs(e) + law.hold * abs(at.force))
 
 
-def stick_advance(
-    law: LawInUse, body: Body, at: DriveAt, e: float, stalled: int, left: float
-) -> Advance:
+def stick_advance(law: LawInUse, body: Body, at: DriveAt, e: float, stalled: int, left: float) -> Advance:
     """One step of sticking, up to the release in it.
 
     The friction needed less what the belt can hold, on each side a parabola of the time.
@@ -347,9 +343,7 @@ def about_place(law: LawInUse, body: Body, at: DriveAt, medium: Medium, place: P
     if place.z == 0.0 and (offset < 0.0 or offset <= slack):
         offset = 0.0
     speed, force, damping, _, origin, drift, force_rate, offset_rate, drift_rate = medium
-    return Medium(
-        speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate
-    )
+    return Medium(speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate)
 
 
 def phase_after(law: LawInUse, body: Body, at: DriveAt, e: float, event: int, sign: int) -> int:
@@ -406,6 +400,4 @@ def march(
             phase = 0 if held else phase_after(law, body, at, omega * x, event, phase)
             log.time[events], log.phase[events] = base + (time + rest), phase
             events += 1
-    return Now(
-        status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled
-    )
+    return Now(status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled)

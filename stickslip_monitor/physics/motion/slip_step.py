@@ -18,23 +18,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from stickslip_monitor.physics.dop853 import (
-    A1,
-    A2,
-    A3,
-    A4,
-    A5,
-    A6,
-    A7,
-    A8,
-    A9,
-    A10,
-    A11,
-    E3,
-    E5,
-    B,
-    C,
-)
+from stickslip_monitor.physics.dop853 import A1, A2, A3, A4, A5, A6, A7, A8, A9, A10, A11, E3, E5, B, C
 from stickslip_monitor.physics.scalar_law import friction_drop, friction_slope
 
 
@@ -261,9 +245,7 @@ def cut_step(
     return s, state
 
 
-def until_kink(
-    own: Any, kinks: Sequence[float], medium: Medium, state: SlipState, h: float
-) -> float:
+def until_kink(own: Any, kinks: Sequence[float], medium: Medium, state: SlipState, h: float) -> float:
     """Length of a step, cut where the relative speed comes to a kink of the law.
 
     A step over one is refused where the jump of the law's second derivative matters. Kinks so

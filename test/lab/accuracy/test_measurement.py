@@ -129,8 +129,7 @@ def test_csv_round_trip_to_the_last_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'),
-    [('', 'is no measurement'), ('a,b\n1,2\n', 'is no measurement'), (None, 'no number')],
+    ('text', 'words'), [('', 'is no measurement'), ('a,b\n1,2\n', 'is no measurement'), (None, 'no number')]
 )
 def test_what_is_no_measurement_is_refused(tmp_path, text, words):
     write_csv(columns([row()]), tmp_path / 'a.csv')

@@ -21,12 +21,7 @@ ONSET, FOLD = 26.0, 40.7231
 
 
 def passage(
-    number: int = 0,
-    rate: float = 0.2,
-    *,
-    by: float = 1.0,
-    level: bool = True,
-    knocks: tuple[float, ...] = (),
+    number: int = 0, rate: float = 0.2, *, by: float = 1.0, level: bool = True, knocks: tuple[float, ...] = ()
 ) -> Evidence:
     """The passage at a rate [rpm/s], all speeds ``by`` a factor, with knocks at seconds."""
     half = 40.0 / rate

@@ -9,12 +9,7 @@ import pytest
 from slow_passages import BEARING, FOLD, RPM, passage, reports
 
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.calibrate import (
-    Calibration,
-    Evidence,
-    calibrate,
-    read_levels,
-)
+from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence, calibrate, read_levels
 from stickslip_monitor.physics.averaging.boundaries import fold_speed
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
@@ -44,9 +39,7 @@ def fold(found: Calibration, p: float = 0.5) -> float:
     ],
 )
 def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> None:
-    found = of(
-        [passage(k, rate) for k, rate in enumerate(RATES)], replace(DRAWN_WRONG, friction=law)
-    )
+    found = of([passage(k, rate) for k, rate in enumerate(RATES)], replace(DRAWN_WRONG, friction=law))
     assert fold(found) == pytest.approx(FOLD, rel=0.02)
     assert fold(found, 0.05) < FOLD < fold(found, 0.95) < 1.1 * fold(found, 0.05)
     # The bearing that is used instead has this fold itself.

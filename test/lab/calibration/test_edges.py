@@ -24,10 +24,7 @@ def test_the_reference_has_both_boundaries() -> None:
 
 @pytest.mark.parametrize(
     'bearing',
-    [
-        replace(BEARING, friction=Stribeck(0.1, 0.3, 10.0)),
-        replace(BEARING, friction=Coulomb(0.1, 0.1)),
-    ],
+    [replace(BEARING, friction=Stribeck(0.1, 0.3, 10.0)), replace(BEARING, friction=Coulomb(0.1, 0.1))],
 )
 def test_a_bearing_without_a_fold_cannot_be_calibrated(bearing: object) -> None:
     with pytest.raises(CalibrationError, match='needs a bearing with a fold'):

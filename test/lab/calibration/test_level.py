@@ -75,10 +75,7 @@ BAD: dict[str, tuple[Callable[[], LevelBins], str]] = {
     'stuck': (lambda: level(np.full(4000, -20.0), SLOWER), 'it stays at -20.0 dB'),
     'noise alone': (lambda: level(NOISE), 'of the values between them'),
     'another speed': (lambda: level(-20.0 + NOISE, SLOWER), 'of the values between them'),
-    'a drift': (
-        lambda: level(np.linspace(-20.0, 0.0, 4000) + NOISE),
-        'of the values between them',
-    ),
+    'a drift': (lambda: level(np.linspace(-20.0, 0.0, 4000) + NOISE), 'of the values between them'),
 }
 
 

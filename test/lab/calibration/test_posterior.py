@@ -21,9 +21,7 @@ def edges(*speeds: float, load: float = 1000.0) -> Edges:
     """Ends at some speeds [m/s], each of a recording of its own, on a slow passage."""
     column = np.full(20, load)
     course = TelemetryBins('bag', np.arange(20) * 10**9, np.full(20, 0.2), column)
-    track = ReportedCourse(
-        course, (REPORT,), np.arange(20.0), np.full(20, 0.2), column, np.ones(20)
-    )
+    track = ReportedCourse(course, (REPORT,), np.arange(20.0), np.full(20, 0.2), column, np.ones(20))
     ends = [
         End(REPORT, f'bag {k}', float(k), np.tile([speed, load], (25, 1)), 0.0)
         for k, speed in enumerate(speeds)
@@ -41,9 +39,7 @@ def test_without_an_end_the_prior_is_left() -> None:
     by = np.array([1.0, slope])
     assert found.middle == pytest.approx((0.0, 0.0), abs=0.04)
     # To first order; the fold bends with the load.
-    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(
-        math.sqrt(by @ PRIOR.covariance @ by), rel=0.1
-    )
+    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(math.sqrt(by @ PRIOR.covariance @ by), rel=0.1)
     assert math.sqrt(found.covariance[1, 1]) == pytest.approx(math.sqrt(0.30), rel=0.05)
 
 

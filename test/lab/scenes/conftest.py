@@ -43,9 +43,7 @@ SCENE: dict[str, Any] = {
 
 def _bearing(changes: dict[str, Any]) -> dict[str, Any]:
     """The reference bearing, with some quantities replaced and some inputs' keys too."""
-    return BEARING | {
-        k: BEARING.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()
-    }
+    return BEARING | {k: BEARING.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()}
 
 
 @pytest.fixture
@@ -57,9 +55,7 @@ def scene_path(tmp_path: Path) -> Callable[..., Path]:
     other arguments are what differs in the scene (None: left out).
     """
 
-    def write(
-        bearings: dict[str, Any] | str | None = None, rate: float = 0.0, **changes: Any
-    ) -> Path:
+    def write(bearings: dict[str, Any] | str | None = None, rate: float = 0.0, **changes: Any) -> Path:
         given = bearings if isinstance(bearings, dict) else KNOWN[bearings]
         own = {name: _bearing(changes) for name, changes in given.items()}
         if rate:

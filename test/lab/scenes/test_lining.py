@@ -64,9 +64,7 @@ def told(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[An
     return {name: (np.array(times), values) for name, (times, values) in found.items()}
 
 
-def events(
-    found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene
-) -> dict[str, list[float]]:
+def events(found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) -> dict[str, list[float]]:
     """Seconds of each kind of event."""
     kinds: dict[str, list[float]] = {}
     for text in found['events'][1]:
@@ -95,9 +93,7 @@ def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
 def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None:
     """White noise on a grid, joined linearly, has density ``sigma^2 dt sinc^4(omega dt/2)``."""
     rpm, sigma = 60.0, 5.0
-    scene = make_scene(
-        effects=effects([[0, rpm]], deviation=sigma, motion={'rate': 50.0}), duration=80.0
-    )
+    scene = make_scene(effects=effects([[0, rpm]], deviation=sigma, motion={'rate': 50.0}), duration=80.0)
     speed = rpm * RPM
     found = told(scene)
     x = np.array(found['displacement'][1])
@@ -110,9 +106,7 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
         stiff = STIFFNESS - MASS * omega * omega
         return float(force / (stiff * stiff + (damping * omega) ** 2) / np.pi)
 
-    variance = sum(
-        quad(density, a, b, limit=500)[0] for a, b in ((0, 190), (190, 210), (210, 2000))
-    )
+    variance = sum(quad(density, a, b, limit=500)[0] for a, b in ((0, 190), (190, 210), (210, 2000)))
     assert x.mean() == pytest.approx(1000.0 * mu / STIFFNESS, rel=1e-3)
     # Some 80 s * sigma = 3 per second of independent energy: 10 % in the standard deviation.
     assert x.std() == pytest.approx(math.sqrt(variance), rel=0.2)
@@ -121,14 +115,10 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
 
 
 @pytest.mark.parametrize(('part', 'sticks'), [(0.97, False), (1.03, True)])
-def test_a_knock_beyond_the_threshold_starts_stick_slip(
-    make_scene: Make, part: float, sticks: bool
-) -> None:
+def test_a_knock_beyond_the_threshold_starts_stick_slip(make_scene: Make, part: float, sticks: bool) -> None:
     """At 34 rpm the unstable cycle's amplitude is 0.592815 mm; a blow J gives ``J/(m omega)``."""
     impulse = part * 0.592815e-3 * MASS * OMEGA
-    scene = make_scene(
-        effects=effects([[0, 34]], deviation=0.0, knocks=[[1.005, impulse]]), duration=8.0
-    )
+    scene = make_scene(effects=effects([[0, 34]], deviation=0.0, knocks=[[1.005, impulse]]), duration=8.0)
     kinds = events(told(scene), scene)
     assert ('first_stick' in kinds) is sticks
     assert 'last_stick' not in kinds
@@ -189,9 +179,7 @@ def test_with_and_without_numba_the_bits_are_the_same(
 # Episodes, with a gap of one second allowed.
 
 
-def watch(
-    *sticks: tuple[float, float], until: float = 100.0
-) -> list[tuple[str, float, float, int, float]]:
+def watch(*sticks: tuple[float, float], until: float = 100.0) -> list[tuple[str, float, float, int, float]]:
     """Name, when known, when it was, number of sticks and time of sticking of each event."""
     episodes = Episodes(1.0)
     events: list[EpisodeEvent] = []
@@ -208,15 +196,19 @@ def watch(
     [
         # Sticks with short gaps are one episode.
         (
-            [(10.0, 10.25), (11.0, 11.25), (12.25, 12.5)], 100.0,
+            [(10.0, 10.25), (11.0, 11.25), (12.25, 12.5)],
+            100.0,
             [('first_stick', 11.0, 10.0, 1, 0.25), ('last_stick', 13.5, 12.5, 3, 0.75)],
         ),
         # A longer gap parts two.
         (
-            [(10.0, 10.25), (11.0, 11.25), (12.5, 12.75), (13.0, 13.5)], 100.0,
+            [(10.0, 10.25), (11.0, 11.25), (12.5, 12.75), (13.0, 13.5)],
+            100.0,
             [
-                ('first_stick', 11.0, 10.0, 1, 0.25), ('last_stick', 12.25, 11.25, 2, 0.5),
-                ('first_stick', 13.0, 12.5, 1, 0.25), ('last_stick', 14.5, 13.5, 2, 0.75),
+                ('first_stick', 11.0, 10.0, 1, 0.25),
+                ('last_stick', 12.25, 11.25, 2, 0.5),
+                ('first_stick', 13.0, 12.5, 1, 0.25),
+                ('last_stick', 14.5, 13.5, 2, 0.75),
             ],
         ),
         # Single sticks are none.
@@ -225,7 +217,7 @@ def watch(
         ([(10.0, 10.25), (11.0, 11.5)], 12.5, [('first_stick', 11.0, 10.0, 1, 0.25)]),
         ([(10.0, 10.25), (11.0, math.inf)], 50.0, [('first_stick', 11.0, 10.0, 1, 0.25)]),
     ],
-)  # fmt: skip
+)
 def test_sticks_are_joined_to_episodes(
     sticks: list[tuple[float, float]], until: float, expected: list[Any]
 ) -> None:
@@ -281,12 +273,7 @@ def drift(parameter: str, points: list[list[float]], **more: Any) -> dict[str, A
 
 
 @pytest.mark.parametrize(
-    'law',
-    [
-        Stribeck(0.3, 0.1, 10.0, 0.02),
-        Coulomb(0.3, 0.1),
-        Tabulated([0.0, 0.1, 0.3], [0.3, 0.2, 0.1]),
-    ],
+    'law', [Stribeck(0.3, 0.1, 10.0, 0.02), Coulomb(0.3, 0.1), Tabulated([0.0, 0.1, 0.3], [0.3, 0.2, 0.1])]
 )
 def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
     scaled = with_parameters(law, {'factor': 1.3})

@@ -41,13 +41,7 @@ BEARING = CONFIG.bearings[0]
 
 
 @pytest.mark.parametrize(
-    'start',
-    [
-        NOON_NS,
-        '2026-05-04T14:00:00+02:00',
-        '2026-05-04 12:00:00',
-        dt.datetime(2026, 5, 4, 12),
-    ],
+    'start', [NOON_NS, '2026-05-04T14:00:00+02:00', '2026-05-04 12:00:00', dt.datetime(2026, 5, 4, 12)]
 )
 def test_start_is_a_time_or_nanoseconds(make_scene: MakeScene, start: Any) -> None:
     assert make_scene(start=start).start_ns == NOON_NS
@@ -85,9 +79,7 @@ def test_numbers_are_what_the_sensor_sends(make_scene: MakeScene, messages_of: M
         np.testing.assert_allclose(raw, 3.0 * rpm, rtol=1e-14)
 
 
-def test_noise_is_white_and_depends_on_its_seed_alone(
-    make_scene: MakeScene, messages_of: MessagesOf
-) -> None:
+def test_noise_is_white_and_depends_on_its_seed_alone(make_scene: MakeScene, messages_of: MessagesOf) -> None:
     n = 50_000
     noisy = {'rate': 500.0, 'effects': [{'sensor_noise': NOISE}]}
     scene = make_scene(**noisy)
@@ -191,6 +183,8 @@ def test_functions_are_right_and_the_same_with_other_vector_instructions() -> No
     done = subprocess.run(
         [sys.executable, '-W', 'ignore', '-c', CODE],
         env=os.environ | {'NPY_DISABLE_CPU_FEATURES': ' '.join(found)},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.strip() == own

@@ -142,10 +142,7 @@ def test_a_wrong_effect_is_told(make_scene: MakeScene, text: str, sentence: str)
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        (
-            'time,value\n0,1\n5,2\n\n5,3\n',
-            ' line 5 is at 5 s, but times must rise and the',
-        ),
+        ('time,value\n0,1\n5,2\n\n5,3\n', ' line 5 is at 5 s, but times must rise and the'),
         ('time,value\n0,fast\n', " line 2 = '0,fast' must be two numbers: time in s, value"),
         ('time,value\n', ' has no rows'),
         ('t,rpm\n0,1\n', " must begin with a line 'time,value'"),
@@ -246,9 +243,7 @@ def test_what_the_telemetry_cannot_carry_is_refused(
         messages_of(make_scene(bearings, 1.0, effects=[effect]), 7.0)
 
 
-def test_files_that_are_no_scenes_are_named(
-    tmp_path: Path, scene_path: Callable[..., Path]
-) -> None:
+def test_files_that_are_no_scenes_are_named(tmp_path: Path, scene_path: Callable[..., Path]) -> None:
     path = tmp_path / 'scene.yaml'
     for text in ('scene: [', 'a: 1\na: 2\n', '', '3', '[]'):
         path.write_text(text, 'utf-8')

@@ -7,14 +7,7 @@ from itertools import product
 
 import pytest
 
-from stickslip_monitor.monitor.alarms.alarm import (
-    ALWAYS,
-    TABLE,
-    AlarmState,
-    Facts,
-    Trigger,
-    follow,
-)
+from stickslip_monitor.monitor.alarms.alarm import ALWAYS, TABLE, AlarmState, Facts, Trigger, follow
 
 EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
 CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)
@@ -39,8 +32,7 @@ def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
     left = {
         trigger
         for trigger, facts in product(Trigger, EVERY_FACTS)
-        if not facts.active
-        and follow(AlarmState.LATCHED, trigger, facts) is not AlarmState.LATCHED
+        if not facts.active and follow(AlarmState.LATCHED, trigger, facts) is not AlarmState.LATCHED
     }
     # 'raise' and 'covered' come with an active cause.
     assert left - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
@@ -79,8 +71,6 @@ def test_the_published_transitions() -> None:
         (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE),
     ],
 )
-def test_what_comes_back_with_its_cause_is_given_again(
-    state: AlarmState, trigger: Trigger
-) -> None:
+def test_what_comes_back_with_its_cause_is_given_again(state: AlarmState, trigger: Trigger) -> None:
     assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
     assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED

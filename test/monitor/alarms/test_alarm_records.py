@@ -13,11 +13,7 @@ import pytest
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import (
-    alarms_record,
-    recall_state,
-    state_record,
-)
+from stickslip_monitor.monitor.alarms.alarm_records import alarms_record, recall_state, state_record
 from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
@@ -112,11 +108,7 @@ def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ('schema', 'stickslip_monitor/alarm_state/2', "'stickslip_monitor/alarm_state/2' must be"),
         ('time', '12', "the document: time = '12' is not of its type"),
         ('bearings', KeyError, "the document has no 'bearings'"),
-        (
-            'bearings.aft.alarms.stick_slip.state',
-            'loud',
-            "aft.stick_slip: there is no state 'loud'",
-        ),
+        ('bearings.aft.alarms.stick_slip.state', 'loud', "aft.stick_slip: there is no state 'loud'"),
         ('bearings.aft.alarms.stick_slip.active', KeyError, "aft.stick_slip has no 'active'"),
         ('bearings.aft.alarms.smoke', {}, "aft: there is no alarm 'smoke'"),
     ],

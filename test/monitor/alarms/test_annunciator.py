@@ -52,9 +52,7 @@ class Panel:
         return self._hears(self.condition, 'aft: anew', onset=True)
 
     def _hears(self, before: Condition, text: str, onset: bool = False) -> Panel:
-        event = Event(
-            'aft', self.stamp, before, self.condition, None, onset, {}, text, onset=onset
-        )
+        event = Event('aft', self.stamp, before, self.condition, None, onset, {}, text, onset=onset)
         self.log += self.alarms.take_event(event)
         return self
 
@@ -72,9 +70,7 @@ class Panel:
         return self
 
     def does(self, action: str, kind: str | None = None, by: str = 'Ada') -> list[AlarmChange]:
-        changes = self.alarms.act(
-            Action(action), self.stamp, by, 'aft', AlarmKind(kind) if kind else None
-        )
+        changes = self.alarms.act(Action(action), self.stamp, by, 'aft', AlarmKind(kind) if kind else None)
         self.log += changes
         return changes
 
@@ -161,8 +157,7 @@ def test_absurd_values(panel: Build) -> None:
     aft.at(3).absurd()
     assert aft.states == {'input_implausible': 'unacknowledged'}
     assert aft.log[-1].text == (
-        'aft: Input speed implausible: values on /shaft/speed are beyond the largest plausible'
-        ' magnitude.'
+        'aft: Input speed implausible: values on /shaft/speed are beyond the largest plausible magnitude.'
     )
     aft.does('acknowledge')
     aft.at(12.9)

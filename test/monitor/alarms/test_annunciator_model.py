@@ -19,18 +19,8 @@ from sequences import BEARINGS
 
 from stickslip_monitor import assess, build_config
 from stickslip_monitor.monitor.alarms.alarm import LATCHING, RUNG_OF, AlarmKind, AlarmState
-from stickslip_monitor.monitor.alarms.alarm_records import (
-    alarms_record,
-    recall_state,
-    state_record,
-)
-from stickslip_monitor.monitor.alarms.annunciator import (
-    ON_SHOW,
-    Action,
-    AlarmChange,
-    Annunciator,
-    LiveAlarm,
-)
+from stickslip_monitor.monitor.alarms.alarm_records import alarms_record, recall_state, state_record
+from stickslip_monitor.monitor.alarms.annunciator import ON_SHOW, Action, AlarmChange, Annunciator, LiveAlarm
 from stickslip_monitor.monitor.ladder import LADDER, Condition
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
@@ -154,11 +144,7 @@ class Life(RuleBasedStateMachine):
         recall_state(fresh, document, self.now + down)
         for kind, alarm in self.own().items():
             found = fresh.alarms['b'][kind]
-            assert (found.state, found.since_ns, found.by) == (
-                alarm.state,
-                alarm.since_ns,
-                alarm.by,
-            )
+            assert (found.state, found.since_ns, found.by) == (alarm.state, alarm.since_ns, alarm.by)
         self.annunciator, self.now = fresh, 0
         self.condition, self.rung = Condition.NORMAL, 0
 

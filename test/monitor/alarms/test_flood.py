@@ -61,13 +61,8 @@ def test_eight_hours_of_chatter_about_every_threshold_are_no_flood(configure: Co
     mean = np.repeat(levels, 7200)
     rpm = mean + 0.8 * np.sin(2.0 * math.pi * time / 9.0) + random.normal(0.0, 0.8, time.size)
     # The load comes and goes: with gaps of just above and just below its timeout of 5 s.
-    sent = [
-        Message(t, Input.SPEED, t, n) for t, n in zip(time.tolist(), rpm.tolist(), strict=True)
-    ]
-    sent += [
-        Message(t, Input.LOAD, t, 1000.0)
-        for t in np.cumsum(random.choice([4.8, 5.2], 5600)).tolist()
-    ]
+    sent = [Message(t, Input.SPEED, t, n) for t, n in zip(time.tolist(), rpm.tolist(), strict=True)]
+    sent += [Message(t, Input.LOAD, t, 1000.0) for t in np.cumsum(random.choice([4.8, 5.2], 5600)).tolist()]
     stream = stream_of(sorted(m for m in sent if m.arrival < 8 * 3600.0))
     given, most = _watch(config, stream, 8)
     crossings = int(np.sum(np.abs(np.diff(np.sign(rpm - mean))) > 0))

@@ -33,9 +33,7 @@ SPREAD = {
     'beta V = 1e4': (20.0, 50.0, 8e-7, 0.3, 1e3),
 }
 spread = pytest.mark.parametrize('size', SPREAD.values(), ids=SPREAD)
-TWO_FALLS = Tabulated(
-    [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
-)
+TWO_FALLS = Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15])
 LAWS = {
     'stribeck': Stribeck(0.30, 0.10, 10.0),
     'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
@@ -52,21 +50,15 @@ def _bearing(law: FrictionLaw, damping: float = 400.0) -> Bearing:
 
 
 @spread
-def test_hopf_speed_to_twelve_digits(
-    size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any
-) -> None:
+def test_hopf_speed_to_twelve_digits(size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any) -> None:
     """``-ln(kappa)/beta`` at 40 digits (PHYSICS.md)."""
     bearing, load = make_bearing(*size)
     g = oracle.groups(bearing, 1.0, load)
-    assert hopf_speed(bearing, load) == pytest.approx(
-        float(oracle.hopf(g.kappa) / g.decay), rel=1e-12
-    )
+    assert hopf_speed(bearing, load) == pytest.approx(float(oracle.hopf(g.kappa) / g.decay), rel=1e-12)
 
 
 @spread
-def test_fold_speed_to_twelve_digits(
-    size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any
-) -> None:
+def test_fold_speed_to_twelve_digits(size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any) -> None:
     """The integrated balance at ``a = V`` changes its sign within 1e-12 of the fold speed."""
     bearing, load = make_bearing(*size)
     g = oracle.groups(bearing, 1.0, load)
@@ -128,9 +120,7 @@ def test_viscous_rise_acts_as_damping(reference: Bearing, oracle: Any) -> None:
         (Tabulated([0.0, 0.1, 0.2, 0.5], [0.1, 0.2, 0.25, 0.3]), 0.0, 1e9),
     ],
 )
-def test_without_enough_fall_there_is_no_boundary(
-    law: FrictionLaw, damping: float, load: float
-) -> None:
+def test_without_enough_fall_there_is_no_boundary(law: FrictionLaw, damping: float, load: float) -> None:
     """PHYSICS.md: no Hopf speed when kappa >= 1, nor where friction does not fall at all."""
     bearing = _bearing(law, damping)
     assert np.isnan(hopf_speed(bearing, load))
@@ -157,9 +147,7 @@ def test_astern_mirrors_ahead(name: str) -> None:
     np.testing.assert_array_equal(ahead.stable, astern.stable)
     for function in (hopf_load, fold_load):
         np.testing.assert_array_equal(function(bearing, -speed), function(bearing, speed))
-    np.testing.assert_array_equal(
-        growth_rate(bearing, -speed, 900.0), growth_rate(bearing, speed, 900.0)
-    )
+    np.testing.assert_array_equal(growth_rate(bearing, -speed, 900.0), growth_rate(bearing, speed, 900.0))
 
 
 def test_growth_rate_is_the_eigenvalue_of_the_linear_system(reference: Bearing) -> None:

@@ -9,11 +9,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.physics.averaging import numerical, quadrature
-from stickslip_monitor.physics.averaging.boundaries import (
-    fold_speed,
-    hopf_speed,
-    stationary_amplitudes,
-)
+from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck, Tabulated
 from stickslip_monitor.physics.oscillator import Bearing
@@ -22,9 +18,7 @@ STRIBECK = Stribeck(0.30, 0.10, 10.0)
 # c/N [s/m] of kappa = 0.5, 0.2, 0.02, 0.002
 DAMPING = np.array([1.0, 0.4, 0.04, 0.004])
 
-TWO_FALLS = Tabulated(
-    [0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]
-)
+TWO_FALLS = Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15])
 
 
 class Sharper(Stribeck):
@@ -60,9 +54,7 @@ def test_of_stribecks_law_it_finds_what_the_closed_forms_say() -> None:
         assert fold[i] == pytest.approx(fold_speed(bearing, 1.0), rel=2e-11)
         speed = 0.5 * (fold[i] + hopf_speed(bearing, 1.0))
         both = stationary_amplitudes(bearing, speed, 1.0).amplitude
-        found, stable = numerical.cycles(
-            STRIBECK, np.array([speed]), 1.0, 1.0 / DAMPING[i : i + 1]
-        )
+        found, stable = numerical.cycles(STRIBECK, np.array([speed]), 1.0, 1.0 / DAMPING[i : i + 1])
         np.testing.assert_allclose(found[0], both, rtol=2e-11)
         assert stable[0].tolist() == [0.0, 1.0]
 
@@ -117,11 +109,7 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
     """
     fine = np.unique(
         np.concatenate(
-            [
-                g + np.diff(quadrature.GRID) * k / 8
-                for k in range(8)
-                for g in [quadrature.GRID[:-1]]
-            ]
+            [g + np.diff(quadrature.GRID) * k / 8 for k in range(8) for g in [quadrature.GRID[:-1]]]
         )
     )[1:]
     for law in _random_tables(4):

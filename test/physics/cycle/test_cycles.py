@@ -143,9 +143,7 @@ def test_overtaking_closes_under_the_reference(zeta, eta, speed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)]
-)
+@pytest.mark.parametrize(('eta', 'kappa', 'speed'), [(0.2, 0.2, 1.78), (0.2, 0.2, 2.1319), (1e-6, 0.2, 1.8)])
 def test_the_unstable_cycle_and_its_multiplier(eta, kappa, speed):
     # The return map in 40 digits: its fixed point, and its slope by a difference of 1e-15.
     bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
@@ -176,9 +174,7 @@ def test_branches_meet_at_the_fold():
         bearing, load = unit_bearing(kappa * eta / 2.0), eta / 0.2
         speed = exact_fold_speed(bearing, load) * (1.0 - 1e-12)
         stable = exact_cycle(bearing, speed, load).amplitude
-        assert exact_unstable_cycle(bearing, speed, load).amplitude == pytest.approx(
-            stable, rel=1e-10
-        )
+        assert exact_unstable_cycle(bearing, speed, load).amplitude == pytest.approx(stable, rel=1e-10)
 
 
 @pytest.mark.parametrize('points', [1, 40])  # one after another, and together as arrays
@@ -282,9 +278,7 @@ def test_hard_cases_end_named_and_bounded(eta, kappa):
 
 def test_a_table_has_a_cycle_at_every_speed_alone_and_together():
     """A step far beyond its measured speeds left the range of numbers: the orbit ended there."""
-    law = Tabulated(
-        [0, 0.30, 0.316, 0.406, 0.423, 0.49], [0.30, 0.108, 0.1094, 0.1037, 0.1031, 0.1029]
-    )
+    law = Tabulated([0, 0.30, 0.316, 0.406, 0.423, 0.49], [0.30, 0.108, 0.1094, 0.1037, 0.1031, 0.1029])
     bearing = Bearing(1.0, 66.9, 1e4, law, 0.1)
     speed = np.linspace(0.05, 0.6, 111)
     cycle = exact_cycle(bearing, speed, 2200.0)

@@ -42,9 +42,7 @@ def test_coulomb_damper_stops_where_it_must() -> None:
     x, side, swings = 2.0e-3, 1.0, 0
     while abs(x) > static:
         x, side, swings = side * kinetic - ratio * (x - side * kinetic), -side, swings + 1
-    motion = integrate(
-        bearing, Drive.constant(0.0, LOAD, 1.0), MotionState(2.0e-3, 0.0), compiled=False
-    )
+    motion = integrate(bearing, Drive.constant(0.0, LOAD, 1.0), MotionState(2.0e-3, 0.0), compiled=False)
     assert motion.transitions.time == pytest.approx(half * np.arange(1, swings + 1), rel=1e-12)
     assert (motion.transitions.after == Phase.STICK).tolist() == [False] * (swings - 1) + [True]
     assert motion.final.displacement == pytest.approx(x, rel=1e-11)
@@ -87,9 +85,7 @@ def test_hard_cases_end_and_are_finite(name: str) -> None:
 def test_rising_coulomb_law_does_not_chatter() -> None:
     """By Filippov's convex hull the lining sticks until the kinetic limit."""
     bearing = replace(REFERENCE, friction=Coulomb(0.1, 0.3))
-    motion = integrate(
-        bearing, Drive.constant(0.05, LOAD, 1.0), MotionState(0.0, 0.0), compiled=False
-    )
+    motion = integrate(bearing, Drive.constant(0.05, LOAD, 1.0), MotionState(0.0, 0.0), compiled=False)
     release = (0.3 * LOAD - bearing.damping * 0.05) / bearing.stiffness / 0.05
     assert motion.transitions.time == pytest.approx([release], rel=1e-12)
 
@@ -130,11 +126,7 @@ def test_overflow_is_an_outcome() -> None:
     assert motion.displacement.size == 0
 
 
-GRID = {
-    'time': [0.0, 1.0, 3.0, 4.5],
-    'speed': [0.1, 0.3, -0.2, 0.0],
-    'load': [1e3, 0.0, 500.0, 200.0],
-}
+GRID = {'time': [0.0, 1.0, 3.0, 4.5], 'speed': [0.1, 0.3, -0.2, 0.0], 'load': [1e3, 0.0, 500.0, 200.0]}
 
 
 def test_a_drive_joins_its_samples_by_straight_lines() -> None:
@@ -164,9 +156,7 @@ def test_bad_drives_are_named(changes: dict[str, list[float]], message: str) -> 
 
 # Order, drift, and the same numbers however a motion is cut or computed.
 INSTANTS = np.linspace(0.0, 1.0, 51)
-VARYING = Drive.sampled(
-    INSTANTS, 0.09 * np.cos(5.0 * INSTANTS), 800.0 + 500.0 * np.sin(9.0 * INSTANTS)
-)
+VARYING = Drive.sampled(INSTANTS, 0.09 * np.cos(5.0 * INSTANTS), 800.0 + 500.0 * np.sin(9.0 * INSTANTS))
 LAWS = [
     Stribeck(0.3, 0.1, 10.0, 0.02),
     Coulomb(0.3, 0.12),
@@ -226,9 +216,7 @@ def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
     whole = integrate(bearing, VARYING, MotionState(0.0, 0.0), times, compiled=False)
     parts, state, cuts = [], MotionState(0.0, 0.0), (1, 2, 3, 20, 37)
     for first, last in zip((0, *cuts), (*cuts, 50), strict=True):
-        drive = Drive(
-            INSTANTS[first : last + 1], VARYING.speed[first:last], VARYING.load[first:last]
-        )
+        drive = Drive(INSTANTS[first : last + 1], VARYING.speed[first:last], VARYING.load[first:last])
         mine = times[(times > drive.start) & (times <= drive.end)]
         mine = mine if first else np.append(0.0, mine)
         parts.append(integrate(bearing, drive, state, mine, compiled=False))
@@ -257,9 +245,7 @@ def test_many_cycles_do_not_drift() -> None:
     t = motion.transitions
     releases = t.time[t.before == Phase.STICK][2:]
     assert releases.size > cycles
-    assert (releases[-1] - releases[0]) / (releases.size - 1) == pytest.approx(
-        exact.period, rel=1e-12
-    )
+    assert (releases[-1] - releases[0]) / (releases.size - 1) == pytest.approx(exact.period, rel=1e-12)
     for x in (motion.displacement[:2001], motion.displacement[2001:]):
         assert 0.5 * np.ptp(x) == pytest.approx(exact.amplitude, rel=1e-5)
 

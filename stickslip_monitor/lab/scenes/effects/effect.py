@@ -17,14 +17,7 @@ from stickslip_monitor.bags.encode import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scenes.lining import FrictionCourse
 from stickslip_monitor.lab.scenes.settings import Settings, random_stream
-from stickslip_monitor.lab.scenes.telemetry import (
-    Channel,
-    Memory,
-    Sensor,
-    Shaft,
-    Signal,
-    TimeBlock,
-)
+from stickslip_monitor.lab.scenes.telemetry import Channel, Memory, Sensor, Shaft, Signal, TimeBlock
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 

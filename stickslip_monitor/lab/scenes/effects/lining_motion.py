@@ -91,8 +91,7 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
         for config, course in bearings:
             values = _operating_point(config, course, block, time)
             block.truth.extend(
-                Column(topic(config.name, name), FLOAT64, time, value)
-                for name, value in values.items()
+                Column(topic(config.name, name), FLOAT64, time, value) for name, value in values.items()
             )
 
     run.effects.append(record)
@@ -115,8 +114,7 @@ def _operating_point(
             fold[own] = fold_speed(bearing, carried[own])
     margins = {'hopf_margin': hopf, 'fold_margin': fold}
     return {'speed': speed, 'load': load} | {
-        name: np.round(margin(np.abs(speed), boundary), _DIGITS)
-        for name, boundary in margins.items()
+        name: np.round(margin(np.abs(speed), boundary), _DIGITS) for name, boundary in margins.items()
     }
 
 
@@ -276,9 +274,7 @@ class FollowedLining:
         for (samples, _), own in zip(self._asked, asked, strict=True):
             samples.add(motion[:, np.searchsorted(times, own)])
         ended, events = self._episodes.see(changes, end)
-        self._sticks += [
-            (round(time, _INSTANTS), round(duration, _INSTANTS)) for time, duration in ended
-        ]
+        self._sticks += [(round(time, _INSTANTS), round(duration, _INSTANTS)) for time, duration in ended]
         for event in events:
             more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
             only = more if event.name == 'last_stick' else {}

@@ -237,9 +237,7 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     shifts_ns = np.cumsum([0, *(round(by * 1e9) for _, by in jumps)])
     edges = [*times.tolist(), run.duration]
     for number, (begin, end) in enumerate(pairwise(edges), 1):
-        first, last = (
-            run.start_ns + int(shifts_ns[number]) + round(time * 1e9) for time in (begin, end)
-        )
+        first, last = (run.start_ns + int(shifts_ns[number]) + round(time * 1e9) for time in (begin, end))
         if first < 0 or last >= channel.stamps_end_ns:
             raise SceneError(
                 f'{settings.label("jumps")}: jump {number} takes the clock out of the range of'
@@ -263,9 +261,7 @@ def _jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
     return jumps
 
 
-@channel_effect(
-    'recording', INPUTS, 'delay', 'windows', 'share', section='which messages are late'
-)
+@channel_effect('recording', INPUTS, 'delay', 'windows', 'share', section='which messages are late')
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Delays some messages."""
     require_header(channel, 'none of its messages can be out of order')

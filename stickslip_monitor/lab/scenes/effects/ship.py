@@ -120,9 +120,7 @@ def _speeds(settings: Settings, unit: str) -> dict[str, float]:
     return speeds
 
 
-def _orders(
-    settings: Settings, speeds: dict[str, float], duration: float
-) -> tuple[FloatArray, FloatArray]:
+def _orders(settings: Settings, speeds: dict[str, float], duration: float) -> tuple[FloatArray, FloatArray]:
     """When each order is given, and the speed it asks for."""
     rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
     for name, order in rows:
@@ -195,9 +193,7 @@ _SHORTEST = 0.1
 _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 
-@channel_effect(
-    'shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre'
-)
+@channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
 def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Adds the load of a sea, the same for all bearings."""
     unit, factor = unit_of(settings, channel)

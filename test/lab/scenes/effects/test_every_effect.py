@@ -115,6 +115,13 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
     fresh = {key: random_stream(7, *key).bit_generator.state for key in full}
     used = {key[0] for key in full if full[key] != fresh[key]}
     assert used == {
-        'load_in_waves', 'sensor_noise', 'spikes', 'not_a_number', 'clock_jitter', 'out_of_order',
-        'repeated_stamps', 'dropout', 'vibration_background',
-    }  # fmt: skip
+        'load_in_waves',
+        'sensor_noise',
+        'spikes',
+        'not_a_number',
+        'clock_jitter',
+        'out_of_order',
+        'repeated_stamps',
+        'dropout',
+        'vibration_background',
+    }

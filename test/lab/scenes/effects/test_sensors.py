@@ -32,9 +32,7 @@ SPEED, LOAD = '/shaft/speed', '/bearing/aft/load'
 def send(make_scene: MakeScene, messages_of: MessagesOf) -> Send:
     """The numbers that the two sensors send, at some rate [Hz]."""
 
-    def numbers(
-        *effects: dict[str, Any], rate: float = 100.0, length: float = 60.0
-    ) -> tuple[Any, Any]:
+    def numbers(*effects: dict[str, Any], rate: float = 100.0, length: float = 60.0) -> tuple[Any, Any]:
         sent = messages_of(make_scene(effects=list(effects), rate=rate), length)
         return sent[SPEED].raw, sent[LOAD].raw
 
@@ -129,9 +127,7 @@ CLOCK = {'load_profile': {'unit': 'N', 'points': [[0, 0], [100, 100]]}}
 NS = 10**9
 
 
-def load_of(
-    make_scene: MakeScene, messages_of: MessagesOf, *effects: Any, **more: Any
-) -> Messages:
+def load_of(make_scene: MakeScene, messages_of: MessagesOf, *effects: Any, **more: Any) -> Messages:
     bearings, rate = more.pop('bearings', 'stamped'), more.pop('rate', 10.0)
     scene = make_scene(bearings, rate, effects=[CLOCK, *effects])
     return messages_of(scene, *more.values())[LOAD]
@@ -172,8 +168,7 @@ def test_clock_jumps_add_up(make_scene: MakeScene, messages_of: MessagesOf) -> N
 
 
 @pytest.mark.parametrize(
-    ('effect', 'share'),
-    [('dropout', 0.1), ('repeated_stamps', 0.3), ('not_a_number', 0.2), ('spikes', 0.05)],
+    ('effect', 'share'), [('dropout', 0.1), ('repeated_stamps', 0.3), ('not_a_number', 0.2), ('spikes', 0.05)]
 )
 def test_shares_and_windows_choose_the_messages(
     make_scene: MakeScene, messages_of: MessagesOf, effect: str, share: float
@@ -201,9 +196,7 @@ def test_shares_and_windows_choose_the_messages(
     assert among.tolist() == (alone & inside).tolist()
 
 
-def test_late_messages_come_behind_younger_ones(
-    make_scene: MakeScene, messages_of: MessagesOf
-) -> None:
+def test_late_messages_come_behind_younger_ones(make_scene: MakeScene, messages_of: MessagesOf) -> None:
     late = {'out_of_order': {'load': {'delay': 0.25, 'share': 0.1}}}
     found = load_of(make_scene, messages_of, late, rate=100.0)
     stamps = START + np.arange(10_001) * 10**7
