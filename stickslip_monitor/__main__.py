@@ -5,4 +5,5 @@ import sys
 
 from stickslip_monitor.cli import main
 
-sys.exit(main())
+if __name__ == '__main__':
+    sys.exit(main())

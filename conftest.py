@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What holds for every test."""
+"""What holds for every test, and what the examples of docstrings take for granted."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ import inspect
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+
+import stickslip_monitor
+from stickslip_monitor.physics.scalar_law import scalar_law
 
 # How long drawing takes is the machine's affair.
 settings.register_profile('any machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -22,6 +26,15 @@ def caches(tmp_path_factory: pytest.TempPathFactory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('XDG_CACHE_HOME', str(tmp_path_factory.mktemp('caches')))
         yield
+
+
+@pytest.fixture(autouse=True, scope='session')
+def examples(doctest_namespace: dict[str, Any]) -> None:
+    """The names that docs/api.md says its examples begin with."""
+    public = {name: getattr(stickslip_monitor, name) for name in stickslip_monitor.__all__}
+    law = stickslip_monitor.Stribeck(static=0.30, kinetic=0.10, decay=10.0)
+    reference = stickslip_monitor.Bearing(50.0, 400.0, 2.0e6, law, journal_diameter=0.100)
+    doctest_namespace |= public | {'np': np, 'bearing': reference, 'scalar_law': scalar_law}
 
 
 @pytest.fixture
