@@ -57,7 +57,7 @@ ONLY_IN = {
     'mcap': ('bags/',),
     'mcap_ros2': ('bags/',),
     'prometheus_client': ('dashboard/',),
-    'pyarrow': ('tables/parquet.py',),
+    'pyarrow': ('tables/table.py',),
     'rcl_interfaces': ('ros/',),
     'rclpy': ('ros/',),
     'rich': ('commands/', 'cli.py'),

@@ -18,7 +18,7 @@ from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import NO_VALUES
-from stickslip_monitor.tables.headings import parse_heading
+from stickslip_monitor.tables.dialect import parse_heading
 
 FLOAT64 = 'std_msgs/msg/Float64'
 COARSE = 10.0

@@ -22,11 +22,9 @@ from stickslip_monitor.bags.event_order import StepClock
 from stickslip_monitor.bags.recording import Bound, Progress, Recording, missing_topic
 from stickslip_monitor.bags.values import Fault, Findings, Message, Request, Series, TimeSpans, TopicInfo
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import open_file
 from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.tables import parquet
-from stickslip_monitor.tables.headings import parse_heading, with_unit
-from stickslip_monitor.tables.table import NumberTable, Rows, TextTable, some_cells, texts_of
+from stickslip_monitor.tables.dialect import parse_heading, with_unit
+from stickslip_monitor.tables.table import Rows, open_table, some_cells, texts_of
 
 _NAME = re.compile(r'tag|tag ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id')
 _VALUE = re.compile(r'value|wert|val')
@@ -56,7 +54,7 @@ class TableRecording(Recording):
 
     def __init__(self, path: Path) -> None:
         self.path, self.files = path, (path,)
-        self.table = _table(path)
+        self.table = open_table(path)
         self._findings = Findings()
         for text in self.table.said:
             self._findings.note(text)
@@ -231,12 +229,6 @@ def _kind(column: LogColumn) -> str:
     quantity = {'rpm': 'speed', 'rad/s': 'speed', 'Hz': 'speed', 'N': 'load', 'kN': 'load'}
     found = quantity.get(column.unit)
     return f'column in {column.unit}' + (f', may be the {found}' if found else '')
-
-
-def _table(path: Path) -> NumberTable:
-    with open_file(path) as file:
-        is_parquet = file.read(len(parquet.MAGIC)) == parquet.MAGIC
-    return parquet.ParquetTable(path) if is_parquet else TextTable(path)
 
 
 class TableReading:
