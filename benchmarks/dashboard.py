@@ -19,8 +19,8 @@ from benchmarks.table import NOT_INSTALLED, Table, absent
 from scripts.make_screenshot import CHROMIUM, Page, program
 from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.dashboard.access import Access
+from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.dashboard.server import Server
-from stickslip_monitor.dashboard.state import DashboardState
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.messages import BearingState, bearing_record

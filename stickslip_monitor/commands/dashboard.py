@@ -32,8 +32,12 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
     from stickslip_monitor.dashboard.replay import Replay
-    from stickslip_monitor.dashboard.state import DashboardState, EventLog
-    from stickslip_monitor.dashboard.watched import BearingView, WatchedMonitor
+    from stickslip_monitor.dashboard.seen_monitors import (
+        BearingView,
+        DashboardState,
+        EventLog,
+        WatchedMonitor,
+    )
     from stickslip_monitor.ros.other_nodes import Listener, Watcher
 
 DEFAULT_PORT = 8370
@@ -76,7 +80,7 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     need_extra()
-    from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
     if args.bag is not None and args.log is not None:
         raise ConfigurationError('--log is for a running monitor: a replay is not kept')
@@ -120,7 +124,7 @@ def _space(node: str) -> str:
 
 def watched(config: MonitorConfig, source: str, node: str = '', replay: bool = False) -> WatchedMonitor:
     """A monitor that is to be shown: what it is called, and the full name of its node if any."""
-    from stickslip_monitor.dashboard.watched import WatchedMonitor
+    from stickslip_monitor.dashboard.seen_monitors import WatchedMonitor
 
     views = [bearing_view(bearing) for bearing in config.bearings]
     shelve_time = config.shelve_time_ns * 1e-9
@@ -135,7 +139,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         RosError: The file cannot be used, or another dashboard uses it.
         AlarmStateError: What is in it is not a log.
     """
-    from stickslip_monitor.dashboard.state import LOG_SCHEMA, EventLog
+    from stickslip_monitor.dashboard.seen_monitors import LOG_SCHEMA, EventLog
 
     if args.log is None:
         yield EventLog()
@@ -244,7 +248,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         speed: The least speed that the map goes to [m/s]; it goes past the fold in any case.
         load: The load that it goes to [N]; 0 for what suits the bearing.
     """
-    from stickslip_monitor.dashboard.watched import BearingView
+    from stickslip_monitor.dashboard.seen_monitors import BearingView
 
     bearing, alarm = config.bearing, config.alarm
     highest = map_ranges(bearing)[1][1]

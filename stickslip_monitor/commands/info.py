@@ -18,7 +18,7 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.commands.check_records import bag_record
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
-from stickslip_monitor.report.formatting import date, is_dated, minute
+from stickslip_monitor.report.summary import date, is_dated, minute
 
 SCHEMA = 'stickslip_monitor/info/1'
 

@@ -12,8 +12,7 @@ import argparse
 from typing import Any
 
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.drawing.map import boundaries, draw_map, map_columns, map_ranges
-from stickslip_monitor.drawing.track import Track, track_of_scan
+from stickslip_monitor.drawing.map import Track, boundaries, draw_map, map_columns, map_ranges, track_of_scan
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 

@@ -40,8 +40,7 @@ from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.state_file import StateFile
 
 if TYPE_CHECKING:
-    from stickslip_monitor.dashboard.state import DashboardState
-    from stickslip_monitor.dashboard.watched import WatchedMonitor
+    from stickslip_monitor.dashboard.seen_monitors import DashboardState, WatchedMonitor
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk_client import SignalKClient
 
@@ -243,7 +242,7 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
         yield None
         return
     dashboard.need_extra()
-    from stickslip_monitor.dashboard.state import DashboardState
+    from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
     with dashboard.event_log(args) as log:
         monitor = dashboard.watched(config, args.node or args.config, args.node or '')

@@ -7,7 +7,7 @@ left out rather than repeated, so that nobody takes an old value for a new one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from typing import Any
 
 from prometheus_client import CollectorRegistry
@@ -15,8 +15,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
-from stickslip_monitor.dashboard.state import DashboardState
-from stickslip_monitor.dashboard.watched import NOT_MONITORING, WatchedMonitor
+from stickslip_monitor.dashboard.seen_monitors import NOT_MONITORING, DashboardState, WatchedMonitor
 from stickslip_monitor.monitor.alarms.alarm import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.ladder import MEASURED, Condition
@@ -60,8 +59,8 @@ _STATES = (
 class Metrics(Collector):
     """Reads the board; ``nan`` is never exposed: what has no value is left out."""
 
-    def __init__(self, board: DashboardState) -> None:
-        self._board = board
+    def __init__(self, board: DashboardState, readers: Sized) -> None:
+        self._board, self._readers = board, readers
         self._registry = CollectorRegistry()
         self._registry.register(self)
 
@@ -77,7 +76,7 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Every metric."""
         board = self._board
-        yield _family('dashboard_readers', 'Pages that are open.', [], [([], len(board.hub.readers))])
+        yield _family('dashboard_readers', 'Pages that are open.', [], [([], len(self._readers))])
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
             yield _family('link_up', text, ['link'], [([name], up) for name, up in links])

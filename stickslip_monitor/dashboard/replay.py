@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import Series
-from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph

@@ -28,8 +28,7 @@ from stickslip_monitor.dashboard.access import (
     guard,
 )
 from stickslip_monitor.dashboard.metrics import Metrics
-from stickslip_monitor.dashboard.state import DashboardState, event_of
-from stickslip_monitor.dashboard.watched import OFFERED
+from stickslip_monitor.dashboard.seen_monitors import OFFERED, DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, parse_request
 
@@ -51,6 +50,81 @@ _JSON = 'application/json'
 SLOWEST_REQUEST = 10.0
 """How long the content of a request may take to come [s]."""
 _PAGE = Path(__file__).parent / 'page'
+MOST_READERS = 200
+KEPT_READERS = 12
+"""Of these so many are kept for people who have signed in, however many programs listen."""
+
+
+class Reader:
+    """One open stream: of each kind of event the newest that it has not been sent yet.
+
+    So what waits for a reader that does not read is bounded by the number of kinds, and one that
+    is slow skips what is out of date.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, bytes] = {}
+        self._something = asyncio.Event()
+        self.closed = False
+
+    def put(self, key: str, event: bytes) -> None:
+        """Let an event wait, in place of an older one of its kind."""
+        self._waiting.pop(key, None)
+        self._waiting[key] = event
+        self._something.set()
+
+    def close(self) -> None:
+        """End the stream."""
+        self.closed = True
+        self._something.set()
+
+    async def take(self) -> bytes:
+        """All that waits, as soon as there is something."""
+        await self._something.wait()
+        self._something.clear()
+        events, self._waiting = self._waiting, {}
+        return b''.join(events.values())
+
+
+class Hub:
+    """Hands events to every reader."""
+
+    def __init__(self) -> None:
+        self.readers: set[Reader] = set()
+
+    def join(self, signed_in: bool = True) -> Reader:
+        """A new reader, who has signed in at the page or not.
+
+        Raises:
+            DashboardError: There are too many.
+        """
+        most = MOST_READERS if signed_in else MOST_READERS - KEPT_READERS
+        if len(self.readers) >= most:
+            raise DashboardError(f'{most} pages are open already; close one')
+        reader = Reader()
+        self.readers.add(reader)
+        return reader
+
+    def leave(self, reader: Reader) -> None:
+        """A reader has gone."""
+        self.readers.discard(reader)
+
+    def close(self) -> None:
+        """End all streams."""
+        for reader in self.readers:
+            reader.close()
+
+    def send(self, kind: str, document: dict[str, Any], key: str = '') -> None:
+        """Give an event to every reader; the key is that among others of its kind."""
+        event = event_of(kind, document)
+        for reader in self.readers:
+            reader.put(f'{kind} {key}', event)
+
+
+def event_of(kind: str, document: dict[str, Any]) -> bytes:
+    """An event as it goes over the wire."""
+    data = json.dumps(document, allow_nan=False, separators=(',', ':'))
+    return f'event: {kind}\ndata: {data}\n\n'.encode()
 
 
 class Server:
@@ -62,7 +136,9 @@ class Server:
 
     def __init__(self, board: DashboardState, access: Access, player: Replay | None = None) -> None:
         self._board, self._access, self._player = board, access, player
-        self._metrics = Metrics(board)
+        self.hub = Hub()
+        board.send = self.hub.send
+        self._metrics = Metrics(board, self.hub.readers)
         self._connections = Connections(MOST_CONNECTIONS, IDLE)
         self._listening: asyncio.Server | None = None
 
@@ -89,7 +165,7 @@ class Server:
         app.on_response_prepare.append(add_headers)
 
         async def end_streams(_: web.Application) -> None:
-            self._board.hub.close()
+            self.hub.close()
 
         app.on_shutdown.append(end_streams)
         return app
@@ -181,9 +257,8 @@ class Server:
         return response
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
-        hub = self._board.hub
         try:
-            reader = hub.join(not self._access.token or self._access.signed_in(request))
+            reader = self.hub.join(not self._access.token or self._access.signed_in(request))
         except DashboardError as error:
             return web.Response(status=503, text=f'{error}\n')
         headers = {
@@ -207,7 +282,7 @@ class Server:
             if request.transport is not None:
                 request.transport.abort()
         finally:
-            hub.leave(reader)
+            self.hub.leave(reader)
         return response
 
     async def _act(self, request: web.Request) -> web.Response:

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor.arrays import IndexArray
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.files import PICTURES, write_whole
 from stickslip_monitor.monitor.assessment import Regime
@@ -249,6 +250,39 @@ def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Reg
                 style='italic',
                 zorder=12,
             )
+
+
+def envelope(most: int, *columns: Any) -> IndexArray:
+    """Which points of a recording to draw, so that the line keeps its outline.
+
+    The points are taken in blocks of one length; of each block stay the least and the greatest
+    value of every column, at its own instant, and an interruption.
+
+    Args:
+        most: Points to draw, nearly; a shorter recording stays as it is.
+        columns: Values, each of shape (n,); ``nan`` interrupts the line.
+
+    Returns:
+        Indices in rising order, at most about ``most`` of them.
+    """
+    size = columns[0].size
+    blocks = max(1, most // (3 * len(columns)))
+    if size <= max(most, blocks):
+        return np.arange(size)
+    length = -(-size // blocks)
+    start = np.arange(0, size, length)
+    kept = [np.array([0, size - 1])]
+    for column in columns:
+        padded = np.append(column, np.full(start.size * length - size, np.nan)).astype(float)
+        table = padded.reshape(start.size, length)
+        missing = np.isnan(table)
+        kept += [
+            start + np.where(missing, np.inf, table).argmin(axis=1),
+            start + np.where(missing, -np.inf, table).argmax(axis=1),
+            (start + missing.argmax(axis=1))[missing.any(axis=1)],
+        ]
+    found = np.unique(np.concatenate(kept))
+    return found[found < size]
 
 
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:

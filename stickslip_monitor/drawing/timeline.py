@@ -14,7 +14,6 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.drawing.track import envelope
 from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
@@ -127,7 +126,7 @@ class _Lines:
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
         averaged = np.insert(scan.assessment.amplitude, self._breaks, np.nan)
         sticking = np.insert(scan.sticking, self._breaks, False)
-        kept = envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
+        kept = canvas.envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
         # Only at the points drawn: an exact cycle costs some microseconds.
         exact = at_indices(scan.assessment, rows[kept]).amplitude_exact * 1e3
         possible = np.where(rows[kept] < 0, np.nan, exact)
@@ -136,7 +135,7 @@ class _Lines:
     def line(self, *names: str) -> tuple[FloatArray, ...]:
         """Time and values of columns, thinned to their envelope; a break is nan, drawn nowhere."""
         values = [np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan) for n in names]
-        kept = envelope(self._most, *values)
+        kept = canvas.envelope(self._most, *values)
         return (self._time[kept], *(value[kept] for value in values))
 
 

@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 
 from stickslip_monitor import __version__
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.drawing.map import draw_map
+from stickslip_monitor.drawing.map import Track, draw_map, track_of_scan
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
-from stickslip_monitor.drawing.track import Track, track_of_scan
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS, InputConfig, MonitorConfig
@@ -30,7 +29,7 @@ from stickslip_monitor.monitor.source_faults import fault_text
 from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.input_check import InputReport
 from stickslip_monitor.offline.outline import condition_intervals
-from stickslip_monitor.report import formatting
+from stickslip_monitor.report import summary
 from stickslip_monitor.report.summary import GRADES, Course, Fact, Finding, facts, finding_of, overall
 
 MOST_EVENTS = 400
@@ -216,7 +215,7 @@ def _timeline_picture(anchor: str, course: Course) -> Picture:
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
         f' amplitude and alarm of {course.name} over time, with'
-        f' {formatting.count(len(events), "event")} marked. The table of events has the numbers.'
+        f' {summary.count(len(events), "event")} marked. The table of events has the numbers.'
     )
     wide, narrow = (
         canvas.inline_svg(draw_timeline(timeline, width), f'{anchor}-{key}', text)
@@ -246,7 +245,7 @@ def _input(item: InputReport, source: InputConfig) -> dict[str, Any]:
 def _wrong(item: InputReport) -> Sequence[str]:
     times = '\N{MULTIPLICATION SIGN}'
     return (
-        *(f'{formatting.grouped(f.count)} {times} {f.text}' for f in item.faults),
+        *(f'{summary.grouped(f.count)} {times} {f.text}' for f in item.faults),
         *(f'{item.quantity} {text}' for text in item.questions),
         *([item.fault] if item.fault else ()),
     )
@@ -293,7 +292,7 @@ def html_page(
         lstrip_blocks=True,
     )
     environment.filters |= {
-        name: getattr(formatting, name)
+        name: getattr(summary, name)
         for name in ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'minute', 'share')
     }
     environment.filters |= {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
@@ -306,7 +305,7 @@ def html_page(
         version=__version__,
         shown_events=shown_events,
         most_topics=_MOST_TOPICS,
-        is_dated=formatting.is_dated,
+        is_dated=summary.is_dated,
         config_path=config_path,
         config_digest=hashlib.sha256(Path(config_path).read_bytes()).hexdigest(),
         parameters=parameter_groups(

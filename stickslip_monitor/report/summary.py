@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict in sentences: what happened to a bearing, and to all of them."""
+"""The verdict in sentences: what happened to a bearing, and to all of them.
+
+Below it times, durations and quantities as a person reads them.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
@@ -13,13 +17,17 @@ from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.outline import ConditionInterval, Extreme, Verdicts, together
-from stickslip_monitor.report import formatting
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _MOST_NAMED = 10
 _WORDS = {'clear': 'Clear', 'unknown': 'No verdict', 'warning': 'Warning', 'alarm': 'Alarm'}
 GRADES = tuple(_WORDS)
 """The grades of a finding, the worst last."""
+# Keeps a number and its unit on one line.
+_SPACE = '\N{NO-BREAK SPACE}'
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+# A clock before this is one that counts from a start, a simulation's say: it has no date.
+_FIRST_DATE_NS = 10 * 365 * 86_400 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,18 +81,18 @@ def facts(course: Course) -> tuple[Fact, ...]:
     found = [
         Fact(
             'stick-slip predicted',
-            formatting.duration(sticking) if sticking else 'never',
-            f'{formatting.share(sticking, course.span)} of the time' if sticking else '',
+            duration(sticking) if sticking else 'never',
+            f'{share(sticking, course.span)} of the time' if sticking else '',
         )
     ]
     for name, title, shown in (
-        ('fold_margin', 'least fold margin', formatting.margin),
-        ('hopf_margin', 'least Hopf margin', formatting.margin),
-        ('amplitude', 'greatest amplitude', formatting.millimetres),
+        ('fold_margin', 'least fold margin', margin),
+        ('hopf_margin', 'least Hopf margin', margin),
+        ('amplitude', 'greatest amplitude', millimetres),
     ):
         if name in course.item.worst:
             extreme = course.item.worst[name]
-            note = f'{formatting.minute(extreme.time_ns)}, at {place(course, extreme)}'
+            note = f'{minute(extreme.time_ns)}, at {place(course, extreme)}'
             found.append(Fact(title, shown(extreme.value), note))
     return (*found, *_probabilities(course), *_measured(course))
 
@@ -101,7 +109,7 @@ def _probabilities(course: Course) -> tuple[Fact, ...]:
 def _measured(course: Course) -> tuple[Fact, ...]:
     if course.item.measured is None:
         return ()
-    lasting = {state: formatting.duration(seconds) for state, seconds in course.item.measured.items()}
+    lasting = {state: duration(seconds) for state, seconds in course.item.measured.items()}
     note = f'quiet for {lasting["quiet"]}, unknown for {lasting["unknown"]}'
     return (Fact('vibration measured', lasting['vibrating'], note),)
 
@@ -109,7 +117,7 @@ def _measured(course: Course) -> tuple[Fact, ...]:
 def place(course: Course, extreme: Extreme) -> str:
     """The operating point of an extreme, in words."""
     speed = float(course.config.bearing.speed.from_surface(extreme.point.speed, 'rpm'))
-    return f'{formatting.rpm(speed)} and {formatting.load(extreme.point.load)}'
+    return f'{rpm(speed)} and {load(extreme.point.load)}'
 
 
 def finding_of(course: Course) -> Finding:
@@ -154,12 +162,12 @@ def _total(parts: Iterable[ConditionInterval]) -> float:
 def _when(parts: Sequence[ConditionInterval]) -> str:
     """When the spells were, as the end of a sentence."""
     first, last = parts[0].start_ns, parts[-1].end_ns
-    day, other = formatting.date(first), formatting.date(last)
+    day, other = date(first), date(last)
     zone = ' UTC' if day else ''
     if len(parts) == 1 and day == other:
-        return f'from {formatting.minute(first)} to {formatting.minute(last)}{zone}' + _on(day)
-    later = f'{formatting.minute(last)}{zone}{_on(other)}'
-    earlier = formatting.minute(first) if day == other else f'{formatting.minute(first)}{zone}{_on(day)}'
+        return f'from {minute(first)} to {minute(last)}{zone}' + _on(day)
+    later = f'{minute(last)}{zone}{_on(other)}'
+    earlier = minute(first) if day == other else f'{minute(first)}{zone}{_on(day)}'
     return f'between {earlier} and {later}'
 
 
@@ -168,7 +176,7 @@ def _on(day: str) -> str:
 
 
 def _stuck(course: Course, sticking: Sequence[ConditionInterval]) -> str:
-    total = formatting.duration(_total(sticking))
+    total = duration(_total(sticking))
     often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
     return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_when(sticking)}.'
 
@@ -177,20 +185,14 @@ def _amplitude(course: Course) -> str:
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
-    text = (
-        f'The greatest predicted amplitude was {formatting.millimetres(extreme.value)}, at'
-        f' {place(course, extreme)}'
-    )
+    text = f'The greatest predicted amplitude was {millimetres(extreme.value)}, at {place(course, extreme)}'
     limit = course.config.alarm.amplitude_limit
     above = together(course.spells, (Condition.AMPLITUDE,))
     if above:
-        text += (
-            f'; the alarm for the limit of {formatting.millimetres(limit)} was active for'
-            f' {formatting.duration(_total(above))}'
-        )
+        text += f'; the alarm for the limit of {millimetres(limit)} was active for {duration(_total(above))}'
     elif math.isfinite(limit):
         below = 'below' if extreme.value <= limit else 'and not for long above'
-        text += f', {below} the limit of {formatting.millimetres(limit)}'
+        text += f', {below} the limit of {millimetres(limit)}'
     return f'{text}.'
 
 
@@ -198,8 +200,8 @@ def _close(course: Course, near: Sequence[ConditionInterval]) -> str:
     inside = _total(together(course.spells, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
-        text += f' for {formatting.duration(inside)} where a disturbance could have started it, and'
-    text += f' within the caution margin or closer for {formatting.duration(_total(near))}'
+        text += f' for {duration(inside)} where a disturbance could have started it, and'
+    text += f' within the caution margin or closer for {duration(_total(near))}'
     return f'{text}, {_when(near)}.'
 
 
@@ -207,7 +209,7 @@ def _least(course: Course) -> str:
     extreme = course.item.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
-    least = formatting.margin(extreme.value)
+    least = margin(extreme.value)
     return f'The least fold margin was {least}, at {place(course, extreme)}.'
 
 
@@ -220,8 +222,8 @@ def _lost(course: Course) -> str:
     if not seconds:
         return ''
     return (
-        f'An input was missing for {formatting.duration(seconds)}'
-        f' ({formatting.share(seconds, course.span)} of the time):'
+        f'An input was missing for {duration(seconds)}'
+        f' ({share(seconds, course.span)} of the time):'
         ' there is no verdict for that time.'
     )
 
@@ -251,3 +253,101 @@ def _cases(parts: Sequence[tuple[str, Finding]]) -> str:
     if recordings == len(parts):
         return 'recordings'
     return 'bearings' if recordings == 1 else 'bearings in recordings'
+
+
+# --- times, durations and quantities -----------------------------------------------------------
+
+
+def is_dated(time_ns: int) -> bool:
+    """Whether a time is a date and not a count from some start."""
+    return time_ns >= _FIRST_DATE_NS
+
+
+def _datetime(time_ns: int) -> datetime:
+    return _EPOCH + timedelta(microseconds=round(time_ns / 1000))
+
+
+def date(time_ns: int) -> str:
+    """The date in UTC; empty for a time without one."""
+    return _datetime(time_ns).strftime('%Y-%m-%d') if is_dated(time_ns) else ''
+
+
+def clock(time_ns: int) -> str:
+    """The time of day in UTC to a tenth of a second; seconds for a time without a date."""
+    if not is_dated(time_ns):
+        return f'{time_ns * 1e-9:.1f} s'
+    tenths = _EPOCH + timedelta(milliseconds=100 * round(time_ns / 10**8))
+    return f'{tenths:%H:%M:%S}.{tenths.microsecond // 100_000}'
+
+
+def minute(time_ns: int) -> str:
+    """The time of day in UTC to the second, for a sentence."""
+    if not is_dated(time_ns):
+        return f'{time_ns * 1e-9:.0f} s'
+    return f'{_EPOCH + timedelta(seconds=round(time_ns / 10**9)):%H:%M:%S}'
+
+
+def iso(time_ns: int) -> str:
+    """The time as ISO 8601 in UTC, for machines; empty for a time without a date."""
+    return _datetime(time_ns).strftime('%Y-%m-%dT%H:%M:%S.%fZ') if is_dated(time_ns) else ''
+
+
+def duration(seconds: float) -> str:
+    """A duration in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``."""
+    if not math.isfinite(seconds):
+        return 'for ever'
+    if seconds < 9.95:
+        return f'{seconds:.1f}{_SPACE}s'
+    whole = round(seconds)
+    for size, unit, smaller, small_unit in (
+        (86_400, 'd', 3600, 'h'),
+        (3600, 'h', 60, 'min'),
+        (60, 'min', 1, 's'),
+    ):
+        if whole >= size:
+            rest = whole % size // smaller
+            more = f'{_SPACE}{rest}{_SPACE}{small_unit}' if rest else ''
+            return f'{whole // size}{_SPACE}{unit}{more}'
+    return f'{whole}{_SPACE}s'
+
+
+def share(part: float, whole: float) -> str:
+    """A part of a whole in per cent; a small part is never nothing."""
+    if whole <= 0.0 or part <= 0.0:
+        return f'0{_SPACE}%'
+    percent = 100.0 * part / whole
+    if percent < 0.1:
+        return f'below 0.1{_SPACE}%'
+    return f'{percent:.1f}{_SPACE}%' if percent < 10.0 else f'{percent:.0f}{_SPACE}%'
+
+
+def margin(value: float) -> str:
+    """A margin in per cent, with its sign."""
+    if math.isinf(value):
+        return 'no boundary'
+    return f'{100.0 * value:+.1f}{_SPACE}%'.replace('-', '\N{MINUS SIGN}')
+
+
+def millimetres(metres: float) -> str:
+    """An amplitude in millimetres to three digits."""
+    return f'{metres * 1e3:.3g}{_SPACE}mm'
+
+
+def rpm(value: float) -> str:
+    """A shaft speed."""
+    return f'{value:.1f}{_SPACE}rpm'.replace('-', '\N{MINUS SIGN}')
+
+
+def load(newtons: float) -> str:
+    """A load, as in the sentences of alarms."""
+    return f'{newtons / 1e3:.4g}{_SPACE}kN'
+
+
+def count(number: int, what: str) -> str:
+    """A number with its noun: ``1 event``, ``1 250 events``."""
+    return f'{grouped(number)} {what}{"" if number == 1 else "s"}'
+
+
+def grouped(number: int) -> str:
+    """A whole number with narrow spaces between its thousands."""
+    return f'{number:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}')

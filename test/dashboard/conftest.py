@@ -62,8 +62,8 @@ class Dashboard:
     ) -> None:
         from stickslip_monitor.commands.dashboard import watched
         from stickslip_monitor.dashboard.access import Access
+        from stickslip_monitor.dashboard.seen_monitors import DashboardState
         from stickslip_monitor.dashboard.server import Server
-        from stickslip_monitor.dashboard.state import DashboardState
         from stickslip_monitor.monitor.config_file import load_config
 
         self._loop = asyncio.new_event_loop()

@@ -187,7 +187,7 @@ def test_it_comes_back_after_it_was_turned_away(
     """A browser by itself tries again after a broken connection, but not after a refusal."""
     dashboard.sail(60.0, 1000.0)
     with monkeypatch.context() as crowded:
-        crowded.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 0)
+        crowded.setattr('stickslip_monitor.dashboard.server.MOST_READERS', 0)
         browser.open(dashboard.url)
         browser.until('document.body.dataset.link === "lost"')
     browser.until(f'{STANDS} === "normal"')
@@ -335,7 +335,7 @@ def test_eight_tabs_share_one_stream(dashboard: Any, page: Any) -> None:
 
         page.until('document.title.includes("(1) ")')
         until(all_know, 'all tabs')
-        until(lambda: len(dashboard.board.hub.readers) == 1, 'the end of the others')
+        until(lambda: len(dashboard.server.hub.readers) == 1, 'the end of the others')
         # One that cannot be reached for a moment is there for actions, too.
         assert page.js('fetch("/page.css").then((answer) => answer.status)') == 200
     finally:
@@ -564,7 +564,7 @@ def test_each_priority_has_its_tone_and_so_has_silence(dashboard: Any, page: Any
 @pytest.fixture
 def fleet(dashboard: Any, browser: Any) -> Any:
     """Twenty-five bearings on one shaft, whose speed is lost at 22; one is in stick-slip."""
-    from stickslip_monitor.dashboard.watched import Watched
+    from stickslip_monitor.dashboard.seen_monitors import Watched
 
     shown = dashboard.ship.shown
     dashboard.sail(20.0, 1000.0, 5.0)
@@ -633,7 +633,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
 
 
 def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None:
-    from stickslip_monitor.dashboard.watched import Watched
+    from stickslip_monitor.dashboard.seen_monitors import Watched
 
     dashboard.sail(20.0, 1000.0, 5.0)
     shown = dashboard.ship.shown

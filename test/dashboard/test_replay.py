@@ -17,7 +17,7 @@ from stickslip_monitor.offline.check import check_recording
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 
 from stickslip_monitor.dashboard import replay
-from stickslip_monitor.dashboard.state import DashboardState
+from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
 BAG = ROOT / 'bags' / 'history_above'
 

@@ -93,7 +93,7 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
     deaf = socket.create_connection(('127.0.0.1', dashboard.port))
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     deaf.sendall(b'GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n')
-    hub = dashboard.board.hub
+    hub = dashboard.server.hub
     until(lambda: len(hub.readers) == 1, 'the one')
     (one,) = hub.readers
     # More than the system takes on its behalf: from here on whatever comes must wait.
@@ -135,10 +135,10 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
 
 
 def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.state.MOST_READERS', 1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.MOST_READERS', 1)
     # The last ones are kept for people who have signed in.
     with pytest.raises(DashboardError, match='are open already'):
-        dashboard.board.hub.join(signed_in=False)
+        dashboard.server.hub.join(signed_in=False)
 
     async def work(session: Any) -> None:
         async with session.get(f'{dashboard.url}events') as stream:

@@ -17,9 +17,17 @@ from scipy.special import i1e
 from shared import CONFIG as REFERENCE_FILE
 
 from stickslip_monitor import Bearing, Coulomb, FrictionLaw, Monitor, Stribeck, Tabulated, assess, fold_speed
-from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.drawing.map import boundaries, caution_load, draw_map, map_ranges, onset_load
-from stickslip_monitor.drawing.track import Track, TrackEvent, envelope, track_of_scan
+from stickslip_monitor.drawing.canvas import CONDITION_NAMES, envelope
+from stickslip_monitor.drawing.map import (
+    Track,
+    TrackEvent,
+    boundaries,
+    caution_load,
+    draw_map,
+    map_ranges,
+    onset_load,
+    track_of_scan,
+)
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.physics.cycle.cycles import exact_cycle

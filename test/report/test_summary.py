@@ -7,8 +7,10 @@ alarm has an on-delay of 2 s, an off-delay of 5 s and a limit of 0.9 mm. The tim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import datetime, timezone
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +22,7 @@ from stickslip_monitor import assess
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.outline import ConditionInterval
 from stickslip_monitor.physics.probability import Belief, Tolerance
+from stickslip_monitor.report import summary
 from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall
 
 Make = Callable[..., Course]
@@ -130,3 +133,66 @@ def test_probabilities_are_a_fact_where_there_are_any(course: Callable[..., Cour
     (fact,) = (fact for fact in facts(believed) if fact.name == name)
     assert fact.value == '50%'
     assert fact.note == 'that it starts by itself: at most 0%'
+
+
+# --- times, durations and quantities; expected by the calendar and by hand ----------------------
+
+NS = 10**9
+
+
+def ns(text: str) -> int:
+    return int(datetime.fromisoformat(text).replace(tzinfo=timezone.utc).timestamp()) * NS
+
+
+@pytest.mark.parametrize(
+    ('shown', 'text'),
+    [
+        (summary.duration(0.0), '0.0 s'),
+        (summary.duration(9.96), '10 s'),
+        (summary.duration(59.6), '1 min'),
+        (summary.duration(130.0), '2 min 10 s'),
+        (summary.duration(3900.0), '1 h 5 min'),
+        (summary.duration(90_000.0), '1 d 1 h'),
+        (summary.duration(math.inf), 'for ever'),
+        (summary.share(0.0, 5.0), '0 %'),
+        (summary.share(1e-9, 5.0), 'below 0.1 %'),
+        (summary.share(0.05, 1.0), '5.0 %'),
+        (summary.share(1.0, 1.0), '100 %'),
+        (summary.share(1.0, 0.0), '0 %'),
+        (summary.margin(-0.0512), '\N{MINUS SIGN}5.1 %'),
+        (summary.margin(math.inf), 'no boundary'),
+        (summary.millimetres(0.00106249), '1.06 mm'),
+        (summary.load(998.4), '0.9984 kN'),
+        (summary.load(25_000.0), '25 kN'),
+        (summary.rpm(-20.04), '\N{MINUS SIGN}20.0 rpm'),
+        (summary.count(1, 'event'), '1 event'),
+        (summary.count(1250, 'event'), '1 250 events'),
+    ],
+)
+def test_quantities(shown: str, text: str) -> None:
+    spaces = ('\N{NO-BREAK SPACE}', '\N{NARROW NO-BREAK SPACE}')
+    assert shown.replace(spaces[0], ' ').replace(spaces[1], ' ') == text
+
+
+def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    import time
+
+    monkeypatch.setenv('TZ', 'Asia/Tokyo')
+    time.tzset()
+    try:
+        at = ns('2026-05-04T06:01:27') + 49 * 10**6
+        assert summary.date(at) == '2026-05-04'
+        assert summary.clock(at) == '06:01:27.0'
+        assert summary.minute(at) == '06:01:27'
+        assert summary.iso(at) == '2026-05-04T06:01:27.049000Z'
+        # Tenths carry over midnight.
+        assert summary.clock(ns('2026-05-04T23:59:59') + 960 * 10**6) == '00:00:00.0'
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+
+
+def test_a_clock_that_counts_from_a_start_has_no_date() -> None:
+    assert not summary.is_dated(90 * NS)
+    assert summary.clock(90 * NS) == '90.0 s'
+    assert summary.date(90 * NS) == summary.iso(90 * NS) == ''

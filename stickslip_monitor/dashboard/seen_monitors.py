@@ -1,25 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One monitor as the dashboard knows it: its bearings, its alarms, and what is missing of them.
+"""The monitors as the dashboard sees them: their bearings, their alarms, their log, what is missing.
 
-What comes from a monitor may come from anybody on its network: it is checked field by field.
+What comes from a monitor may come from anybody on its network: it is checked field by field. All
+of it happens on one event loop; whoever knows something from another thread hands it over with
+``call_soon_threadsafe``.
 """
 
 from __future__ import annotations
 
 import asyncio
+import csv
+import io
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from itertools import islice
 from typing import Any
 
-from stickslip_monitor.errors import DashboardError
+from stickslip_monitor.errors import DashboardError, StickslipError
 from stickslip_monitor.monitor.alarms.alarm import TABLE, AlarmState
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.messages import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.state_file import StateWriter
 
 SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""
@@ -35,11 +42,11 @@ _NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done
 
 # --- what comes, field by field --------------------------------------------------------------
 
-Reader = Callable[[Any], Any]
+Read = Callable[[Any], Any]
 """Takes the value of a field, or ``None`` where there is none."""
 
 
-def _must(kind: type) -> Reader:
+def _must(kind: type) -> Read:
     """Reads a field without which there is nothing to show."""
 
     def read(value: Any) -> Any:
@@ -50,7 +57,7 @@ def _must(kind: type) -> Reader:
     return read
 
 
-def _may(kind: type, default: Any = None) -> Reader:
+def _may(kind: type, default: Any = None) -> Read:
     """Reads a field that may be missing, or be anything."""
     return lambda value: value if isinstance(value, kind) else default
 
@@ -72,13 +79,13 @@ def _texts(value: Any) -> list[str]:
     return [str(each) for each in value] if isinstance(value, list) else []
 
 
-def _fields(document: Any, readers: Mapping[str, Reader]) -> dict[str, Any]:
+def _fields(document: Any, readers: Mapping[str, Read]) -> dict[str, Any]:
     """The fields of a document that have a reader; ValueError where one that must be is not."""
     own = _must(dict)(document)
     return {name: read(own.get(name)) for name, read in readers.items()}
 
 
-def _each(readers: Mapping[str, Reader]) -> Reader:
+def _each(readers: Mapping[str, Read]) -> Read:
     """Reads a list of documents."""
     return lambda value: [_fields(document, readers) for document in _must(list)(value)]
 
@@ -91,14 +98,14 @@ NOT_MONITORING = 'not_monitoring'
 _COUNTS = {status.name.lower(): _may(int, 0) for status in Status} | {
     name: _may(int, 0) for name in ('clock_jump', 'odd_stamp')
 }
-_INPUT: dict[str, Reader] = {
+_INPUT: dict[str, Read] = {
     'lost': _may(bool, False),
     'age': _finite,
     'rate': _finite,
     'fault': _may(str, ''),
     'counts': lambda value: _fields(_may(dict, {})(value), _COUNTS),
 }
-_RECORD: dict[str, Reader] = {
+_RECORD: dict[str, Read] = {
     **dict.fromkeys(('bearing', 'text', 'reason'), _must(str)),
     'time': _time,
     'sticking': _may(bool),
@@ -112,7 +119,7 @@ _ALARM = dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), 
     **dict.fromkeys(('since', 'changed'), _milliseconds),
 }
 _CHANGE = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
-_ALARMS: dict[str, Reader] = {
+_ALARMS: dict[str, Read] = {
     'time': _time,
     'monitoring': lambda value: value is not False,
     'sounding': _must(bool),
@@ -488,3 +495,272 @@ class WatchedMonitor:
 def _listed(names: list[str]) -> str:
     few = ', '.join(names[:5])
     return few if len(names) <= 5 else f'{few} and {len(names) - 5} more'
+
+
+# --- the log ---------------------------------------------------------------------------------
+
+KEPT = 5000
+"""Entries of the log that are kept; the page shows the latest, a file of CSV has all."""
+SHOWN = 60
+LOG_SCHEMA = 'stickslip_monitor/log/1'
+LOG_TEXTS = ('node', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
+_LONGEST = 300
+# What a spreadsheet would compute.
+_FORMULA = ('=', '+', '-', '@', '\t', '\r')
+
+
+class EventLog:
+    """The newest entries, oldest first; each is there once, however often it comes.
+
+    A latched topic sends a dashboard that starts again what the file has already.
+
+    Args:
+        store: What keeps the entries over a restart; ``None`` for nothing.
+    """
+
+    def __init__(self, store: StateWriter | None = None) -> None:
+        self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
+        self._store: StateWriter | None = None
+        if store is not None:
+            document = store.read()
+            known = document.get('entries') if isinstance(document, dict) else None
+            self.extend(known if isinstance(known, list) else ())
+            self._store = store
+
+    @property
+    def fault(self) -> str:
+        """Why the newest entries are not on disk; empty where they are, or need not be."""
+        return self._store.fault if self._store is not None else ''
+
+    def extend(self, entries: Iterable[Any]) -> None:
+        """Add entries; what is none, or is there already, is passed over."""
+        before = len(self._entries)
+        checked = [entry for entry in map(_checked, entries) if entry is not None]
+        for entry in checked:
+            self._entries.setdefault(tuple(entry.values()), entry)
+        new = len(self._entries) > before
+        while len(self._entries) > KEPT:
+            del self._entries[next(iter(self._entries))]
+        if new and self._store is not None:
+            self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
+
+    def clear(self) -> None:
+        """Forget everything: a recording begins anew."""
+        self._entries.clear()
+
+    def latest(self) -> list[dict[str, Any]]:
+        """What the page shows."""
+        return list(islice(reversed(self._entries.values()), SHOWN))[::-1]
+
+    def csv(self) -> str:
+        """All that is kept as a table, times in UTC by ISO 8601."""
+        text = io.StringIO()
+        table = csv.writer(text)
+        table.writerow(('time', *LOG_TEXTS))
+        table.writerows(
+            (_iso(entry['time']), *(_cell(entry[key]) for key in LOG_TEXTS))
+            for entry in self._entries.values()
+        )
+        return text.getvalue()
+
+
+def _checked(entry: Any) -> dict[str, Any] | None:
+    """An entry with a time [ms] or ``None``, and texts that are not too long."""
+    if not isinstance(entry, dict):
+        return None
+    time = entry.get('time')
+    texts = {key: str(entry.get(key, ''))[:_LONGEST] for key in LOG_TEXTS}
+    return {'time': time if isinstance(time, int) else None, **texts}
+
+
+def _iso(time_ms: int | None) -> str:
+    try:
+        when = datetime.fromtimestamp((math.nan if time_ms is None else time_ms) / 1000.0, timezone.utc)
+    except (OverflowError, ValueError, OSError):
+        return ''
+    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+
+
+def _cell(text: str) -> str:
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+# --- all of them -----------------------------------------------------------------------------
+
+PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
+
+
+class DashboardState:
+    """The newest of all monitors that are shown.
+
+    Args:
+        monitors: The monitors; no two of them in one namespace.
+        log: What happened; one of its own that keeps nothing if ``None``.
+
+    Attributes:
+        links: Of each of the ship's buses whether it works, where buses are watched.
+        playing: Of a replay where it is; ``None`` for none.
+        finished: Whether the recording is over.
+        send: Called with what is new for the page: kind, document and key.
+    """
+
+    def __init__(
+        self, monitors: Iterable[WatchedMonitor], replay: bool = False, log: EventLog | None = None
+    ) -> None:
+        self.monitors = tuple(monitors)
+        self._replay = replay
+        self.log = EventLog() if log is None else log
+        self.links: dict[str, bool] = {}
+        self.playing: dict[str, Any] | None = None
+        self.finished = False
+        self.send: Send = lambda kind, document, key: None
+        self._sent: dict[str, Any] = {}
+        for monitor in self.monitors:
+            monitor.send, monitor.log = self._take, self.log.extend
+
+    @property
+    def bearings(self) -> dict[str, Watched]:
+        """The bearings of all monitors by their keys."""
+        return {own.key: own for monitor in self.monitors for own in monitor.bearings.values()}
+
+    @property
+    def alarms(self) -> dict[str, Any] | None:
+        """The alarms of all monitors in one list; ``None`` before any came."""
+        known = [monitor.alarms for monitor in self.monitors if monitor.alarms is not None]
+        if not known:
+            return None
+        floods = [record['flood'] for record in known]
+        return {
+            'time': max(record['time'] for record in known),
+            'sounding': any(record['sounding'] for record in known),
+            'unacknowledged': sum(record['unacknowledged'] for record in known),
+            'flood': max(floods, key=lambda f: (f['flooding'], f['alarms_10min'])),
+            'alarms': [alarm for record in known for alarm in record['alarms']],
+            'rows': [row for record in known for row in record['rows']],
+        }
+
+    @property
+    def receiving(self) -> bool:
+        """Whether anything comes from any monitor."""
+        return not self.finished and any(monitor.receiving for monitor in self.monitors)
+
+    def faults(self) -> list[str]:
+        """Why what is shown must not be taken for all there is; a sentence each."""
+        if self.finished:
+            return []
+        return [text for monitor in self.monitors for text in monitor.faults()]
+
+    def notices(self) -> list[str]:
+        """What else is wrong, though data come from all bearings; a sentence each."""
+        log = f'The log is not kept: {self.log.fault}' if self.log.fault else ''
+        return [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text]
+
+    def _take(self, kind: str, document: dict[str, Any], key: str) -> None:
+        if kind == 'alarms':
+            document = {'alarms': self.alarms, 'log': self.log.latest()}
+        self.send(kind, document, key)
+        self._tell()
+
+    def play(self, place: dict[str, Any]) -> None:
+        """A replay reports where it is."""
+        if place != self.playing:
+            self.playing = place
+            self.send('replay', place, '')
+
+    def begin_again(self, place: dict[str, Any]) -> None:
+        """The recording starts from its beginning: what came of it is forgotten."""
+        self.finished, self.playing = False, place
+        self.log.clear()
+        for monitor in self.monitors:
+            monitor.forget()
+        self.send('state', self.state(), '')
+
+    def finish(self) -> None:
+        """Nothing more will come: the recording is over."""
+        self.finished = True
+        self._tell()
+
+    def tick(self) -> None:
+        """Let time pass: report a monitor that falls silent, enlarge a map that is too small.
+
+        One map at a time: it takes some 30 ms.
+        """
+        for own in self.bearings.values():
+            if own.widen():
+                self.send('map', {'bearing': own.key, **own.map()}, own.key)
+                break
+        self._tell()
+
+    def _tell(self) -> None:
+        monitor = self.monitor()
+        state = monitor | {'silent': None, 'faults': len(monitor['faults'])}
+        if state != self._sent:
+            self._sent = state
+            self.send('monitor', monitor, '')
+
+    def monitor(self) -> dict[str, Any]:
+        """Whether the monitors are there."""
+        silences = [monitor.silent_for for monitor in self.monitors]
+        known = [round(silent, 1) for silent in silences if silent is not None]
+        missing = [key for monitor in self.monitors for key in monitor.missing()]
+        return {
+            'there': self.receiving,
+            'finished': self.finished,
+            'silent': max(known) if len(known) == len(silences) else None,
+            'faults': self.faults(),
+            'notices': self.notices(),
+            'missing': [] if self.finished else missing,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """All that the page shows, for one that has just opened or come back."""
+        names = ', '.join(monitor.source for monitor in self.monitors)
+        return {
+            'schema': PAGE_SCHEMA,
+            'source': {'name': names, 'replay': self._replay},
+            'monitor': self.monitor(),
+            'columns': COLUMNS,
+            'bearings': [
+                own.state() | {'shelve_time': monitor.shelve_time}
+                for monitor in self.monitors
+                for own in monitor.bearings.values()
+            ],
+            'replay': self.playing,
+            'alarms': self.alarms,
+            'log': self.log.latest(),
+        }
+
+    def history(self, bearing: str) -> dict[str, Any] | None:
+        """The last ten minutes of a bearing, oldest first; ``None`` where there is none."""
+        own = self.bearings.get(bearing)
+        return None if own is None else {'columns': COLUMNS, 'rows': list(own.history)}
+
+    async def ask(self, request: ActionRequest, patience: float) -> int:
+        """Hand a request on to every monitor that it concerns and wait for what comes of it.
+
+        Args:
+            request: What is asked for, the bearing by its key.
+            patience: How long to wait [s].
+
+        Returns:
+            The number of alarms that were changed.
+
+        Raises:
+            DashboardError: There is nothing to do, or nothing came of it in time.
+            StickslipError: It cannot be handed on.
+        """
+        asked = [
+            m
+            for m in self.monitors
+            if request.bearing in (None, *(own.key for own in m.bearings.values()))
+            and (m.alarms is None or m.concerned(request))
+        ]
+        if not asked:
+            raise DashboardError(f'there is nothing to {request.action}')
+        counts = await asyncio.gather(
+            *(monitor.ask(request, patience) for monitor in asked), return_exceptions=True
+        )
+        for each in counts:
+            if isinstance(each, StickslipError):
+                raise each
+        return sum(count for count in counts if isinstance(count, int))

@@ -14,13 +14,16 @@ from typing import Any
 import pytest
 from shared import CONFIG
 
-from stickslip_monitor.dashboard.state import KEPT, SHOWN, DashboardState, EventLog
-from stickslip_monitor.dashboard.watched import (
+from stickslip_monitor.dashboard.seen_monitors import (
+    KEPT,
     NUMBERS,
     OFFERED,
+    SHOWN,
     SPAN,
     STEP,
     BearingView,
+    DashboardState,
+    EventLog,
     WatchedMonitor,
     checked_alarms,
     checked_record,
