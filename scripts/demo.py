@@ -39,7 +39,7 @@ from std_msgs.msg import String
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.values import Request
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.ros.message_types import definition
+from stickslip_monitor.ros.inputs import definition
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDING = ROOT / 'bags' / 'coast_down'

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from stickslip_monitor.links.link_config import INPUT_PARAMETERS, LINK_PARAMETERS
+from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms.alarm import ALWAYS, TABLE, AlarmState, Choice, Trigger
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.config import INPUT_PARAMETERS as INPUTS

@@ -28,13 +28,13 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is to stop; see :func:`stickslip_monitor.ros.run.main`."""
+    """Run the node until it is to stop; see :func:`stickslip_monitor.ros.process.main`."""
     try:
-        from stickslip_monitor.ros import run
+        from stickslip_monitor.ros import process
     except ImportError as error:
         print(f'ERROR: {no_ros(error)}', file=sys.stderr)  # noqa: T201
         return 2
-    return run.main(args, clip_store)
+    return process.main(args, clip_store)
 
 
 if __name__ == '__main__':

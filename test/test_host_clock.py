@@ -9,7 +9,7 @@ import pytest
 from sending import SECOND, T0, Ship, configured
 
 from stickslip_monitor.host_clock import HostClock
-from stickslip_monitor.links.live_monitor import LiveMonitor
+from stickslip_monitor.links.buses import LiveMonitor
 from stickslip_monitor.monitor.alarms.annunciator import Action
 from stickslip_monitor.monitor.session import NoLog
 from stickslip_monitor.monitor.signals import Input

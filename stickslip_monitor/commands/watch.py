@@ -29,8 +29,14 @@ from urllib.parse import urlsplit
 
 from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
-from stickslip_monitor.links.link_config import SECTION, LinksConfig, build_links, is_loopback
-from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
+from stickslip_monitor.links.buses import (
+    SECTION,
+    LinksConfig,
+    LiveMonitor,
+    MonitorSide,
+    build_links,
+    is_loopback,
+)
 from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section

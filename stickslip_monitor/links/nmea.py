@@ -16,7 +16,7 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from stickslip_monitor.links.source_admission import SourceAdmission, grouped
+from stickslip_monitor.links.buses import NmeaInput, SourceAdmission, grouped
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
@@ -110,45 +110,28 @@ class SentenceStream:
         return found
 
 
-@dataclass(frozen=True, slots=True)
-class NmeaInput:
-    """One number of a sentence that is an input of a bearing."""
+def numbers(item: NmeaInput, fields: Sequence[str]) -> list[float]:
+    """The numbers of a sentence of the right kind; NaN where it says that it has none."""
+    if item.sentence == 'XDR':
+        unit = [item.kind, 'N', item.name]
+        return [_number(q[1]) for q in _quads(fields) if [q[0], q[2], q[3]] == unit]
+    if len(fields) < 3 or fields[0] != item.kind or _number(fields[1]) != item.number:
+        return []
+    # An invalid speed must not become a shaft at rest, which suppresses alarms. Some ships
+    # leave the pitch out.
+    valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
+    return [_number(fields[2]) if valid else math.nan]
 
-    bearing: str
-    place: Input
-    sentence: str  # ``RPM`` or ``XDR``
-    talker: str = ''  # its talker; empty to stay with the first that sends
-    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
-    number: int = 0  # number of the shaft or engine of RPM
-    name: str = ''  # name of the transducer of XDR
-    timeout: float = 5.0  # time-out of the input [s]
 
-    @property
-    def label(self) -> str:
-        """What it is, for a person."""
-        return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
-
-    def read(self, fields: Sequence[str]) -> list[float]:
-        """The numbers of a sentence of the right kind; NaN where it says that it has none."""
-        if self.sentence == 'XDR':
-            unit = [self.kind, 'N', self.name]
-            return [_number(q[1]) for q in _quads(fields) if [q[0], q[2], q[3]] == unit]
-        if len(fields) < 3 or fields[0] != self.kind or _number(fields[1]) != self.number:
-            return []
-        # An invalid speed must not become a shaft at rest, which suppresses alarms. Some ships
-        # leave the pitch out.
-        valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
-        return [_number(fields[2]) if valid else math.nan]
-
-    def passed_over(self, formatter: str, fields: Sequence[str]) -> str:
-        """What a sentence of its formatter has instead of it, for a person; '' for nothing."""
-        if formatter != self.sentence:
-            return ''
-        if formatter == 'RPM':
-            return f'RPM,{",".join(fields[:2])}'
-        others = [q for q in _quads(fields) if q[3] == self.name or not self.name]
-        named = [f'{q[3]} as type {q[0]} in {q[2]}, and only type N in N is used' for q in others]
-        return 'XDR ' + (', '.join(named) or ', '.join(q[3] for q in _quads(fields)))
+def passed_over(item: NmeaInput, formatter: str, fields: Sequence[str]) -> str:
+    """What a sentence of its formatter has instead of it, for a person; '' for nothing."""
+    if formatter != item.sentence:
+        return ''
+    if formatter == 'RPM':
+        return f'RPM,{",".join(fields[:2])}'
+    others = [q for q in _quads(fields) if q[3] == item.name or not item.name]
+    named = [f'{q[3]} as type {q[0]} in {q[2]}, and only type N in N is used' for q in others]
+    return 'XDR ' + (', '.join(named) or ', '.join(q[3] for q in _quads(fields)))
 
 
 def _quads(fields: Sequence[str]) -> list[Sequence[str]]:
@@ -185,9 +168,9 @@ class NmeaInputs:
         talker, formatter, fields = parsed
         for items, admission in self._inputs:
             first = items[0]
-            values = first.read(fields) if first.sentence == formatter else []
+            values = numbers(first, fields) if first.sentence == formatter else []
             if not values:
-                self._heard[first][first.passed_over(formatter, fields)] += 1
+                self._heard[first][passed_over(first, formatter, fields)] += 1
             elif admission.admits(talker, now):
                 for value in values:
                     self._note(first, value, now)

@@ -21,9 +21,8 @@ from functools import partial
 from typing import Any
 
 from stickslip_monitor.errors import LinkError, cause
-from stickslip_monitor.links.link_config import NmeaLink, check_port
-from stickslip_monitor.links.live_monitor import MonitorSide
-from stickslip_monitor.links.nmea import Alerts, NmeaInput, NmeaInputs, SentenceStream
+from stickslip_monitor.links.buses import MonitorSide, NmeaInput, NmeaLink, check_port
+from stickslip_monitor.links.nmea import Alerts, NmeaInputs, SentenceStream
 
 SILENT = 30.0
 """A port that should bring lines and has brought none for so long is opened again [s]."""

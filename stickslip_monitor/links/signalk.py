@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
-from stickslip_monitor.links.source_admission import SourceAdmission, grouped
+from stickslip_monitor.links.buses import SignalKInput, SourceAdmission, grouped
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action
@@ -68,22 +68,6 @@ def _values(frame: object, own: str) -> Iterator[tuple[Update, str, str, Any]]:
 
 def _dicts(items: object) -> list[dict[str, Any]]:
     return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
-
-
-@dataclass(frozen=True, slots=True)
-class SignalKInput:
-    """A path that is an input of a bearing."""
-
-    bearing: str
-    place: Input
-    path: str
-    source: str  # the only source to use; empty to stay with the first that sends
-    timeout: float  # time-out of the input [s]
-
-    @property
-    def label(self) -> str:
-        """What it is, for a person."""
-        return f'Signal K {self.path}'
 
 
 class SignalKInputs:

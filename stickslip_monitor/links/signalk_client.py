@@ -18,8 +18,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.link_config import SignalKLink, is_loopback
-from stickslip_monitor.links.live_monitor import MonitorSide
+from stickslip_monitor.links.buses import MonitorSide, SignalKLink, is_loopback
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
     Notifications,

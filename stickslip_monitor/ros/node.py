@@ -30,8 +30,7 @@ from stickslip_monitor.monitor.config_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.configure import bearing_names, build_config
 from stickslip_monitor.monitor.health import NodeHealth
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
-from stickslip_monitor.ros.inputs import check_inputs
-from stickslip_monitor.ros.message_types import ROS_FAULTS
+from stickslip_monitor.ros.inputs import ROS_FAULTS, check_inputs
 from stickslip_monitor.ros.outputs import Configured, output_names, resolved
 from stickslip_monitor.ros.running import Running, node_clock
 from stickslip_monitor.state_file import StateFile

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Protocol
@@ -27,8 +27,16 @@ from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.health import NODE_STATUS
 from stickslip_monitor.monitor.messages import BEARINGS_SCHEMAS, hardware_id
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.ros.message_types import ROS_FAULTS
-from stickslip_monitor.ros.start import without_log_files
+from stickslip_monitor.ros.inputs import ROS_FAULTS
+
+
+def without_log_files(arguments: Sequence[str]) -> list[str]:
+    """The arguments for ``rclpy.init``, with rcl's own log files off unless they are asked for.
+
+    Standard error has all that they would have. A health check every 30 s left a million files a
+    year, and without a folder that can be written nothing started.
+    """
+    return ['--ros-args', '--disable-external-lib-logs', '--', *arguments]
 
 
 class Listener(Protocol):

@@ -30,8 +30,7 @@ from stickslip_monitor.monitor.messages import (
 )
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.ros.inputs import RosGraph
-from stickslip_monitor.ros.message_types import definition, message_type
+from stickslip_monitor.ros.inputs import RosGraph, definition, message_type
 from stickslip_monitor.state_file import Background, StateFile, StateWriter
 
 WARNINGS_KEPT = 100
@@ -82,7 +81,7 @@ class Configured:
         make_store: Makes what takes the clips; ``None`` where none are wanted.
 
     Raises:
-        Exception: One of :data:`.message_types.ROS_FAULTS`, or a StickslipError.
+        Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError.
 
     Attributes:
         config: The configuration, names of topics as given.

@@ -17,8 +17,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.ros.message_types import ROS_FAULTS, message_type
-from stickslip_monitor.ros.start import without_log_files
+from stickslip_monitor.ros.inputs import ROS_FAULTS, message_type
+from stickslip_monitor.ros.other_nodes import without_log_files
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5

@@ -24,8 +24,7 @@ from stickslip_monitor.monitor.health import CLOCKS
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
-from stickslip_monitor.ros.inputs import Inputs, Number, node_name
-from stickslip_monitor.ros.message_types import ROS_FAULTS
+from stickslip_monitor.ros.inputs import ROS_FAULTS, Inputs, Number, node_name
 from stickslip_monitor.ros.outputs import Configured
 
 TURN_PERIOD = 0.05
@@ -73,7 +72,7 @@ class Running:
         simulated: Whether ROS time follows /clock.
 
     Raises:
-        Exception: One of :data:`.message_types.ROS_FAULTS`: an input or service cannot be made.
+        Exception: One of :data:`.inputs.ROS_FAULTS`: an input or service cannot be made.
     """
 
     def __init__(

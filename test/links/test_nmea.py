@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stickslip_monitor.links.buses import NmeaInput
 from stickslip_monitor.links.nmea import (
     LONGEST,
     Alerts,
-    NmeaInput,
     NmeaInputs,
     SentenceStream,
     clean,

@@ -18,9 +18,8 @@ import pytest
 
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
-from stickslip_monitor.links.link_config import NmeaLink
-from stickslip_monitor.links.live_monitor import MonitorSide
-from stickslip_monitor.links.nmea import NmeaInput, sentence
+from stickslip_monitor.links.buses import MonitorSide, NmeaInput, NmeaLink
+from stickslip_monitor.links.nmea import sentence
 from stickslip_monitor.links.nmea_client import NmeaClient, Port
 from stickslip_monitor.monitor.signals import Input
 

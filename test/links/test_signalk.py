@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor.links.signalk import Notifications, SignalKInput, SignalKInputs, SignalKValues
+from stickslip_monitor.links.buses import SignalKInput
+from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action

@@ -19,9 +19,8 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import signalk_client
-from stickslip_monitor.links.link_config import SignalKLink
-from stickslip_monitor.links.live_monitor import MonitorSide
-from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
+from stickslip_monitor.links.buses import MonitorSide, SignalKInput, SignalKLink
+from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.signals import Input

@@ -19,9 +19,8 @@ import aiohttp
 from benchmarks.signalk_servers import RealServer, missing, officer_token
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.link_config import SignalKLink
-from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
-from stickslip_monitor.links.signalk import SignalKInput, SignalKInputs
+from stickslip_monitor.links.buses import LiveMonitor, MonitorSide, SignalKInput, SignalKLink
+from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import annunciator
 from stickslip_monitor.monitor.config_file import load_parameters

@@ -30,8 +30,17 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, MagneticField
 from std_msgs.msg import Byte, Float64, Float64MultiArray, Header
 
-from stickslip_monitor.ros.inputs import MOST_WAITING, TURN_NS, Inputs, Lane, RosGraph, check_inputs
-from stickslip_monitor.ros.message_types import _type, definition, number_reader
+from stickslip_monitor.ros.inputs import (
+    MOST_WAITING,
+    TURN_NS,
+    Inputs,
+    Lane,
+    RosGraph,
+    _type,
+    check_inputs,
+    definition,
+    number_reader,
+)
 
 BEGIN = 1_700_000_000 * 10**9
 STAMPED = 'geometry_msgs/msg/Vector3Stamped'

@@ -88,7 +88,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     """Up to ROS 2 Jazzy, rclpy raises for an invalid lifecycle request."""
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
-    from stickslip_monitor.ros import run as node
+    from stickslip_monitor.ros import process as node
 
     survived: list[Exception] = []
     refused = rclpy_implementation.RCLError('Transition is not registered.')

@@ -27,7 +27,7 @@ from stickslip_monitor.errors import RosError, StickslipError
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-from stickslip_monitor.ros import run as node
+from stickslip_monitor.ros import process as node
 
 UNIT = ROOT / 'launch_configs' / 'systemd' / 'stickslip-monitor.service'
 
@@ -106,7 +106,7 @@ def test_signals_end_the_node_cleanly(start: Any, signals: list[Any]) -> None:
 # Before main() has its handlers, while Python imports, a signal is Python's own affair.
 STARTING = """
 import signal, sys
-from stickslip_monitor.ros import run as node
+from stickslip_monitor.ros import process as node
 install = signal.signal
 def noted(number, handler):
     install(number, handler)

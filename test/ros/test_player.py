@@ -187,7 +187,7 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import JointState
 
-    from stickslip_monitor.ros.message_types import definition
+    from stickslip_monitor.ros.inputs import definition
 
     # On the player's clock: a stamp counts where it is at most a second older than its arrival.
     monitor = start(kit.parameters(kit.STAMPED, DELAYS), '-p', 'use_sim_time:=true')

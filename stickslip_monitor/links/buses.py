@@ -1,20 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The section ``/stickslip_links`` of the parameter file: which bus brings and takes what."""
+"""A ship's buses: which brings and takes what, which of several sources is used, who monitors.
+
+The section ``/stickslip_links`` of the parameter file says it; see docs/ship.md.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import SplitResult, urlsplit
 
-from stickslip_monitor.errors import ConfigurationError, did_you_mean
-from stickslip_monitor.links.nmea import NmeaInput
-from stickslip_monitor.links.signalk import SignalKInput
+from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
+from stickslip_monitor.host_clock import HostClock
+from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, filled, parameter, rows
+from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.physics.oscillator import SPEED_UNITS
 
@@ -69,6 +75,41 @@ INPUT_PARAMETERS = (
     Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
 )
 """The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
+
+
+@dataclass(frozen=True, slots=True)
+class NmeaInput:
+    """One number of a sentence that is an input of a bearing."""
+
+    bearing: str
+    place: Input
+    sentence: str  # ``RPM`` or ``XDR``
+    talker: str = ''  # its talker; empty to stay with the first that sends
+    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
+    number: int = 0  # number of the shaft or engine of RPM
+    name: str = ''  # name of the transducer of XDR
+    timeout: float = 5.0  # time-out of the input [s]
+
+    @property
+    def label(self) -> str:
+        """What it is, for a person."""
+        return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
+
+
+@dataclass(frozen=True, slots=True)
+class SignalKInput:
+    """A path that is an input of a bearing."""
+
+    bearing: str
+    place: Input
+    path: str
+    source: str  # the only source to use; empty to stay with the first that sends
+    timeout: float  # time-out of the input [s]
+
+    @property
+    def label(self) -> str:
+        """What it is, for a person."""
+        return f'Signal K {self.path}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,3 +269,146 @@ def _check_unit(bearing: BearingConfig, place: Input, name: str, unit: str, who:
         fits, actual = unit in units, units[0]
     if not fits:
         raise ConfigurationError(f"{name}.unit = '{actual}' must be {unit}, in which {who} gives it")
+
+
+Own = TypeVar('Own')
+SHARE = 0.5
+"""Of the time-out: a source that is silent for longer is given up, before the input is lost."""
+
+
+class SourceAdmission:
+    """Admits one source of an input; the others are named, and so is a change.
+
+    Args:
+        what: The input, for the log.
+        chosen: The only source to use; empty to stay with the first one that sends.
+        timeout: Time-out of the input [s].
+        log: Given a line for each source that is left out, once, and for each change.
+    """
+
+    def __init__(self, what: str, chosen: str, timeout: float, log: Callable[[str], object]) -> None:
+        self._what, self._chosen, self._timeout, self._log = what, chosen, timeout, log
+        self._used, self._heard = chosen, 0.0
+        self._left_out: set[str] = set()
+
+    def admits(self, source: str, now: float) -> bool:
+        """Whether a value of a source is used; ``now`` is of a steady clock [s]."""
+        if self._chosen or source == self._used:
+            self._heard = now if source == self._used else self._heard
+        elif not self._used or now - self._heard > SHARE * self._timeout:
+            if self._used:
+                silent = now - self._heard
+                self._say(f"'{source}' is used; '{self._used}' has been silent for {silent:.3g} s")
+                self._left_out.clear()
+            self._used, self._heard = source, now
+        if source == self._used:
+            return True
+        if source not in self._left_out:
+            self._left_out.add(source)
+            why = 'is chosen' if self._chosen else 'sends'
+            self._say(f"'{source}' is left out: '{self._used}' {why}")
+        return False
+
+    def _say(self, text: str) -> None:
+        self._log(f'{self._what}: source {text}')
+
+
+def grouped(inputs: Iterable[Own], key: Callable[[Own], Hashable]) -> list[list[Own]]:
+    """The inputs that are one value of a bus, as the speed of a shaft with several bearings."""
+    found: dict[Hashable, list[Own]] = {}
+    for item in inputs:
+        found.setdefault(key(item), []).append(item)
+    return list(found.values())
+
+
+TICK = 0.1
+"""Time between two looks at the inputs [s]."""
+BEHIND_NS = 500_000_000
+"""The passing of time is passed on so late that a sample delivered late is not overtaken."""
+HELD_UP_NS = 10**9
+"""A look that comes so late [ns] says that we were held up, or slept: no input is to blame."""
+_SHOWN_EVERY_NS = 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorSide:
+    """What a bus reaches of the monitor, which is here or in a node beside."""
+
+    bearings: Sequence[str]  # names of all bearings in the order of the file
+    # Takes bearing, input and number of a sample, and its sender's stamp where it has one [ns].
+    take: Callable[..., None]
+    act: Callable[[ActionRequest], None]  # takes what people ask for
+    # Given whether the link of that name works (None: nobody can know), and if not, why.
+    report_link: Callable[[str, bool | None, str], None]
+    log: Log  # where faults are logged
+
+    def ask(self, request: ActionRequest) -> None:
+        """Hand on what somebody asks for at a bus; that it is refused is logged."""
+        try:
+            self.act(request)
+        except StickslipError as error:
+            self.log.error(f'{request.by}: {request.action} of {request.bearing} refused: {error}')
+
+
+class LiveMonitor:
+    """A session that samples are measured for now, by the clocks of this machine.
+
+    Args:
+        store: What keeps the alarms over a restart; ``None`` for nothing.
+        clock: The clocks.
+    """
+
+    def __init__(
+        self,
+        config: MonitorConfig,
+        display: Display,
+        log: Log,
+        store: Store | None = None,
+        clock: HostClock | None = None,
+    ) -> None:
+        self._now = (clock or HostClock()).now
+        self._session = Session(config, Shown(display), log, lambda: self._now().time_ns, store, Graph())
+        self._begun_ns = self._ticked_ns = self._now().steady_ns
+        self._shown_ns = self._begun_ns - _SHOWN_EVERY_NS
+
+    def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
+        """Take one number of one input, which comes now, with its sender's stamp if it has one."""
+        now = self._now()
+        time_ns = now.time_ns if stamp_ns is None else stamp_ns
+        self._session.take(bearing, place, time_ns, value, now)
+        if place is Input.SPEED and self._session.monitor.bearings[bearing].config.load.is_assumed:
+            self._session.take(bearing, Input.LOAD, time_ns, value, now)
+
+    def act(self, request: ActionRequest) -> None:
+        """Do what a person asks for."""
+        self._session.act(request)
+
+    def begin(self) -> None:
+        """Publish the list of alarms, and wait for inputs from now on."""
+        self._session.begin()
+        self._pass_time(self._now(), 0)
+
+    def tick(self) -> None:
+        """Let time pass."""
+        now = self._now()
+        held_ns, self._ticked_ns = now.steady_ns - self._ticked_ns, now.steady_ns
+        if held_ns > HELD_UP_NS:
+            self._session.excuse(held_ns)
+        self._pass_time(now, BEHIND_NS)
+        self._session.tick(now, now.steady_ns - self._begun_ns)
+        if now.steady_ns - self._shown_ns >= _SHOWN_EVERY_NS:
+            self._shown_ns = now.steady_ns
+            self._session.show(now)
+        # At the tick: the alarm itself must not wait for the figures beside it.
+        self._session.flush(now)
+
+    def _pass_time(self, now: Moment, behind_ns: int) -> None:
+        for name in self._session.monitor.bearings:
+            self._session.pass_time(name, now.time_ns - behind_ns, now)
+
+    async def run(self) -> None:
+        """Let time pass from now on until cancelled."""
+        self.begin()
+        while True:
+            self.tick()
+            await asyncio.sleep(TICK)
