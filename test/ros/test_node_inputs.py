@@ -70,9 +70,8 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
         telemetry.send(60.0 + 0.01 * i, 1000.0)
     telemetry.send(math.nan, math.nan)
     peer.until(lambda: taken() == before + count, f'{count} samples')
-    peer.until(lambda: len(heard) > said, 'an answer')
-    last = 60.0 + 0.01 * (count - 1)
-    assert heard[-1].data == pytest.approx(last / 30.7380 - 1.0, abs=1e-5)
+    last = pytest.approx((60.0 + 0.01 * (count - 1)) / 30.7380 - 1.0, abs=1e-5)
+    peer.until(lambda: len(heard) > said and heard[-1].data == last, 'an answer to the last')
     assert len(heard) - said <= 20
 
     for _ in range(MOST_WAITING + 500):
