@@ -25,10 +25,10 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.values import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.check import to_text
-from stickslip_monitor.commands.check_records import to_json
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.offline.check import check_recording
+from stickslip_monitor.offline.check_records import to_json
 from stickslip_monitor.offline.clips import ClipFolder, ClipWriter
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.commands.check_records import SCHEMA, to_json
 from stickslip_monitor.errors import (
     BagError,
     CalibrationError,
@@ -28,6 +27,7 @@ from stickslip_monitor.errors import (
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink, check_recording
+from stickslip_monitor.offline.check_records import SCHEMA, to_json
 
 if TYPE_CHECKING:
     from stickslip_monitor.lab.calibration.calibrate import Evidence
