@@ -59,7 +59,8 @@ format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-docs: $(VENV)/.docs  ## Build the docs as a site in build/site; a warning is an error
+docs: $(VENV)/.docs  ## Write what docs/ has from the program, build the site in build/site; a warning is an error
+	$(BIN)/python scripts/make_docs.py
 	$(BIN)/mkdocs build --quiet
 
 bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
@@ -106,7 +107,7 @@ $(VENV)/.ship: EXTRAS = dashboard,links
 $(VENV)/.test: EXTRAS = dashboard,links,ros,report,test
 $(VENV)/.lint: EXTRAS = dashboard,links,ros,report,lint
 $(VENV)/.bench: EXTRAS = links,ros,report,bench
-$(VENV)/.docs: EXTRAS = docs
+$(VENV)/.docs: EXTRAS = docs,report
 $(VENV)/.run $(VENV)/.ship $(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs: setup.py pyproject.toml | $(BIN)/python
 	@echo 'Installing stickslip_monitor[$(EXTRAS)] into $(VENV), once (a minute or two) ...'
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'

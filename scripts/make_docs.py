@@ -1,14 +1,20 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/configuration.md from the parameters' declarations, and other tables."""
+"""Writes what docs/ has from the program: parameters, the rooms of the house, what the tutorial prints."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
+import os
 import re
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms.alarm import ALWAYS, TABLE, AlarmState, Choice, Trigger
@@ -16,9 +22,13 @@ from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.config import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'configuration.md'
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / 'docs' / 'configuration.md'
 RULE = PAGE.with_name('rule.md')
 SHIP = PAGE.with_name('ship.md')
+DESIGN = PAGE.with_name('design.md')
+TUTORIAL = PAGE.with_name('tutorial.md')
+PICTURE = ROOT / 'docs' / 'images' / 'tutorial.png'
 COMMAND = 'python scripts/make_docs.py'
 KINDS = {'int': 'whole number', 'bool': 'true/false', 'str': 'text', 'float[]': 'numbers', 'str[]': 'texts'}
 INPUT = '<input>'
@@ -126,6 +136,8 @@ activate it again.
 
 LIFE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
 LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
+CELL = re.compile(r'^```python\n(?P<code>.*?)^```\n(?:\n```text\n.*?```\n)?', re.DOTALL | re.MULTILINE)
+SIZE = re.compile(r'^\| `(\w+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
 FACTS = {'suppressed': 'suppressed', 'covered': 'covered', 'active': 'active', 'held': 'latching'}
 
 
@@ -244,8 +256,69 @@ def with_links(page: str) -> str:
     return LINKS.sub(lambda _: tables, page, count=1)
 
 
+def rooms() -> dict[str, tuple[int, int]]:
+    """Modules and lines of each room of the package; what stands beside the rooms is `top`."""
+    found: dict[str, tuple[int, int]] = {}
+    for path in sorted((ROOT / 'stickslip_monitor').rglob('*.py')):
+        inside = path.relative_to(ROOT / 'stickslip_monitor').parts
+        room = inside[0] if len(inside) > 1 else 'top'
+        modules, lines = found.get(room, (0, 0))
+        found[room] = modules + 1, lines + len(path.read_text('utf-8').splitlines())
+    return found
+
+
+def outgrown(row: tuple[int, int], now: tuple[int, int]) -> bool:
+    """Whether a room has a module, or 3 % of lines, more than was decided."""
+    return now[0] > row[0] or now[1] > 1.03 * row[1]
+
+
+def decided(page: str) -> dict[str, tuple[int, int]]:
+    """Modules and lines of each room, as the page on design has them."""
+    return {room: (int(modules), int(lines.replace(',', ''))) for room, modules, lines in SIZE.findall(page)}
+
+
+def with_rooms(page: str) -> str:
+    """The page on design with the rows of the rooms that have outgrown theirs as these are now."""
+    now, rows = rooms(), decided(page)
+
+    def row(found: re.Match[str]) -> str:
+        room = found[1]
+        if room not in now or not outgrown(rows[room], now[room]):
+            return found[0]
+        return f'| `{room}` | {now[room][0]} | {now[room][1]:,} |'
+
+    return SIZE.sub(row, page)
+
+
+def run_tutorial(page: str, folder: Path) -> str:
+    """The tutorial with what its blocks print, run in a folder beside the repository's recordings."""
+    os.environ.setdefault('MPLBACKEND', 'Agg')
+    for name in ('bags', 'launch_configs'):
+        (folder / name).symlink_to(ROOT / name)
+    names: dict[str, Any] = {}
+
+    def run(block: re.Match[str]) -> str:
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(block['code'], TUTORIAL.name, 'exec'), names)
+        shown = f'\n```text\n{printed.getvalue()}```\n' if printed.getvalue() else ''
+        return f'```python\n{block["code"]}```\n{shown}'
+
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        return CELL.sub(run, page)
+    finally:
+        os.chdir(here)
+        names['plt'].close()
+
+
 def main() -> int:
     """Write the page, and the tables of the others."""
+    DESIGN.write_text(with_rooms(DESIGN.read_text(encoding='utf-8')), encoding='utf-8')
+    with tempfile.TemporaryDirectory() as folder:
+        TUTORIAL.write_text(run_tutorial(TUTORIAL.read_text('utf-8'), Path(folder)), 'utf-8')
+        shutil.copy(Path(folder, PICTURE.name), PICTURE)
     SHIP.write_text(with_links(SHIP.read_text(encoding='utf-8')), encoding='utf-8')
     PAGE.write_text(render(), encoding='utf-8')
     RULE.write_text(with_life(RULE.read_text(encoding='utf-8')), encoding='utf-8')

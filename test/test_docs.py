@@ -11,7 +11,7 @@ from pathlib import Path
 
 import make_docs
 import pytest
-from shared import ROOT
+from shared import ROOT, png_size
 
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
@@ -239,3 +239,23 @@ def test_the_plan_of_the_house_is_that_of_the_layers() -> None:
     package = ROOT / 'stickslip_monitor'
     shared = {part for part in builds_on if not (package / part).is_dir()} - {'live'}
     assert rooms == {k: v for k, v in builds_on.items() if k not in shared}
+
+
+def test_no_room_grows_without_a_decision() -> None:
+    rows, now = make_docs.decided((DOCS / 'design.md').read_text('utf-8')), make_docs.rooms()
+    assert rows.keys() == now.keys()
+    grown = {room: now[room] for room in rows if make_docs.outgrown(rows[room], now[room])}
+    assert grown == {}, 'make it smaller, or decide its growth: `make docs`, and say why in the commit'
+
+
+@pytest.mark.parametrize(('now', 'too_large'), [((3, 1030), False), ((3, 1031), True), ((4, 900), True)])
+def test_when_a_room_has_outgrown_its_row(now: tuple[int, int], too_large: bool) -> None:
+    page = '| `a` | 3 | 1,000 |\n'
+    assert make_docs.outgrown(make_docs.decided(page)['a'], now) is too_large
+
+
+def test_the_tutorial_prints_what_it_shows(tmp_path: Path) -> None:
+    page = make_docs.TUTORIAL.read_text('utf-8')
+    assert make_docs.run_tutorial(page, tmp_path) == page, f'run `{make_docs.COMMAND}`'
+    assert page.count('```text') == 3
+    assert png_size(tmp_path / make_docs.PICTURE.name) == png_size(make_docs.PICTURE)
