@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, harmonic, hopf_speed
+from stickslip_monitor.physics.averaging import fold_speed, harmonic, hopf_speed
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 
 Array = NDArray[np.float64]
 

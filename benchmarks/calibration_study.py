@@ -30,7 +30,7 @@ from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence, calibrate, read_levels
 from stickslip_monitor.lab.calibration.evidence import VibrationReport, course_of
 from stickslip_monitor.lab.calibration.level import level_over_speed
-from stickslip_monitor.physics.averaging.boundaries import fold_load, hopf_load
+from stickslip_monitor.physics.averaging import fold_load, hopf_load
 from stickslip_monitor.physics.probability import QUANTILES, Belief, Tolerance
 
 Array = NDArray[np.float64]

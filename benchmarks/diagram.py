@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed, stationary_amplitudes
-from stickslip_monitor.physics.cycle.cycles import (
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed, stationary_amplitudes
+from stickslip_monitor.physics.cycles import (
     exact_amplitude,
     exact_cycle,
     exact_fold_speed,

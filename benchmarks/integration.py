@@ -24,9 +24,9 @@ from stickslip_monitor.lab.accuracy.time_stepping import (
     turning_points,
     typical_period,
 )
-from stickslip_monitor.physics.cycle.cycles import exact_cycle
-from stickslip_monitor.physics.motion.integrator import FAST, Drive, MotionState, integrate
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import exact_cycle
+from stickslip_monitor.physics.integrator import FAST, Drive, MotionState, integrate
 
 RPM, CYCLES = 20.0, 10.0
 BEARING = bearing()

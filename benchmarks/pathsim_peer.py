@@ -13,8 +13,8 @@ from pathsim.events import ZeroCrossing, ZeroCrossingUp
 from pathsim.solvers import RKCK54
 
 from stickslip_monitor.lab.accuracy.time_stepping import breakaway
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 _TOLERANCES = {'tolerance_lte_abs': 1e-9, 'tolerance_lte_rel': 1e-6}
 _STEP, _NUDGE, _WATCHED = 1e-4, 1e-9, 0.6

@@ -33,8 +33,8 @@ from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.bags.values import Request
 from stickslip_monitor.lab.scenes.scene import Scene
 from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 # Noise of this many standard deviations, on both signals at once, is allowed for.
 SIGMAS = 4.0

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.monitor.configure import build_config
     from stickslip_monitor.monitor.monitor import Monitor
     from stickslip_monitor.monitor.signals import Levels, Sample, Stream
-    from stickslip_monitor.physics.averaging.boundaries import (
+    from stickslip_monitor.physics.averaging import (
         StationaryAmplitudes,
         amplitude_rate,
         fold_load,
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
         hopf_speed,
         stationary_amplitudes,
     )
-    from stickslip_monitor.physics.cycle.cycles import (
+    from stickslip_monitor.physics.bearing import Bearing, BearingSpeed
+    from stickslip_monitor.physics.cycles import (
         Cycle,
         CycleKind,
         exact_cycle,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
         exact_unstable_cycle,
     )
     from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-    from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
 
 __all__ = [
     'Assessment',
@@ -78,7 +78,7 @@ _HOMES = {
     'monitor.configure': ('build_config',),
     'monitor.monitor': ('Monitor',),
     'monitor.signals': ('Levels', 'Sample', 'Stream'),
-    'physics.averaging.boundaries': (
+    'physics.averaging': (
         'StationaryAmplitudes',
         'amplitude_rate',
         'fold_load',
@@ -88,9 +88,9 @@ _HOMES = {
         'hopf_speed',
         'stationary_amplitudes',
     ),
-    'physics.cycle.cycles': ('Cycle', 'CycleKind', 'exact_cycle', 'exact_fold_speed', 'exact_unstable_cycle'),
+    'physics.cycles': ('Cycle', 'CycleKind', 'exact_cycle', 'exact_fold_speed', 'exact_unstable_cycle'),
     'physics.friction': ('Coulomb', 'FrictionLaw', 'Stribeck', 'Tabulated'),
-    'physics.oscillator': ('Bearing', 'BearingSpeed'),
+    'physics.bearing': ('Bearing', 'BearingSpeed'),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors a caller may want to catch: one root, one subclass for each boundary.
 
-And the parts that their sentences share.
+And the parts that their sentences share, and the rules that a quantity of the model must keep.
 """
 
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Iterable
 
@@ -107,3 +108,36 @@ def program_fault(error: BaseException) -> str:
         f' {error}. Please report it to its maintainers, with what the same command prints with'
         ' --traceback'
     )
+
+
+def require_finite(name: str, value: float, unit: str = '') -> None:
+    """Raise :class:`PhysicsError` unless the value is a finite number.
+
+    >>> require_finite('speed', 0.1, 'm/s')
+    """
+    if not math.isfinite(value):
+        raise PhysicsError(f'{name} = {_shown(value, unit)} must be a finite number')
+
+
+def require_positive(name: str, value: float, unit: str = '') -> None:
+    """Raise :class:`PhysicsError` unless the value is finite and above zero.
+
+    >>> require_positive('mass', 50.0, 'kg')
+    """
+    require_finite(name, value, unit)
+    if not value > 0.0:
+        raise PhysicsError(f'{name} = {_shown(value, unit)} must be greater than 0')
+
+
+def require_not_negative(name: str, value: float, unit: str = '') -> None:
+    """Raise :class:`PhysicsError` unless the value is finite and not below zero.
+
+    >>> require_not_negative('damping', 0.0, 'N s/m')
+    """
+    require_finite(name, value, unit)
+    if value < 0.0:
+        raise PhysicsError(f'{name} = {_shown(value, unit)} must not be negative')
+
+
+def _shown(value: float, unit: str) -> str:
+    return f'{value:g} {unit}'.rstrip()

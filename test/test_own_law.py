@@ -18,7 +18,7 @@ from shared import CONFIG, ROOT
 
 from stickslip_monitor import Bearing, Stribeck, exact_cycle, exact_unstable_cycle
 from stickslip_monitor.jit import has_compiler
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
+from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.scalar_law import scalar_law
 
 NUMBERS = (0.3, 0.1, 10.0)

@@ -25,7 +25,7 @@ from stickslip_monitor.drawing.studies import draw_amplitudes, draw_motion
 from stickslip_monitor.errors import ConfigurationError, DrawingError
 from stickslip_monitor.files import PICTURES
 from stickslip_monitor.lab import findings
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.bearing import Bearing
 
 FORMATS = ('png', 'svg')
 

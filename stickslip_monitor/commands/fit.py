@@ -38,7 +38,7 @@ from stickslip_monitor.lab.friction_fit import (
 )
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.physics.oscillator import SPEED_UNITS
+from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 SCHEMA = 'stickslip_monitor/fit/1'
 FRAGMENT_MARK = '# Fitted to '

@@ -31,8 +31,8 @@ from stickslip_monitor.lab.bearing_estimate import (
 from stickslip_monitor.monitor.config import LOAD_UNITS
 from stickslip_monitor.monitor.configure import bearing_names, check_topic
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
-from stickslip_monitor.physics.oscillator import SPEED_UNITS
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 SCHEMA = 'stickslip_monitor/init/1'
 MARK = '# Written by stickslip init'

@@ -21,7 +21,7 @@ from stickslip_monitor.files import PICTURES
 if TYPE_CHECKING:
     from stickslip_monitor.drawing.map import Range
     from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-    from stickslip_monitor.physics.oscillator import BearingSpeed
+    from stickslip_monitor.physics.bearing import BearingSpeed
 
 Marks = Mapping[str, bytes | None]
 """By its ending, what the beginning of a file of ours contains; None where only the contents can
@@ -222,7 +222,7 @@ def _split(what: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
 
 def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> float:
     """Surface speed [m/s] from a text such as ``'20rpm'``; the unit is required."""
-    from stickslip_monitor.physics.oscillator import SPEED_UNITS
+    from stickslip_monitor.physics.bearing import SPEED_UNITS
 
     value, unit = _split(what, text, SPEED_UNITS)
     return float(conversion.to_surface(value, unit))

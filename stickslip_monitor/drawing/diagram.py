@@ -39,14 +39,9 @@ from stickslip_monitor.drawing.canvas import (
 from stickslip_monitor.drawing.map import Range, corners, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import (
-    fold_speed,
-    growth_rate,
-    hopf_speed,
-    stationary_amplitudes,
-)
-from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.averaging import fold_speed, growth_rate, hopf_speed, stationary_amplitudes
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
 
 _LOW = 1e-3
 _SAME = 1e-9

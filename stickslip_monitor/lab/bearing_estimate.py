@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 DENSITY = {'natural': 920.0, 'nitrile': 1000.0, 'chloroprene': 1230.0}
 """Density of the rubbers without fillers [kg/m^3] (Brydson 1988); fillers add up to a fifth."""

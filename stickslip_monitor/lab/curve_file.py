@@ -13,7 +13,7 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
 from stickslip_monitor.files import TableRow, read_table
-from stickslip_monitor.physics.oscillator import SPEED_UNITS, BearingSpeed
+from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
 
 NAMES = {
     'speed': (

@@ -22,17 +22,11 @@ from scipy.special import i1e
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.monitor.assessment import assess
-from stickslip_monitor.physics.averaging.boundaries import (
-    amplitude_rate,
-    fold_load,
-    fold_speed,
-    hopf_load,
-    hopf_speed,
-)
-from stickslip_monitor.physics.cycle.cycles import Cycle, exact_cycle, exact_fold_speed, exact_unstable_cycle
+from stickslip_monitor.physics.averaging import amplitude_rate, fold_load, fold_speed, hopf_load, hopf_speed
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import Cycle, exact_cycle, exact_fold_speed, exact_unstable_cycle
 from stickslip_monitor.physics.friction import Stribeck, as_stribeck
-from stickslip_monitor.physics.motion.integrator import Drive, Motion, MotionState, integrate
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.integrator import Drive, Motion, MotionState, integrate
 
 REFERENCE = Bearing(
     mass=50.0,

@@ -21,11 +21,10 @@ from scipy import stats
 from scipy.optimize import brentq, least_squares, minimize_scalar
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.errors import FitError
+from stickslip_monitor.errors import FitError, require_positive
 from stickslip_monitor.lab.curve_file import FrictionCurve
-from stickslip_monitor.physics.averaging import closed_form
+from stickslip_monitor.physics import closed_form
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.quantities import require_positive
 
 UNITS = {'static': '', 'kinetic': '', 'decay': 's/m', 'viscous': 's/m'}
 """The coefficients of the law, with their units."""

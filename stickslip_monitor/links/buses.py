@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, filled, parameter, rows
 from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
-from stickslip_monitor.physics.oscillator import SPEED_UNITS
+from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 SECTION = '/stickslip_links'
 SIGNALK, NMEA = 'signalk', 'nmea'

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
 from stickslip_monitor.monitor.ladder import SentenceEnum
-from stickslip_monitor.physics.averaging import boundaries, closed_form
+from stickslip_monitor.physics import averaging, closed_form
+from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
-from stickslip_monitor.physics.cycle.cycles import exact_amplitude, exact_fold_speed
-from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
+from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.probability import Belief
 
 TABLE_ERROR = 1e-6
@@ -123,11 +123,11 @@ _ON_DEMAND: dict[str, Callable[[Assessment], FloatArray]] = {
     'fold_margin': lambda p: _margin(p, p.fold_speed),
     'exact_fold_margin': lambda p: _margin(p, p.exact_fold_speed),
     'stability_margin': lambda p: _margin(p, p.stability_limit),
-    'hopf_load': lambda p: boundaries.hopf_load(p._bearing, p.speed) + (p.load - p.load),
-    'fold_load': lambda p: boundaries.fold_load(p._bearing, p.speed) + (p.load - p.load),
-    'growth_rate': lambda p: boundaries.growth_rate(p._bearing, p.speed, p.load),
-    'amplitude': partial(_amplitude, boundaries.stable_amplitude, [BISTABLE, STICK_SLIP]),
-    'threshold_amplitude': partial(_amplitude, boundaries.threshold_amplitude, [BISTABLE]),
+    'hopf_load': lambda p: averaging.hopf_load(p._bearing, p.speed) + (p.load - p.load),
+    'fold_load': lambda p: averaging.fold_load(p._bearing, p.speed) + (p.load - p.load),
+    'growth_rate': lambda p: averaging.growth_rate(p._bearing, p.speed, p.load),
+    'amplitude': partial(_amplitude, averaging.stable_amplitude, [BISTABLE, STICK_SLIP]),
+    'threshold_amplitude': partial(_amplitude, averaging.threshold_amplitude, [BISTABLE]),
     'amplitude_exact': lambda p: np.asarray(exact_amplitude(p._bearing, p.speed, p.load)),
 }
 
@@ -331,7 +331,7 @@ def _judge(
 ) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
     law = bearing.friction
-    solver = boundaries.averaged(law)
+    solver = averaging.averaged(law)
     size = np.abs(speed)
     q = damping_per_load(bearing.damping, load)
     # Speed and load come in turns as a rule, so that a load is met twice.

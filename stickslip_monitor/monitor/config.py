@@ -10,8 +10,8 @@ from typing import Any
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, duration, parameter, rows
+from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS
-from stickslip_monitor.physics.oscillator import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.probability import EXACT, Belief, Tolerance
 
 LOAD_UNITS = ('N', 'kN')

@@ -22,8 +22,8 @@ from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import config
 from stickslip_monitor.monitor.parameter import REQUIRED, filled
 from stickslip_monitor.monitor.questions import note_on_table
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import Belief, Tolerance
 
 CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'

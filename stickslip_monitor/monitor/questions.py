@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.scalar_law import scalar_law
 
 THICKEST = 1.0

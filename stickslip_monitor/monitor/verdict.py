@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.rule_level import RISE, UNKNOWN, decibels, is_ove
 from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, State
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.physics.boundary_table import BoundaryTable
-from stickslip_monitor.physics.cycle.cycles import exact_amplitude
+from stickslip_monitor.physics.cycles import exact_amplitude
 
 UNSEEN = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.source_faults import SourceFault, SourceWatch, fault_text, least_gap
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed
 
 _MOST_NAMED = 5
 FASTEST = 30.0

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray, flatten, restore
-from stickslip_monitor.physics.averaging import boundaries, closed_form
+from stickslip_monitor.physics import averaging, closed_form
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import fold_curve, last_speeds, lower_ends
 from stickslip_monitor.physics.hermite import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
-from stickslip_monitor.physics.oscillator import Bearing
 
 # Points in an octave of load: measured, twice as many gain nothing.
 _SMOOTH, _BROKEN = 100, 128
@@ -129,8 +129,8 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     load = np.exp(math.log(curve.onset) + grid)
     exact = last_speeds(curve.speed, curve.exact, load, not broken)
     with np.errstate(all='ignore'):
-        if boundaries.averaged(law) is closed_form:
-            averaged = np.asarray(boundaries.fold_speed(bearing, load))
+        if averaging.averaged(law) is closed_form:
+            averaged = np.asarray(averaging.fold_speed(bearing, load))
         else:
             averaged = last_speeds(curve.averaged_speed, curve.averaged, load, not broken)
     # At its onset the fold of a law that falls most at rest is no speed yet.

@@ -24,13 +24,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics.averaging import boundaries, closed_form
-from stickslip_monitor.physics.averaging.peaks import highest_slopes
-from stickslip_monitor.physics.averaging.quadrature import WHOLE, slope_surface, slope_table
+from stickslip_monitor.physics import averaging, closed_form
+from stickslip_monitor.physics.averaging_by_scan import WHOLE, highest_slopes, slope_surface, slope_table
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 from stickslip_monitor.physics.orbits import LANDED, TURNED, Route, SlipField, follow, law_in_use, slip_field
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import newton_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
@@ -249,7 +248,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
     falls = loads * law_in_use(law).fall > bearing.damping
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
-        out[falls & (np.asarray(boundaries.fold_speed(bearing, loads)) == np.inf)] = np.inf
+        out[falls & (np.asarray(averaging.fold_speed(bearing, loads)) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
     if rows.size:
         if computes_as(law, Stribeck) or computes_as(law, Coulomb):
@@ -265,7 +264,7 @@ def _of_one_range(bearing: Bearing, law: Stribeck | Coulomb, load: FloatArray) -
     drop = max(law.static - law.kinetic, 0.0)
     rise = 0.5 * law.viscous if isinstance(law, Stribeck) else 0.0
     with np.errstate(all='ignore'):
-        averaged = np.asarray(boundaries.fold_speed(bearing, load))
+        averaged = np.asarray(averaging.fold_speed(bearing, load))
         coulomb = load * grazing.lasting_speed(drop, rise * load / bearing.momentum)
         guess = np.fmax(averaged, coulomb)
         slight = load * law_in_use(law).fall < _WEAKLY * bearing.damping

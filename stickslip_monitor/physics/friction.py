@@ -26,9 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.errors import PhysicsError, require_finite, require_not_negative, require_positive
 from stickslip_monitor.physics.friction_table import Tabulated as Tabulated
-from stickslip_monitor.physics.quantities import require_finite, require_not_negative, require_positive
 
 
 @runtime_checkable

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.errors import PhysicsError, require_finite, require_not_negative
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes
-from stickslip_monitor.physics.quantities import require_finite, require_not_negative
 
 
 @dataclass(frozen=True, slots=True)

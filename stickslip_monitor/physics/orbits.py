@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics import dop853
+from stickslip_monitor.physics import slip_step
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, scalar_law
 
 # How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, or
@@ -47,13 +47,13 @@ _E, _Z, _RATE, _LENGTH, _TIME, _GAIN = range(6)
 def _coefficients() -> tuple[FloatArray, FloatArray]:
     """Those of DOP853: of the stages, shape (12, 12); of step and two errors, shape (3, 12)."""
     stages, out = np.zeros((12, 12)), np.zeros((3, 12))
-    rows = (getattr(dop853, f'A{i}') for i in range(1, 12))
-    for i, (used, row) in enumerate(zip(dop853.USED, rows, strict=True), 1):
+    rows = (getattr(slip_step, f'A{i}') for i in range(1, 12))
+    for i, (used, row) in enumerate(zip(slip_step.USED, rows, strict=True), 1):
         stages[i, list(used)] = row
-    weighed = list(dop853.WEIGHED)
-    out[0, weighed], out[1, weighed] = dop853.B, dop853.E5
-    out[2, weighed] = dop853.B
-    out[2, list(dop853.THIRD)] -= dop853.E3
+    weighed = list(slip_step.WEIGHED)
+    out[0, weighed], out[1, weighed] = slip_step.B, slip_step.E5
+    out[2, weighed] = slip_step.B
+    out[2, list(slip_step.THIRD)] -= slip_step.E3
     return stages, out
 
 

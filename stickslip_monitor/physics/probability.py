@@ -28,11 +28,10 @@ from scipy.special import ndtr, ndtri
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, restore
-from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.errors import PhysicsError, require_not_negative
+from stickslip_monitor.physics import averaging
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, FrictionLaw, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.quantities import require_not_negative
 
 QUANTILES = (0.05, 0.5, 0.95)
 """The quantiles of a boundary that are shown beside a probability."""
@@ -251,7 +250,7 @@ class Belief:
         (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
         known = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
         parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *known])]
-        for of in (boundaries.fold_load, boundaries.hopf_load):
+        for of in (averaging.fold_load, averaging.hopf_load):
             rows = _rows_of(self._total, ln_v, _log_load(of, self.bearing, ln_v), self.straight)
             parts.append(rows.ravel())
         return np.concatenate(parts)

@@ -30,7 +30,7 @@ from stickslip_monitor.drawing.map import (
 )
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.physics.cycle.cycles import exact_cycle
+from stickslip_monitor.physics.cycles import exact_cycle
 
 pytest.importorskip('matplotlib')
 RPM = math.pi * 0.1 / 60.0

@@ -27,7 +27,7 @@ from stickslip_monitor.lab.findings import (
     over_speed,
     stick_slip_history,
 )
-from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_unstable_cycle
+from stickslip_monitor.physics.cycles import exact_cycle, exact_unstable_cycle
 
 RPM = REFERENCE.speed.factor('rpm')
 V = REFERENCE_RPM * RPM

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip_monitor.monitor.assessment import BELIEFS, COLUMNS, Outcome, Regime, assess
-from stickslip_monitor.physics.averaging.boundaries import (
+from stickslip_monitor.physics.averaging import (
     fold_load,
     fold_speed,
     growth_rate,
@@ -15,9 +15,9 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_speed,
     stationary_amplitudes,
 )
-from stickslip_monitor.physics.cycle.cycles import exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = np.pi * 0.100 / 60.0

@@ -19,8 +19,8 @@ from stickslip_monitor.lab.calibration.result import (
     prior_with_bench,
 )
 from stickslip_monitor.monitor.configure import belief_of, load_calibration, require_same_sensors
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import EXACT
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 mp.mp.dps = 40
 _SPLITS = (-150, -40, -12, -4, -1, 0, 1, 4, 12, 40, 150)

@@ -17,7 +17,7 @@ import taylor
 from numpy.testing import assert_array_equal
 from scipy.special import i1e
 
-from stickslip_monitor.physics.averaging.boundaries import (
+from stickslip_monitor.physics.averaging import (
     fold_load,
     fold_speed,
     growth_rate,
@@ -25,14 +25,9 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_speed,
     stationary_amplitudes,
 )
-from stickslip_monitor.physics.cycle.cycles import (
-    CycleKind,
-    exact_cycle,
-    exact_fold_speed,
-    exact_unstable_cycle,
-)
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed, exact_unstable_cycle
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 
 pytestmark = pytest.mark.filterwarnings('error')
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
-from stickslip_monitor.physics.averaging.closed_form import decline
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.closed_form import decline
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import Belief, Tolerance, moved, runs_after
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)

@@ -19,10 +19,10 @@ from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance, ha
 from stickslip_monitor.lab.accuracy.measurement import Case, Method, MethodResult, found, not_converged
 from stickslip_monitor.lab.accuracy.time_stepping import event_driven, smoothed, switching
 from stickslip_monitor.lab.findings import REFERENCE
-from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
-from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle
+from stickslip_monitor.physics.averaging import stationary_amplitudes
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import CycleKind, exact_cycle
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 
 def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:

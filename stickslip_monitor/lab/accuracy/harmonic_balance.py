@@ -22,9 +22,9 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
 from stickslip_monitor.lab.accuracy.time_stepping import turning_points
-from stickslip_monitor.physics.averaging.boundaries import stationary_amplitudes
+from stickslip_monitor.physics.averaging import stationary_amplitudes
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Coulomb
-from stickslip_monitor.physics.oscillator import Bearing
 
 _NEWTON, _HALVINGS, _INNER = 80, 12, 40
 _CONVERGED = 1e-11

@@ -18,7 +18,7 @@ from statistics import median
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import read_file
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.bearing import Bearing
 
 Clock = Callable[[], float]
 

@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.accuracy.measurement import MethodResult, found, not_converged
-from stickslip_monitor.physics.motion.integrator import Drive, MotionOutcome, MotionState, Phase, integrate
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.integrator import Drive, MotionOutcome, MotionState, Phase, integrate
 from stickslip_monitor.physics.scalar_law import friction_drop, scalar_law
 
 Flow = Callable[[float, FloatArray], tuple[float, float]]

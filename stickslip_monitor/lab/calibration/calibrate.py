@@ -16,7 +16,7 @@ from stickslip_monitor.lab.calibration.edges import Edges, End, Reference, edges
 from stickslip_monitor.lab.calibration.evidence import TelemetryBins, VibrationReport
 from stickslip_monitor.lab.calibration.level import LevelBins, level_reports, modes_of
 from stickslip_monitor.lab.calibration.posterior import Posterior, Prior, Spreads, doubt, infer
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
 
 FLOOR = 0.01

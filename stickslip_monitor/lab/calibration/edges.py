@@ -23,9 +23,9 @@ from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.evidence import TelemetryBins, VibrationReport
 from stickslip_monitor.lab.calibration.level import EDGE, FOOT, SLOWEST_FALL
-from stickslip_monitor.physics.averaging import boundaries
+from stickslip_monitor.physics import averaging
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import known_table
-from stickslip_monitor.physics.oscillator import Bearing
 
 LAGS = (-0.75, 0.0, 0.75, 1.5, 2.25)
 """By how much the speed may be late against the vibration, of all edges alike [s]."""
@@ -67,8 +67,8 @@ class Reference:
         self.log_load = table.first + table.step * np.arange(1, len(table.pieces[0]) + 1)
         load = np.exp(self.log_load)
         with np.errstate(all='ignore'):
-            fold = np.fmax(boundaries.fold_speed(bearing, load), table.exact(load))
-            hopf = np.asarray(boundaries.hopf_speed(bearing, load))
+            fold = np.fmax(averaging.fold_speed(bearing, load), table.exact(load))
+            hopf = np.asarray(averaging.hopf_speed(bearing, load))
         known = np.isfinite(fold) & (fold > 0.0)
         self.log_load = self.log_load[known]
         self.log_fold = np.log(fold[known])

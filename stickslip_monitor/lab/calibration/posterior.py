@@ -26,7 +26,7 @@ from scipy.special import logsumexp, ndtr
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.lab.calibration.edges import LAGS, SHARES, Edges, End, Passage, Reference
-from stickslip_monitor.physics.averaging.boundaries import growth_rate
+from stickslip_monitor.physics.averaging import growth_rate
 
 # Scatter of a passage's own boundary, as a load: nodes; a median of 2 %, known to a factor 1.65.
 _SCATTER = np.array([0.008, 0.012, 0.018, 0.027, 0.04, 0.06, 0.09])

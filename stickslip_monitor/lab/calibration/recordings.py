@@ -33,7 +33,7 @@ from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.offline.check import Kept
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.probability import QUANTILES
 
 _LEAST = 1e-20

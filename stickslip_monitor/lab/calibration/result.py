@@ -14,8 +14,8 @@ from stickslip_monitor.lab.calibration.calibrate import DAMPING, Calibration
 from stickslip_monitor.lab.calibration.posterior import Prior
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig
 from stickslip_monitor.monitor.configure import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import Tolerance
 
 FRAGMENT_MARK = b'Made by stickslip calibrate'

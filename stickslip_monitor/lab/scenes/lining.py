@@ -23,7 +23,7 @@ from stickslip_monitor.lab.scenes.profile import Profile
 from stickslip_monitor.lab.scenes.telemetry import Shaft
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
-from stickslip_monitor.physics.motion.integrator import (
+from stickslip_monitor.physics.integrator import (
     FAST,
     Drive,
     Motion,

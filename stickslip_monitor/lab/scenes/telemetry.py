@@ -23,8 +23,8 @@ from stickslip_monitor.lab.scenes.settings import Settings
 from stickslip_monitor.lab.truth import Column
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_load
-from stickslip_monitor.physics.averaging.quadrature import equilibrium_table
+from stickslip_monitor.physics.averaging import fold_speed, hopf_load
+from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
 
 
 def count(rate: float, duration: float) -> int:

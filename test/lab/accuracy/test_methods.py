@@ -12,9 +12,9 @@ from stickslip_monitor.lab.accuracy.harmonic_balance import harmonic_balance
 from stickslip_monitor.lab.accuracy.measurement import CYCLE, NO_CYCLE, REFUSED
 from stickslip_monitor.lab.accuracy.time_stepping import event_driven, smoothed, switching
 from stickslip_monitor.lab.findings import REFERENCE as BENCH
-from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import CycleKind, exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 pytestmark = pytest.mark.filterwarnings('error')
 LIGHT = [method for method in METHODS if not method.slow]

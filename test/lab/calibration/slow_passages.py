@@ -10,8 +10,8 @@ import numpy as np
 from stickslip_monitor.lab.calibration.calibrate import Evidence
 from stickslip_monitor.lab.calibration.evidence import VibrationReport, course_of
 from stickslip_monitor.lab.calibration.level import level_over_speed
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = BEARING.speed.factor('rpm')

@@ -10,9 +10,9 @@ from slow_passages import BEARING, FOLD, RPM, passage, reports
 
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence, calibrate, read_levels
-from stickslip_monitor.physics.averaging.boundaries import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.probability import EXACT
 
 # Damping 40 % high, mu_s - mu_k 20 % low, decay 25 % high: a fold speed of 24 rpm, not 41.

@@ -30,8 +30,8 @@ from stickslip_monitor.lab.scenes.lining import (
     with_parameters,
 )
 from stickslip_monitor.lab.scenes.scene import Scene, simulate
+from stickslip_monitor.physics import integrator
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
-from stickslip_monitor.physics.motion import integrator
 
 MASS, DAMPING, STIFFNESS, OMEGA = 50.0, 400.0, 2.0e6, 200.0
 DROP, DECAY, KINETIC = 0.2, 10.0, 0.1

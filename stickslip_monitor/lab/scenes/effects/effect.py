@@ -19,7 +19,7 @@ from stickslip_monitor.lab.scenes.lining import FrictionCourse
 from stickslip_monitor.lab.scenes.settings import Settings, random_stream
 from stickslip_monitor.lab.scenes.telemetry import Channel, Memory, Sensor, Shaft, Signal, TimeBlock
 from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
-from stickslip_monitor.physics.oscillator import SPEED_UNITS
+from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 # Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
 UNITS: Mapping[str, Sequence[str]] = {

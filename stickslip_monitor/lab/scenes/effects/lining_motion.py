@@ -47,7 +47,7 @@ from stickslip_monitor.lab.scenes.telemetry import Channel, TimeBlock, nominal_l
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 
 # Decimals of margins, of instants and durations [s], and of amplitudes [m]: beyond them digits may
 # differ between processors, and recordings must not. Instants do by 1e-13 s, as exp() differs.

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.errors import PhysicsError, require_not_negative, require_positive
 from stickslip_monitor.physics.friction import FrictionLaw
-from stickslip_monitor.physics.quantities import require_not_negative, require_positive
 
 SPEED_UNITS = ('rpm', 'rad/s', 'Hz', 'm/s')
 

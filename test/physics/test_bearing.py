@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.bearing import Bearing, BearingSpeed
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import Bearing, BearingSpeed
 
 LAW = Stribeck(0.30, 0.10, 10.0)
 BODY = {'mass': 50.0, 'damping': 400.0, 'stiffness': 2.0e6, 'journal_diameter': 0.1}

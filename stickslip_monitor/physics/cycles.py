@@ -29,9 +29,11 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, flatten, mapped, restore
-from stickslip_monitor.physics import roots, scalar_law
-from stickslip_monitor.physics.cycle import slip
-from stickslip_monitor.physics.cycle.many_cycles import (
+from stickslip_monitor.physics import roots, scalar_law, slip, slip_step
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.folds import exact_fold
+from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
+from stickslip_monitor.physics.many_cycles import (
     FoundCycles,
     amplitudes_together,
     cycles_together,
@@ -41,11 +43,7 @@ from stickslip_monitor.physics.cycle.many_cycles import (
     slides_steadily,
     why_no_cycles,
 )
-from stickslip_monitor.physics.folds import exact_fold
-from stickslip_monitor.physics.motion import slip_step
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.orbits import slip_field
-from stickslip_monitor.physics.oscillator import Bearing
 
 
 class CycleKind(IntEnum):

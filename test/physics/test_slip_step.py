@@ -8,22 +8,22 @@ import pytest
 from scipy.integrate import DOP853
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from stickslip_monitor.physics import dop853
+from stickslip_monitor.physics import slip_step
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 
 
 def test_the_stages_are_those_of_dop853() -> None:
-    for i, stages in enumerate(dop853.USED, 1):
+    for i, stages in enumerate(slip_step.USED, 1):
         row = np.zeros(12)
-        row[list(stages)] = getattr(dop853, f'A{i}')
+        row[list(stages)] = getattr(slip_step, f'A{i}')
         assert row.tolist() == DOP853.A[i, :12].tolist()
-    assert np.array(dop853.C).tolist() == DOP853.C[:12].tolist()
+    assert np.array(slip_step.C).tolist() == DOP853.C[:12].tolist()
 
 
 def test_the_weights_are_those_of_dop853() -> None:
     weights, third = np.zeros((2, 12)), np.zeros(12)
-    weights[:, list(dop853.WEIGHED)] = dop853.B, dop853.E5
-    third[list(dop853.THIRD)] = dop853.E3
+    weights[:, list(slip_step.WEIGHED)] = slip_step.B, slip_step.E5
+    third[list(slip_step.THIRD)] = slip_step.E3
     assert weights.tolist() == [DOP853.B.tolist(), DOP853.E5[:12].tolist()]
     assert third == pytest.approx(DOP853.B - DOP853.E3[:12], abs=1e-16)
 

@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck, Tabulated
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, Phase, integrate
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
 
 pytestmark = pytest.mark.filterwarnings('error')
 

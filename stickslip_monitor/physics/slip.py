@@ -16,7 +16,9 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import NamedTuple
 
-from stickslip_monitor.physics.motion.slip_step import (
+from stickslip_monitor.physics.roots import begun_bracket, best_of, is_found, narrowed, next_trial
+from stickslip_monitor.physics.scalar_law import LawInUse, friction_drop, friction_slope
+from stickslip_monitor.physics.slip_step import (
     PLACE,
     RELATIVE_SPEED,
     Medium,
@@ -27,8 +29,6 @@ from stickslip_monitor.physics.motion.slip_step import (
     slip_step,
     until_kink,
 )
-from stickslip_monitor.physics.roots import begun_bracket, best_of, is_found, narrowed, next_trial
-from stickslip_monitor.physics.scalar_law import LawInUse, friction_drop, friction_slope
 
 
 class Orbit(NamedTuple):

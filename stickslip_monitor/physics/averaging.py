@@ -25,15 +25,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
-from stickslip_monitor.physics.averaging import closed_form, numerical
-from stickslip_monitor.physics.averaging.quadrature import friction_harmonic
+from stickslip_monitor.physics import averaging_by_scan, closed_form
+from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
-from stickslip_monitor.physics.oscillator import Bearing, damping_per_load
+from stickslip_monitor.physics.quadrature import friction_harmonic
 
 
 def averaged(law: FrictionLaw) -> Any:
     """The module that solves the averaged equations of a law: in closed form for Stribeck's."""
-    return closed_form if computes_as(law, Stribeck) else numerical
+    return closed_form if computes_as(law, Stribeck) else averaging_by_scan
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:

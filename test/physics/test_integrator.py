@@ -15,9 +15,10 @@ import pytest
 
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.physics.cycle.cycles import exact_cycle
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
-from stickslip_monitor.physics.motion.integrator import (
+from stickslip_monitor.physics.integrator import (
     Accuracy,
     Drive,
     Motion,
@@ -26,7 +27,6 @@ from stickslip_monitor.physics.motion.integrator import (
     Phase,
     integrate,
 )
-from stickslip_monitor.physics.oscillator import Bearing
 
 REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
 LOAD = 1000.0

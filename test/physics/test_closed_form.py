@@ -7,7 +7,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics.averaging import closed_form
+from stickslip_monitor.physics import closed_form
 
 
 @pytest.mark.parametrize('x', [1e-9, 1e-4, 0.1, 0.4999, 0.5001, 2.1, 30.0, 699.0, 3e5, 1e8])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from stickslip_monitor.physics.averaging.boundaries import (
+from stickslip_monitor.physics.averaging import (
     amplitude_rate,
     fold_load,
     fold_speed,
@@ -18,8 +18,8 @@ from stickslip_monitor.physics.averaging.boundaries import (
     hopf_speed,
     stationary_amplitudes,
 )
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 
 MakeBearing = Callable[..., tuple[Bearing, float]]
 # mass [kg], omega [rad/s], kappa, r = mu_k/Delta, beta [s/m]

@@ -7,14 +7,14 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics.averaging.boundaries import amplitude_rate, harmonic
-from stickslip_monitor.physics.averaging.quadrature import (
+from stickslip_monitor.physics.averaging import amplitude_rate, harmonic
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.quadrature import (
     crossing_angle,
     friction_harmonic,
     friction_harmonic_and_slope,
 )
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
 CLOSED = {

@@ -15,7 +15,8 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import Any, NamedTuple
 
-from stickslip_monitor.physics.motion.slip_step import (
+from stickslip_monitor.physics.scalar_law import LawInUse, friction_slope
+from stickslip_monitor.physics.slip_step import (
     RATE,
     RELATIVE_SPEED,
     Medium,
@@ -28,7 +29,6 @@ from stickslip_monitor.physics.motion.slip_step import (
     time_to_rise,
     until_kink,
 )
-from stickslip_monitor.physics.scalar_law import LawInUse, friction_slope
 
 DONE, EVENTS_FULL, EXHAUSTED, NOT_FINITE = 0, 1, 2, 3
 NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT = 0, 1, 2, 3

@@ -11,7 +11,7 @@ the unstable amplitude each follow from one function of one variable,
 inverted here by Newton's method in a fixed number of steps: an element's value never depends on
 what else is in the array.
 
-The functions of a law are those that :mod:`.numerical` has for any other. They take arrays of
+The functions of a law are those that :mod:`.averaging_by_scan` has for any other. They take arrays of
 shape (n,): surface speeds ``V`` > 0 [m/s] and the damping for each unit of load, ``q = c/N`` [s/m]
 (``inf`` without load). What would warn on the way to ``inf`` and ``nan`` is for the caller to
 silence.
@@ -26,9 +26,9 @@ import numpy as np
 from scipy.special import i0e, i1e
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.physics.averaging.quadrature import crossing_angle, friction_harmonic, gauss_rule
+from stickslip_monitor.physics.bearing import damping_per_load
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.oscillator import damping_per_load
+from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic, gauss_rule
 from stickslip_monitor.physics.roots import newton_on_bracket
 
 _SERIES_LIMIT = 0.5

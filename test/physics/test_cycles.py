@@ -11,8 +11,9 @@ import pytest
 import taylor
 from numpy.testing import assert_allclose, assert_array_equal
 
-from stickslip_monitor.physics.averaging.boundaries import growth_rate
-from stickslip_monitor.physics.cycle.cycles import (
+from stickslip_monitor.physics.averaging import growth_rate
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import (
     CycleKind,
     exact_amplitude,
     exact_cycle,
@@ -20,8 +21,7 @@ from stickslip_monitor.physics.cycle.cycles import (
     exact_unstable_cycle,
 )
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.motion.integrator import Drive, MotionState, integrate
-from stickslip_monitor.physics.oscillator import Bearing
+from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 
 pytestmark = pytest.mark.filterwarnings('error')
 

@@ -13,18 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics.averaging.boundaries import averaged
-from stickslip_monitor.physics.averaging.quadrature import slope_surface
-from stickslip_monitor.physics.cycle.slip import (
-    AT_REST,
-    NO_CONTACT,
-    NO_CYCLE,
-    NOT_FINITE,
-    OVERTAKING,
-    PURE_SLIP,
-    STICK_SLIP,
-    UNRESOLVED,
-)
+from stickslip_monitor.physics.averaging import averaged
+from stickslip_monitor.physics.averaging_by_scan import slope_surface
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
@@ -36,8 +27,17 @@ from stickslip_monitor.physics.orbits import (
     law_in_use,
     slip_field,
 )
-from stickslip_monitor.physics.oscillator import Bearing
 from stickslip_monitor.physics.roots import root_on_bracket
+from stickslip_monitor.physics.slip import (
+    AT_REST,
+    NO_CONTACT,
+    NO_CYCLE,
+    NOT_FINITE,
+    OVERTAKING,
+    PURE_SLIP,
+    STICK_SLIP,
+    UNRESOLVED,
+)
 
 # Error of a step of a cycle, and of one whose amplitude alone is wanted: that errs by 1e-9.
 _ERROR, _OF_AMPLITUDES = 1e-13, 1e-10

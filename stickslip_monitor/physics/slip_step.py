@@ -7,9 +7,9 @@ small motions keep their digits. With speed and load linear in the time ``t`` si
 
     e' = drift(t) - z    z' = e + offset(t) - 2 zeta z + force(t) (mu(reference) - mu)
 
-where each of ``drift``, ``offset`` and ``force`` is a value and a rate. The method is DOP853
-(:mod:`stickslip_monitor.physics.dop853`). Plain functions of numbers, which run as they stand and
-compiled alike.
+where each of ``drift``, ``offset`` and ``force`` is a value and a rate. The method is DOP853,
+the Runge-Kutta method of order 8 with a 5-3 error estimate. Plain functions of numbers, which run
+as they stand and compiled alike.
 """
 
 from __future__ import annotations
@@ -18,8 +18,113 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from stickslip_monitor.physics.dop853 import A1, A2, A3, A4, A5, A6, A7, A8, A9, A10, A11, E3, E5, B, C
 from stickslip_monitor.physics.scalar_law import friction_drop, friction_slope
+
+# Dormand and Prince's coefficients: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary
+# Differential Equations I, 2nd edition, Springer, 1993, section II.5. A1 to A11 are those that are
+# not 0 of the later stages, in the order of the stages of USED; B and E5 belong to the stages of
+# WEIGHED, and E3, by which the embedded formula of order 3 differs from the method, to those of
+# THIRD. Written out: importing them from scipy takes 29 MB.
+USED = (
+    (0,),
+    (0, 1),
+    (0, 2),
+    (0, 2, 3),
+    (0, 3, 4),
+    (0, 3, 4, 5),
+    (0, 3, 4, 5, 6),
+    (0, 3, 4, 5, 6, 7),
+    (0, 3, 4, 5, 6, 7, 8),
+    (0, 3, 4, 5, 6, 7, 8, 9),
+    (0, 3, 4, 5, 6, 7, 8, 9, 10),
+)
+WEIGHED, THIRD = (0, 5, 6, 7, 8, 9, 10, 11), (0, 8, 11)
+A1 = (0.05260015195876773,)
+A2 = (0.0197250569845379, 0.0591751709536137)
+A3 = (0.02958758547680685, 0.08876275643042054)
+A4 = (0.2413651341592667, -0.8845494793282861, 0.924834003261792)
+A5 = (0.037037037037037035, 0.17082860872947386, 0.12546768756682242)
+A6 = (0.037109375, 0.17025221101954405, 0.06021653898045596, -0.017578125)
+A7 = (
+    0.03709200011850479,
+    0.17038392571223998,
+    0.10726203044637328,
+    -0.015319437748624402,
+    0.008273789163814023,
+)
+A8 = (
+    0.6241109587160757,
+    -3.3608926294469414,
+    -0.868219346841726,
+    27.59209969944671,
+    20.154067550477894,
+    -43.48988418106996,
+)
+A9 = (
+    0.47766253643826434,
+    -2.4881146199716677,
+    -0.590290826836843,
+    21.230051448181193,
+    15.279233632882423,
+    -33.28821096898486,
+    -0.020331201708508627,
+)
+A10 = (
+    -0.9371424300859873,
+    5.186372428844064,
+    1.0914373489967295,
+    -8.149787010746927,
+    -18.52006565999696,
+    22.739487099350505,
+    2.4936055526796523,
+    -3.0467644718982196,
+)
+A11 = (
+    2.273310147516538,
+    -10.53449546673725,
+    -2.0008720582248625,
+    -17.9589318631188,
+    27.94888452941996,
+    -2.8589982771350235,
+    -8.87285693353063,
+    12.360567175794303,
+    0.6433927460157636,
+)
+B = (
+    0.054293734116568765,
+    4.450312892752409,
+    1.8915178993145003,
+    -5.801203960010585,
+    0.3111643669578199,
+    -0.1521609496625161,
+    0.20136540080403034,
+    0.04471061572777259,
+)
+E5 = (
+    0.01312004499419488,
+    -1.2251564463762044,
+    -0.4957589496572502,
+    1.6643771824549864,
+    -0.35032884874997366,
+    0.3341791187130175,
+    0.08192320648511571,
+    -0.022355307863886294,
+)
+E3 = (0.2440944881889764, 0.7338466882816118, 0.022058823529411766)
+C = (
+    0.0,
+    0.05260015195876773,
+    0.0789002279381516,
+    0.1183503419072274,
+    0.2816496580927726,
+    0.3333333333333333,
+    0.25,
+    0.3076923076923077,
+    0.6512820512820513,
+    0.6,
+    0.8571428571428571,
+    1.0,
+)
 
 
 class Medium(NamedTuple):

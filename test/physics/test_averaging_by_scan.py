@@ -8,11 +8,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics.averaging import numerical, quadrature
-from stickslip_monitor.physics.averaging.boundaries import fold_speed, hopf_speed, stationary_amplitudes
-from stickslip_monitor.physics.cycle.cycles import CycleKind, exact_cycle, exact_fold_speed
+from stickslip_monitor.physics import averaging_by_scan
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed, stationary_amplitudes
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck, Tabulated
-from stickslip_monitor.physics.oscillator import Bearing
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
 # c/N [s/m] of kappa = 0.5, 0.2, 0.02, 0.002
@@ -47,14 +47,14 @@ def test_a_subclass_that_overrides_its_friction_is_a_law_of_its_own() -> None:
 
 
 def test_of_stribecks_law_it_finds_what_the_closed_forms_say() -> None:
-    """Which the 40-digit balance holds to 1e-12 (test_boundaries.py)."""
-    fold = numerical.fold_speed(STRIBECK, DAMPING)
+    """Which the 40-digit balance holds to 1e-12 (test_averaging.py)."""
+    fold = averaging_by_scan.fold_speed(STRIBECK, DAMPING)
     for i, q in enumerate(DAMPING):
         bearing = Bearing(1.0, q, 1.0, STRIBECK, 0.1)
         assert fold[i] == pytest.approx(fold_speed(bearing, 1.0), rel=2e-11)
         speed = 0.5 * (fold[i] + hopf_speed(bearing, 1.0))
         both = stationary_amplitudes(bearing, speed, 1.0).amplitude
-        found, stable = numerical.cycles(STRIBECK, np.array([speed]), 1.0, 1.0 / DAMPING[i : i + 1])
+        found, stable = averaging_by_scan.cycles(STRIBECK, np.array([speed]), 1.0, 1.0 / DAMPING[i : i + 1])
         np.testing.assert_allclose(found[0], both, rtol=2e-11)
         assert stable[0].tolist() == [0.0, 1.0]
 
@@ -63,8 +63,8 @@ def test_amplitudes_are_the_smallest_threshold_and_the_largest_cycle() -> None:
     """Of all the cycles; a threshold needs a quiet state inside it."""
     law = TWO_FALLS
     speed, q = np.array([0.2, 0.225, 0.25, 0.5]), np.full(4, 0.25)
-    threshold = numerical.threshold_amplitude(law, speed, 0.25, np.ones(4))
-    largest = numerical.stable_amplitude(law, speed, q)
+    threshold = averaging_by_scan.threshold_amplitude(law, speed, 0.25, np.ones(4))
+    largest = averaging_by_scan.stable_amplitude(law, speed, q)
     every = stationary_amplitudes(Bearing(1.0, 0.25, 1.0, law, 0.1), speed, 1.0)
     assert threshold[0] == every.amplitude[0, 0]
     assert np.isnan(threshold[1])  # unstable equilibrium: nothing to exceed
@@ -76,8 +76,8 @@ def test_amplitudes_are_the_smallest_threshold_and_the_largest_cycle() -> None:
 def test_without_damping_a_table_reaches_any_speed() -> None:
     """Above its last point only a motion that dips into the fall is driven: ``a > V - v_last``."""
     law = Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1])
-    assert numerical.fold_speed(law, np.zeros(1))[0] == np.inf
-    amplitude, stable = numerical.cycles(law, np.array([2.0]), 0.0, np.ones(1))
+    assert averaging_by_scan.fold_speed(law, np.zeros(1))[0] == np.inf
+    amplitude, stable = averaging_by_scan.cycles(law, np.array([2.0]), 0.0, np.ones(1))
     assert stable[0].tolist() == [0.0, 1.0]
     assert amplitude[0, 0] <= 1.5 * (1.0 + 1e-6)
     assert amplitude[0, 1] > 2.0
@@ -97,7 +97,7 @@ def _random_tables(count: int) -> list[Tabulated]:
 def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(6)
     speed = rng.uniform(0.005, 1.3 * law.speed[-1], count) * rng.choice([1.0, 1.0, 0.1], count)
-    steepest = quadrature.slope_table(law).peak.max()
+    steepest = averaging_by_scan.slope_table(law).peak.max()
     return speed, max(steepest, 1e-3) * np.exp(rng.uniform(np.log(1e-3), 0.0, count))
 
 
@@ -109,20 +109,24 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
     """
     fine = np.unique(
         np.concatenate(
-            [g + np.diff(quadrature.GRID) * k / 8 for k in range(8) for g in [quadrature.GRID[:-1]]]
+            [
+                g + np.diff(averaging_by_scan.GRID) * k / 8
+                for k in range(8)
+                for g in [averaging_by_scan.GRID[:-1]]
+            ]
         )
     )[1:]
     for law in _random_tables(4):
         speed, q = _points(law, 60)
         x, v = (grid.ravel() for grid in np.meshgrid(fine, speed))
-        above = quadrature.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
+        above = averaging_by_scan.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
         changes = np.count_nonzero(above[:, 1:] != above[:, :-1], axis=1)
-        amplitude, stable = numerical.cycles(law, speed, 1.0, 1.0 / q)
+        amplitude, stable = averaging_by_scan.cycles(law, speed, 1.0, 1.0 / q)
         found = np.count_nonzero(~np.isnan(amplitude), axis=1)
         assert np.all((found == changes) | (found == changes + 2))
         assert np.mean(found == changes) > 0.98
         np.testing.assert_array_equal(
-            numerical.has_cycle(law, speed, q, np.full(60, np.inf)), (stable > 0.0).any(axis=1)
+            averaging_by_scan.has_cycle(law, speed, q, np.full(60, np.inf)), (stable > 0.0).any(axis=1)
         )
 
 
@@ -131,12 +135,12 @@ def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
     """The whole grid of amplitudes, refined about its highest point, just below and above."""
     for law in _random_tables(5):
         q = _points(law, 60)[1]
-        fold = numerical.fold_speed(law, q)
+        fold = averaging_by_scan.fold_speed(law, q)
         q, fold = q[np.isfinite(fold)], fold[np.isfinite(fold)]
 
         def highest(speed: np.ndarray, law: Tabulated = law) -> np.ndarray:
-            rows = quadrature.surface_rows(law, speed)
-            return quadrature.peak_and_place(law, speed, rows)[0]
+            rows = averaging_by_scan.surface_rows(law, speed)
+            return averaging_by_scan.peak_and_place(law, speed, rows)[0]
 
         assert np.all(highest(fold * (1.0 - 1e-9)) >= q)
         assert np.all(highest(fold * (1.0 + 1e-9)) <= q)
@@ -153,7 +157,7 @@ def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 100e6
-    assert quadrature.slope_table(law).speeds.size < 300
+    assert averaging_by_scan.slope_table(law).speeds.size < 300
     assert fold == pytest.approx(fold_speed(same, 1000.0), rel=1e-5)
     assert hopf == pytest.approx(hopf_speed(same, 1000.0), rel=1e-4)
 
@@ -167,7 +171,7 @@ def test_the_fold_of_a_noisy_table_is_that_of_a_dense_scan(seed: int) -> None:
     dense = np.geomspace(0.05, 2.0, 3000)
     peak = np.full(dense.size, -np.inf)
     for share in np.linspace(0.0, 1.0, 65):
-        peak = np.maximum(peak, quadrature.slope_surface(law, np.full(3000, share), dense))
+        peak = np.maximum(peak, averaging_by_scan.slope_surface(law, np.full(3000, share), dense))
     for load in (369.0, 609.0, 3000.0):
         last = dense[np.flatnonzero(load * peak > 400.0)[-1]]
         found = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)

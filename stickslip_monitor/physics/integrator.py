@@ -20,11 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.errors import PhysicsError, require_finite, require_positive
+from stickslip_monitor.physics import march, slip_step
 from stickslip_monitor.physics import scalar_law as scalars
-from stickslip_monitor.physics.motion import march, slip_step
-from stickslip_monitor.physics.oscillator import Bearing
-from stickslip_monitor.physics.quantities import require_finite, require_positive
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.scalar_law import LawInUse, ScalarLaw, scalar_law
 
 Phases = NDArray[np.int8]
