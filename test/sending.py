@@ -15,7 +15,7 @@ from shared import REFERENCE
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import AlarmStateError
-from stickslip_monitor.host_clock import HostClock
+from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarms.alarm import AlarmKind
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from urllib.parse import SplitResult, urlsplit
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
-from stickslip_monitor.host_clock import HostClock
+from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.input_watch import Graph

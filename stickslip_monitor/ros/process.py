@@ -25,12 +25,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import RosError, StickslipError, program_fault
 from stickslip_monitor.files import printable
+from stickslip_monitor.host import unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config import ClipConfig
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, sentence
 from stickslip_monitor.ros.other_nodes import without_log_files
-from stickslip_monitor.standard_error import unblocked
 
 LONGEST_WAIT = 0.2
 # Of UDP ports, of which DDS takes 250 for each domain.

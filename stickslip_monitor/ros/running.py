@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.host_clock import HostClock
+from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarms.alarm_records import ROS_SERVICE, ActionRequest, parse_request
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
 from stickslip_monitor.monitor.health import CLOCKS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A standard error that never waits for its reader: what nobody reads is lost, and counted.
+"""What a program that runs for months needs of its machine: clocks, and a log that blocks nobody.
 
 A terminal that was stopped (Ctrl-S), a launch that is suspended or a stuck log driver blocks every
 program that writes to it, in C as in Python. So the program writes to a pipe of its own, and a
@@ -13,12 +13,49 @@ import os
 import select
 import sys
 import threading
+import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from stickslip_monitor.monitor.session import Moment
+
+STEP_NS = 10**9
+"""A clock on the wall that gains or loses more [ns] between two looks was set: time that is slewed
+by NTP gains 0.5 ms a second at most."""
+
+
+def uptime_ns() -> int:
+    """Time since the machine was started [ns]; that in which it slept counts, where it can."""
+    clock = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
+    return time.clock_gettime_ns(clock)
+
+
+class HostClock:
+    """Reads both clocks, and notices when the one on the wall is set.
+
+    Args:
+        steady: Reads a clock that never steps [ns].
+        wall: Reads the one on the wall [ns].
+    """
+
+    def __init__(self, steady: Callable[[], int] = uptime_ns, wall: Callable[[], int] = time.time_ns) -> None:
+        self._steady, self._wall = steady, wall
+        self._ahead_ns, self._set_ns = wall() - steady(), 0
+
+    def now(self) -> Moment:
+        """Now, on both, and by how much that on the wall was set since this was made."""
+        moment = Moment(self._steady(), self._wall(), self._set_ns)
+        before, self._ahead_ns = self._ahead_ns, moment.time_ns - moment.steady_ns
+        step_ns = self._ahead_ns - before
+        if abs(step_ns) <= STEP_NS:
+            return moment
+        self._set_ns += step_ns
+        return moment._replace(set_ns=self._set_ns)
+
+
 LINES_KEPT = 1000
-"""The latest lines that wait for the reader; more are lost."""
+"""The latest lines that wait for the reader; more are lost, and counted."""
 LAST_WORDS = 0.5
 """For so long [s] the end of the program waits for the reader."""
 # What a pipe takes at once, and never in part (POSIX).
@@ -30,52 +67,43 @@ class _Pump:
 
     def __init__(self, source: int, target: int) -> None:
         self._source, self._target = source, target
-        self._rest = b''
-        self._lines: deque[bytes] = deque()
-        self._lost = 0
+        self._lines: deque[bytes] = deque(maxlen=LINES_KEPT)
+        self._rest, self._lost = b'', 0
 
     def run(self) -> None:
         """Hand on until the source ends; then what the reader takes in time."""
-        while self._take(select.select([self._source], self._wanted(), [])):
-            pass
-        self._push(self._rest)
-        while self._lines and select.select([], [self._target], [], LAST_WORDS)[1]:
-            self._give()
+        is_open = True
+        while is_open or self._lines:
+            sources, targets = [self._source] * is_open, [self._target] * bool(self._lines)
+            readable, writable, _ = select.select(sources, targets, [], None if is_open else LAST_WORDS)
+            if not (readable or writable):
+                return
+            if writable:
+                self._give()
+            if readable:
+                is_open = self._take()
 
-    def _wanted(self) -> list[int]:
-        return [self._target] if self._lines else []
-
-    def _take(self, ready: tuple[list[int], list[int], list[int]]) -> bool:
-        """Take what has come, and give what is wanted; whether the source goes on."""
-        if ready[1]:
-            self._give()
-        if not ready[0]:
-            return True
+    def _take(self) -> bool:
+        """Take what has come; whether the source goes on."""
         data = os.read(self._source, 1 << 16)
         *lines, self._rest = (self._rest + data).split(b'\n')
+        if self._rest and not data:
+            lines.append(self._rest)
         for line in lines:
-            self._push(line + b'\n')
+            self._lost += len(self._lines) == LINES_KEPT
+            self._lines.append(line + b'\n')
         return bool(data)
 
-    def _push(self, line: bytes) -> None:
-        if len(self._lines) == LINES_KEPT:
-            self._lines.popleft()
-            self._lost += 1
-        if line:
-            self._lines.append(line)
-
     def _give(self) -> None:
-        if self._lost:
-            text = f'[{self._lost} lines of the log are lost: nobody read them]\n'
-            self._lost = 0
-            self._lines.appendleft(text.encode())
         line = self._lines.popleft()
-        head, tail = line[:_CHUNK], line[_CHUNK:]
-        if tail:
+        if self._lost:
+            line = b'[%d lines of the log are lost: nobody read them]\n' % self._lost + line
+            self._lost = 0
+        if tail := line[_CHUNK:]:
             self._lines.appendleft(tail)
         # A reader that has gone, or a full disk: there is nobody to tell.
         with suppress(OSError):
-            os.write(self._target, head)
+            os.write(self._target, line[:_CHUNK])
 
 
 def _open_null(descriptor: int) -> None:
