@@ -24,12 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibration_ships import Kind, Sent, Ship, make_ships, sail
-from stickslip_monitor.drawing.calibration import draw_calibration
 from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
+from stickslip_monitor.drawing.studies import draw_calibration
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence, calibrate, read_levels
-from stickslip_monitor.lab.calibration.evidence import VibrationReport, course_of
-from stickslip_monitor.lab.calibration.level import level_over_speed
+from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, read_levels
+from stickslip_monitor.lab.evidence import VibrationReport, course_of, level_over_speed
 from stickslip_monitor.physics.averaging import fold_load, hopf_load
 from stickslip_monitor.physics.probability import QUANTILES, Belief, Tolerance
 

@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.lab.accuracy.measurement import MethodResult
-from stickslip_monitor.lab.accuracy.time_stepping import (
+from stickslip_monitor.lab.methods import (
+    MethodResult,
     breakaway,
     smoothed,
     switching,

@@ -28,7 +28,7 @@ from benchmarks.warning_quality import FIGURES, Episode, Quality, announced, fal
 from stickslip_monitor.cli import main as run_command
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.offline.archive import core_count
 from stickslip_monitor.offline.outline import condition_intervals
 

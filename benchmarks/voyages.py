@@ -21,8 +21,8 @@ from benchmarks.warning_quality import Interval, Quality, RuleOutput, merged, qu
 from stickslip_monitor import jit
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.scene import STAGES, Scene, load_scene, write_bag
-from stickslip_monitor.lab.scenes.settings import with_parameter_errors
+from stickslip_monitor.lab.scene import STAGES, Scene, load_scene, write_bag
+from stickslip_monitor.lab.settings import with_parameter_errors
 from stickslip_monitor.lab.truth import TruthRecord, has_truth, known_truth, read_truth
 from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.assessment import assess

@@ -24,7 +24,7 @@ from rich.console import Console
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import BagError, StickslipError
-from stickslip_monitor.lab.scenes.scene import Scene, load_scene, write_bag
+from stickslip_monitor.lab.scene import Scene, load_scene, write_bag
 from stickslip_monitor.lab.truth import has_truth, read_truth
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -23,7 +23,7 @@ from benchmarks.score import RULES, judge_all
 from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Sent, Voyage, cases_of, output_of
 from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, written
 from stickslip_monitor.drawing.canvas import save_figure
-from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
 from stickslip_monitor.monitor.parameter import nanoseconds

@@ -32,7 +32,6 @@ COMMANDS = {
     'check': 'run the monitor over recorded bags',
     'dashboard': 'serve a page to watch bearings and deal with alarms',
     'diagram': 'draw the bifurcation diagram over speed',
-    'figures': 'draw the published findings on stick-slip',
     'fit': 'fit the Stribeck law to a measured friction curve',
     'health': 'ask a running monitor whether it monitors',
     'init': 'write a parameter file from a drawing and a data sheet',
@@ -45,7 +44,10 @@ COMMANDS = {
 
 PACKAGE = 'stickslip_monitor.commands'
 # For one version: where commands went that no user of a ship calls.
-_MOVED = {'score': '`python -m benchmarks.score`, in the source tree'}
+_MOVED = {
+    'figures': '`python scripts/draw_findings.py`, in the source tree',
+    'score': '`python -m benchmarks.score`, in the source tree',
+}
 
 _TOLD_TO_STOP = threading.Event()
 

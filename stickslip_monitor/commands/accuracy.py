@@ -21,9 +21,12 @@ from rich.table import Table
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.studies import MethodMark, draw_pareto
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.accuracy.cases import BASE, CASES, METHODS, TYPICAL
-from stickslip_monitor.lab.accuracy.measurement import (
+from stickslip_monitor.lab.accuracy import (
+    BASE,
+    CASES,
+    METHODS,
     QUICK,
+    TYPICAL,
     Effort,
     Row,
     Summary,

@@ -28,13 +28,11 @@ from stickslip_monitor import __version__
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError, cause, plural
 from stickslip_monitor.files import read_json
-from stickslip_monitor.lab.calibration.calibrate import Calibration, Evidence
-from stickslip_monitor.lab.calibration.evidence import read_reports
-from stickslip_monitor.lab.calibration.level import LevelBins, NoTwoModes
-from stickslip_monitor.lab.calibration.posterior import Prior
-from stickslip_monitor.lab.calibration.recordings import EvidenceSource
-from stickslip_monitor.lab.calibration.result import (
+from stickslip_monitor.lab.calibration import (
     FRAGMENT_MARK,
+    Calibration,
+    Evidence,
+    EvidenceSource,
     fragment,
     inputs_of,
     known_recordings,
@@ -42,6 +40,8 @@ from stickslip_monitor.lab.calibration.result import (
     prior_with_bench,
     to_document,
 )
+from stickslip_monitor.lab.evidence import LevelBins, NoTwoModes, read_reports
+from stickslip_monitor.lab.posterior import Prior
 from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.configure import (
@@ -157,14 +157,14 @@ def _evidence(
 
 
 def _levels(config: BearingConfig, levels: Sequence[LevelBins]) -> Any:
-    from stickslip_monitor.drawing.calibration import draw_levels
+    from stickslip_monitor.drawing.studies import draw_levels
 
     return draw_levels(config, levels)
 
 
 def _drawn(config: BearingConfig, found: Calibration) -> Any:
     # Drawing takes time to import.
-    from stickslip_monitor.drawing.calibration import draw_calibration
+    from stickslip_monitor.drawing.studies import draw_calibration
 
     return draw_calibration(config, found)
 

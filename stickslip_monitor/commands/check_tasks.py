@@ -30,8 +30,7 @@ from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink, chec
 from stickslip_monitor.offline.check_records import SCHEMA, to_json
 
 if TYPE_CHECKING:
-    from stickslip_monitor.lab.calibration.calibrate import Evidence
-    from stickslip_monitor.lab.calibration.recordings import EvidenceSource
+    from stickslip_monitor.lab.calibration import Evidence, EvidenceSource
     from stickslip_monitor.offline.clips import ClipCounts, ClipWriter
     from stickslip_monitor.report.page import Archive, RecordingPart
 
@@ -257,7 +256,7 @@ def lessons_of(
     args: argparse.Namespace, task: Task, all_found: Sequence[Found], meter: output.ProgressBar
 ) -> list[str]:
     """What all bags together teach of each bearing."""
-    from stickslip_monitor.lab.calibration.recordings import learned
+    from stickslip_monitor.lab.calibration import learned
 
     assert task.learn is not None
     reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)

@@ -22,7 +22,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.drawing.fits import draw_friction_fit
+from stickslip_monitor.drawing.studies import draw_friction_fit
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.lab.curve_file import NAMES, FrictionCurve, read_curve
 from stickslip_monitor.lab.friction_fit import (

@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scenes.scene import Scene, load_scene, write_bag
+from stickslip_monitor.lab.scene import Scene, load_scene, write_bag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

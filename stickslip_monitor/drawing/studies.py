@@ -1,232 +1,327 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws what the laboratory finds: the published findings, and what accuracy costs in time.
+"""Draws what the laboratory finds: a friction curve with its fit, a calibration, what accuracy costs.
 
-Amplitudes over a parameter, stick-slip in time, and error against time with the Pareto front. Of a
-finding the published statement stands above the axes. Figures are unknown to pyplot;
-:func:`~.canvas.save_figure` writes them. Each function raises a ``DrawingError`` where matplotlib
-is not installed.
+Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each function raises a
+``DrawingError`` where matplotlib is not installed.
 """
 
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.lab.findings import History, Sweep
+from stickslip_monitor.errors import plural
+from stickslip_monitor.lab.calibration import Calibration
+from stickslip_monitor.lab.edges import ReportedCourse
+from stickslip_monitor.lab.evidence import LevelBins
+from stickslip_monitor.lab.friction_fit import BoundarySpread, Spread, StribeckFit
 from stickslip_monitor.monitor.assessment import Regime
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.probability import QUANTILES
 
-EXACT = canvas.REGIME_COLOUR[Regime.UNSTABLE]
-SLIDING = canvas.REGIME_COLOUR[Regime.STABLE]
-_TALL, _LETTERS = 6.6, 86
-_REGIMES = (Regime.UNSTABLE, Regime.BISTABLE, Regime.STABLE)
+_LINE = canvas.REGIME_COLOUR[Regime.STABLE]
+_OUTLIER = canvas.REGIME_COLOUR[Regime.UNSTABLE]
+_BAND_ALPHA = 0.25
+_ROOM = 0.05
+_CURVE_POINTS, _BEYOND = 400, 1.05
 
 
-def _stated_figure(statement: str, footnote: str) -> canvas.Figure:
-    figure = canvas.new_figure(canvas.WIDTH, _TALL)
-    figure.text(
-        0.085,
-        0.975,
-        textwrap.fill(statement, _LETTERS),
-        ha='left',
-        va='top',
-        size=11.5,
-        weight='bold',
-        linespacing=1.35,
+def draw_friction_fit(
+    fit: StribeckFit, footnote: str = '', spread: BoundarySpread | None = None
+) -> canvas.Figure:
+    """Draw the points, the curve with its confidence band, the outliers, and boundaries."""
+    with canvas.style():
+        figure, axes = canvas.labelled(
+            'sliding speed [m/s]', 'coefficient of friction [-]', title=_title(fit.law), footnote=footnote
+        )
+        _draw_law(axes, fit)
+        _draw_points(axes, fit)
+        if spread is not None:
+            _mark(axes, 'Hopf', spread.hopf_speed)
+            _mark(axes, 'fold', spread.fold_speed)
+        axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
+        return figure
+
+
+def _title(law: Stribeck) -> str:
+    text = f'μ = {law.kinetic:.4g} + {law.static - law.kinetic:.4g} exp(−{law.decay:.4g} v)'
+    return text + (f' + {law.viscous:.3g} v' if law.viscous else '')
+
+
+def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
+    """The law with its band, and axes that hold it and the points."""
+    top = _BEYOND * float(fit.curve.speed.max())
+    speed = np.linspace(0.0, top, _CURVE_POINTS)
+    law, half = fit.law.coefficient(speed), fit.band(speed)
+    axes.fill_between(
+        speed,
+        law - half,
+        law + half,
+        color=_LINE,
+        alpha=_BAND_ALPHA,
+        lw=0.0,
+        zorder=2,
+        label='95 % confidence band',
     )
-    figure.text(0.975, 0.012, footnote, ha='right', va='bottom', size=9.0, color=canvas.MUTED)
+    axes.plot(speed, law, color=_LINE, zorder=4, label='fitted law')
+    values = np.concatenate([fit.curve.coefficient, law])
+    room = _ROOM * float(np.ptp(values))
+    axes.set_xlim(-0.02 * top, top)
+    axes.set_ylim(min(0.0, float(values.min()) - room), float(values.max()) + 2.0 * room)
+
+
+def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
+    curve, out = fit.curve, fit.outliers
+    good = fit.weight >= 0.5
+    if float(np.ptp(curve.std)) > 0.0:
+        axes.errorbar(
+            curve.speed,
+            curve.coefficient,
+            curve.std * fit.scale,
+            fmt='none',
+            ecolor=canvas.MUTED,
+            elinewidth=0.8,
+            zorder=3,
+        )
+    axes.plot(
+        curve.speed[good],
+        curve.coefficient[good],
+        'o',
+        ms=5.5,
+        mfc=canvas.PAPER,
+        mec=canvas.INK,
+        mew=1.2,
+        zorder=5,
+        label='measured',
+    )
+    if out.size:
+        axes.plot(
+            curve.speed[out],
+            curve.coefficient[out],
+            'X',
+            ms=9.0,
+            mfc=_OUTLIER,
+            mec=canvas.PAPER,
+            mew=0.8,
+            zorder=6,
+            label='outlier (weight below half)',
+        )
+    for k in out:
+        axes.annotate(
+            f'line {curve.line[k]}',
+            (curve.speed[k], curve.coefficient[k]),
+            xytext=(8.0, 0.0),
+            textcoords='offset points',
+            va='center',
+            size=9.0,
+            color=canvas.MUTED,
+            zorder=3,
+            bbox={'fc': canvas.PAPER, 'ec': 'none', 'alpha': 0.75, 'pad': 0.8},
+        )
+
+
+def _mark(axes: canvas.Axes, name: str, boundary: Spread) -> None:
+    """A boundary speed as a line in its interval, named at the foot of the axes."""
+    if not boundary.estimate > 0.0:
+        return
+    regime, colour, dashes = canvas.BOUNDARY_LINES[name]
+    axes.axvspan(boundary.low, boundary.high, color=canvas.REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0)
+    axes.axvline(boundary.estimate, color=colour, lw=1.4, ls=dashes, zorder=1)
+    bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
+    axes.annotate(
+        f'{name} speed',
+        (boundary.low, bottom),
+        xytext=(-3.0, 0.0),
+        textcoords='offset points',
+        rotation=90.0,
+        ha='right',
+        va='bottom',
+        size=10.0,
+        color=canvas.INK,
+    )
+
+
+_QUIET, _VIBRATING = canvas.REGIME_COLOUR[Regime.STABLE], canvas.REGIME_COLOUR[Regime.UNSTABLE]
+_LOADS = 60
+_FASTEST = 2.5
+_MOST_POINTS = 6000
+_SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.42, 0.79)
+
+
+def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure:
+    """Draw what was heard over the speed, with its edges, beside both boundaries' bands."""
+    heard = any(one.level is not None for one in found.evidence)
+    with canvas.style():
+        title = (
+            f'{config.name}: {plural(len(found.edges.tracks), "passage")},'
+            f' {plural(found.episodes, "episode")}'
+        )
+        figure, axes = canvas.labelled(
+            'shaft speed / configured fold speed',
+            'level / surface speed [dB]' if heard else 'passage',
+            title=title,
+            size=_SIZE,
+            box=_LEFT,
+        )
+        if heard:
+            _draw_levels(axes, found)
+        else:
+            _draw_reports(axes, found)
+        _draw_ends(axes, found, heard)
+        axes.axvline(1.0, color=canvas.INK, ls=':', lw=1.2, label='configured fold')
+        _draw_fold(axes, found)
+        fastest = max(float(track.over.max()) for track in found.edges.tracks)
+        axes.set_xlim(0.0, max(1.2, min(1.05 * fastest, _FASTEST)))
+        axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5, markerscale=2.0)
+        _draw_boundaries(figure.add_axes(_RIGHT), config, found)
     return figure
 
 
-_HEADROOM, _BELOW_ZERO, _FROM_ZERO = 1.16, 0.06, 0.02
-# The error of averaging is shown down to here [%].
-_WORST_SHOWN = -100.0
+def _vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
+    marks = [(time >= one.start_ns / 1e9) & (time <= one.end_ns / 1e9) for one in track.reports if one.squeal]
+    return np.any(marks, axis=0) if marks else np.zeros(time.size, bool)
 
 
-def draw_amplitudes(
-    sweep: Sweep, statement: str, footnote: str, label: str, unit: str = '', scale: float = 1.0
-) -> canvas.Figure:
-    """Draw the branches over a parameter and, below them, the error of averaging.
-
-    The footnote says what they hold for, the label the parameter's name and unit. ``unit`` stands
-    behind a number, with a space before it, and is ``scale`` of the sweep's.
-    """
-    with canvas.style():
-        figure = _stated_figure(statement, footnote)
-        axes = figure.add_axes((0.085, 0.335, 0.89, 0.465))
-        below = figure.add_axes((0.085, 0.105, 0.89, 0.185))
-        value = sweep.value / scale
-        _frames(axes, below, sweep, value)
-        below.set_xlabel(label)
-        _bands(axes, below, sweep, scale)
-        _branches(axes, sweep, value)
-        _marks(axes, sweep, scale, unit)
-        _errors(below, sweep, value)
-        canvas.legend_above(axes, 4)
-        return figure
-
-
-def _frames(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
-    top = float(np.nanmax([sweep.exact, sweep.averaged], initial=0.0)) * 1e3 or 1.0
-    low = 0.0 if value[0] < _FROM_ZERO * value[-1] else float(value[0])
-    for each, name in ((axes, 'amplitude [mm]'), (below, 'KBM error [%]')):
-        each.set_xlim(low, float(value[-1]))
-        each.set_ylabel(name)
-        each.yaxis.set_label_coords(-0.065, 0.5)
-    axes.set_ylim(-_BELOW_ZERO * top, _HEADROOM * top)
-    axes.tick_params(labelbottom=False)
-
-
-def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) -> None:
-    """Which regime holds where, by the exact boundaries, and steady sliding along zero."""
-    low, high = axes.get_xlim()
-    rising = sweep.hopf < sweep.exact_fold
-    ends = sorted((sweep.hopf / scale, sweep.exact_fold / scale))
-    regimes = _REGIMES if rising else _REGIMES[::-1]
-    edges = zip(pairwise((low, *ends, high)), regimes, strict=True)
-    spans = [(a, b, regime) for (a, b), regime in edges if a < b]
-    for a, b, regime in spans:
-        stable = regime is not Regime.UNSTABLE
+def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
+    """Each value of the levels over the speed, coloured by what it was taken for."""
+    by_name = {one.name: one.level for one in found.evidence}
+    rows: list[FloatArray] = []
+    for track in found.edges.tracks:
+        level = by_name[track.course.name]
+        if level is None:
+            continue
+        about = (level.time >= track.time[0]) & (level.time <= track.time[-1])
+        time = level.time[about]
+        over = np.interp(time, track.time, track.over)
+        rows.append(np.column_stack([over, level.value[about], _vibrating(track, time)]))
+    points = np.concatenate(rows)
+    points = points[points[:, 0] < _FASTEST]
+    points = points[:: max(1, len(points) // _MOST_POINTS)]
+    for flag, colour, name in ((0.0, _QUIET, 'quiet'), (1.0, _VIBRATING, 'vibration')):
+        own = points[points[:, 2] == flag]
         axes.plot(
-            (a, b),
-            (0.0, 0.0),
-            color=SLIDING,
-            ls='-' if stable else canvas.DASHES,
-            lw=2.4,
-            zorder=3,
-            label='steady sliding' if regime is Regime.STABLE else None,
+            own[:, 0], own[:, 1], '.', ms=2.5, color=colour, alpha=0.5, mew=0.0, label=name, rasterized=True
         )
-    canvas.regime_bands([axes, below], spans)
 
 
-def _branches(axes: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
-    thick: dict[str, Any] = {'color': EXACT, 'lw': 3.0, 'zorder': 4}
-    thin: dict[str, Any] = {'color': canvas.INK, 'lw': 1.3, 'zorder': 5}
-    for y, name, look in (
-        (sweep.exact, 'exact, stable', thick),
-        (sweep.exact_unstable, 'exact, unstable', thick | {'ls': (0, (2.6, 1.3))}),
-        (sweep.averaged, 'KBM, stable', thin),
-        (sweep.averaged_unstable, 'KBM, unstable', thin | {'ls': canvas.DASHES}),
+def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
+    """Each passage as a line, thick where it was reported to vibrate."""
+    for k, track in enumerate(found.edges.tracks, 1):
+        loud = np.where(_vibrating(track, track.time), track.over, np.nan)
+        first = k == 1
+        axes.plot(
+            track.over, np.full(track.over.size, k), color=_QUIET, lw=1.0, label='passage' if first else None
+        )
+        axes.plot(
+            loud,
+            np.full(loud.size, k),
+            color=_VIBRATING,
+            lw=4.0,
+            label='vibration reported' if first else None,
+        )
+    axes.set_ylim(0.4, len(found.edges.tracks) + 0.6)
+    axes.set_yticks(range(1, len(found.edges.tracks) + 1))
+
+
+def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
+    """The ends that count as at the fold, at their height; the doubtful ones crossed."""
+    doubtful = {id(end) for end, _ in found.doubts}
+    tracks = {track.course.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
+    low, high = axes.get_ylim()
+    for mark, text, own in (
+        ('^', 'end at the fold', [e for e in found.edges.seen if id(e) not in doubtful]),
+        ('>', 'fold is not below', [e for e in found.edges.ends if e.is_bound]),
+        ('x', 'worthless', [e for e in found.edges.ends if id(e) in doubtful]),
     ):
-        axes.plot(value, y * 1e3, label=name, **look)
+        at = []
+        for end in own:
+            k, track = tracks[end.recording]
+            over = float(np.interp(end.time, track.time, track.over))
+            at.append((over, low + 0.5 * (high - low) if heard else float(k)))
+        if at:
+            x, y = np.array(at).T
+            axes.plot(
+                x,
+                y,
+                mark,
+                color=canvas.INK,
+                mec=canvas.PAPER if mark != 'x' else canvas.INK,
+                ms=8.0,
+                label=text,
+            )
 
 
-def _marks(axes: canvas.Axes, sweep: Sweep, scale: float, unit: str) -> None:
-    hopf, fold = sweep.hopf / scale, sweep.exact_fold / scale
-    error = 100.0 * (sweep.averaged_fold / sweep.exact_fold - 1.0)
-    look: dict[str, Any] = {'ls': 'none', 'ms': 7.5, 'mew': 1.4, 'zorder': 7, 'clip_on': False}
-    name = f'Hopf {hopf:.4g}{unit}'
-    axes.plot(hopf, 0.0, marker='o', mec=canvas.HOPF, mfc=canvas.PAPER, label=name, **look)
-    name = f'fold {fold:.4g}{unit} (KBM {error:+.2g} %)'
-    height = sweep.fold_amplitude * 1e3
-    axes.plot(fold, height, marker='D', mec=canvas.FOLD, mfc=canvas.FOLD, label=name, **look)
+def _draw_fold(axes: canvas.Axes, found: Calibration) -> None:
+    load = float(np.sqrt(found.loads[0] * found.loads[1]))
+    configured = float(np.exp(found.reference.fold(np.array([np.log(load)]))[0]))
+    low, middle, high = (float(found.belief.fold_speed(load, p)) / configured for p in QUANTILES)
+    _, colour, dashes = canvas.BOUNDARY_LINES['fold']
+    axes.axvspan(low, high, color=colour, alpha=0.2, lw=0.0, label='calibrated fold, 5 to 95 %')
+    axes.axvline(middle, color=colour, ls=dashes, lw=1.6)
 
 
-def _errors(below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
-    below.axhline(0.0, color=canvas.MUTED, lw=0.8, zorder=2)
-    errors = 100.0 * sweep.error, 100.0 * sweep.unstable_error
-    for error, line in zip(errors, ('-', canvas.DASHES), strict=True):
-        below.plot(value, error, color=canvas.INK, lw=1.8, ls=line, zorder=4)
-    shown = max(1.08 * float(np.nanmin(errors, initial=-0.1)), _WORST_SHOWN)
-    below.set_ylim(shown, -0.16 * shown)
+def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibration) -> None:
+    """Both boundaries over the load, before and after, with their bands."""
+    low, high = found.loads
+    load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
+    top = 0.0
+    for name in ('fold', 'Hopf'):
+        regime, colour, dashes = canvas.BOUNDARY_LINES[name]
+        (left, was, right), (near, now, far) = (
+            [getattr(b, f'{name.lower()}_speed')(load, p) / rpm for p in QUANTILES]
+            for b in (found.before, found.belief)
+        )
+        band = canvas.REGIME_COLOUR[regime]
+        axes.fill_betweenx(
+            load,
+            left,
+            right,
+            fc='none',
+            ec=band,
+            hatch='////',
+            lw=0.0,
+            alpha=0.35,
+            label=f'{name} before, 5 to 95 %',
+        )
+        axes.plot(was, load, color=canvas.MUTED, ls=dashes, lw=1.0, label=f'{name} before')
+        axes.fill_betweenx(load, near, far, color=band, alpha=0.45, lw=0.0)
+        axes.plot(now, load, color=colour, ls=dashes, lw=1.8, label=f'{name} now, 5 to 95 %')
+        top = max(top, float(far.max()), float(was.max()))
+    for k, track in enumerate(found.edges.tracks):
+        axes.plot(
+            track.speed / rpm,
+            track.load,
+            color=canvas.INK,
+            lw=0.5,
+            alpha=0.5,
+            zorder=1,
+            label=None if k else 'passages',
+        )
+    axes.set_xlabel('shaft speed [rpm]')
+    axes.set_ylabel('load [N]')
+    axes.set_title('boundaries', loc='left', size=11.0, color=canvas.INK)
+    axes.set_xlim(0.0, 1.5 * top)
+    axes.set_ylim(float(load[0]), float(load[-1]))
+    axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5)
 
 
-_PERIODS_SHOWN = 3.0
-_AT_BELT, _CYCLE_POINTS = 1e-9, 721
-_MARGIN, _ABOVE = 1.25, 0.2
-
-
-def draw_motion(history: History, statement: str, footnote: str) -> canvas.Figure:
-    """Draw the growth, the last periods and the phase portrait, from steady sliding."""
+def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> canvas.Figure:
+    """Draw how often a level over the speed takes which value, where it has no two modes."""
     with canvas.style():
-        figure = _stated_figure(statement, footnote)
-        _growth(figure.add_axes((0.085, 0.615, 0.89, 0.235)), history)
-        _last_periods(figure.add_axes((0.085, 0.105, 0.385, 0.345)), history)
-        _portrait(figure.add_axes((0.575, 0.105, 0.40, 0.345)), history)
-        return figure
-
-
-def _growth(axes: canvas.Axes, history: History) -> None:
-    offset = (history.motion.displacement - history.equilibrium) * 1e3
-    scale = _MARGIN * float(np.max(np.abs(offset)))
-    axes.set_xlim(0.0, float(history.time[-1]))
-    axes.set_ylim(-scale, scale)
-    axes.set_xlabel('time [s]', labelpad=2.0)
-    axes.set_ylabel('$x - x_e$ [mm]')
-    axes.plot(history.time, offset, color=EXACT, lw=0.9, label='exact')
-    for sign, name in ((1e3, 'KBM: amplitude, and its cycle'), (-1e3, None)):
-        envelope = sign * history.envelope
-        axes.plot(history.time, envelope, color=canvas.INK, lw=1.6, ls=canvas.DASHES, label=name)
-    canvas.legend_above(axes, 2)
-
-
-def _velocity_axis(axes: canvas.Axes, velocity: FloatArray, belt: float) -> None:
-    """Velocities [mm/s], with a line at the belt's."""
-    lowest = float(np.min(velocity))
-    axes.set_ylim(1.12 * lowest, belt + _ABOVE * (belt - lowest))
-    axes.set_ylabel("velocity $x'$ [mm/s]")
-    axes.axhline(belt, color=canvas.MUTED, lw=1.0, ls=':')
-
-
-def _stick(axes: canvas.Axes, x: FloatArray, velocity: FloatArray, sticking: BoolArray) -> None:
-    axes.plot(
-        x,
-        np.where(sticking, velocity, np.nan),
-        color=canvas.INK,
-        lw=4.5,
-        solid_capstyle='butt',
-        zorder=5,
-        label="stick, $x' = V$",
-    )
-
-
-def _last_periods(axes: canvas.Axes, history: History) -> None:
-    begin = float(history.time[-1]) - _PERIODS_SHOWN * float(history.cycle.period)
-    shown = history.time >= begin
-    time, velocity = (history.time[shown] - begin) * 1e3, history.motion.velocity[shown] * 1e3
-    sticking = history.motion.sticking[shown]
-    axes.set_xlim(0.0, float(time[-1]))
-    axes.set_xlabel('time, last three periods [ms]')
-    _velocity_axis(axes, velocity, history.speed * 1e3)
-    axes.plot(time, velocity, color=EXACT, lw=2.0)
-    axes.fill_between(
-        time,
-        0.0,
-        1.0,
-        where=sticking.tolist(),
-        transform=axes.get_xaxis_transform(),
-        color=canvas.REGIME_FILL[Regime.UNSTABLE],
-        lw=0.0,
-        zorder=0,
-    )
-    _stick(axes, time, velocity, sticking)
-    canvas.legend_above(axes, 1)
-
-
-def _portrait(axes: canvas.Axes, history: History) -> None:
-    _, displacement, velocity, *_ = history.cycle.waveform(_CYCLE_POINTS)
-    x, velocity = (displacement - history.equilibrium) * 1e3, velocity * 1e3
-    belt = history.speed * 1e3
-    axes.set_xlim(1.3 * float(x.min()), 1.3 * float(x.max()))
-    axes.set_xlabel('$x - x_e$ [mm]')
-    _velocity_axis(axes, velocity, belt)
-    offset = (history.motion.displacement - history.equilibrium) * 1e3
-    axes.plot(offset, history.motion.velocity * 1e3, color=EXACT, lw=0.5, alpha=0.45)
-    axes.plot(x, velocity, color=EXACT, lw=2.4, zorder=4)
-    _stick(axes, x, velocity, np.abs(velocity - belt) <= _AT_BELT * belt)
-    turn = np.linspace(0.0, 2.0 * np.pi, 181)
-    a = history.averaged_amplitude * 1e3
-    ellipse = a * np.cos(turn), -a * history.bearing.natural_frequency * np.sin(turn)
-    axes.plot(*ellipse, color=canvas.INK, lw=1.3, ls=canvas.DASHES, zorder=6)
-    axes.plot(0.0, 0.0, 'o', ms=6.0, mfc=SLIDING, mec='none', zorder=6, label='steady sliding')
-    canvas.legend_above(axes, 2)
+        figure, axes = canvas.labelled(
+            'level / surface speed [dB]', 'values', title=f'{config.name}: no two modes'
+        )
+        value = np.concatenate([np.empty(0), *(level.value for level in levels)])
+        axes.hist(value, bins=80, color=_QUIET, label='all recordings, each value of 0.25 s')
+        axes.legend(loc='best', frameon=True)
+    return figure
 
 
 # Okabe and Ito's hues and black; a marker of its own tells each family apart in grey.

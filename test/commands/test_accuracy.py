@@ -11,7 +11,7 @@ from shared import png_size
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands import accuracy
-from stickslip_monitor.lab.accuracy.measurement import Effort, read_rows
+from stickslip_monitor.lab.accuracy import Effort, read_rows
 
 STORED = str(Path(__file__).parents[2] / 'docs' / 'accuracy.csv')
 

@@ -26,6 +26,7 @@ REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
 REFUSED = {
     # What was meant.
     'chek x': "command 'chek' is not known; did you mean 'check'?",
+    'figures -o x': "command 'figures' has moved to `python scripts/draw_findings.py`",
     'score x': "command 'score' has moved to `python -m benchmarks.score`",
     'xyz': f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}",
     'assess --bering=a': "option '--bering=a' is not known; did you mean '--bearing'? (see"
@@ -44,14 +45,10 @@ REFUSED = {
     'map -c own.yaml -o a.csv --loads 2kN': "loads '2kN' must be LOW:HIGH, each with its unit",
     'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads '2kN:1kN' must rise from its first value",
     'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds '-1rpm:9rpm' must rise",
-    'figures --load 0N': "load '0N' must be above 0",
-    'figures --load 100N': 'load = 100 N has no fold',
-    'figures --speed 35rpm': 'speed = 35 rpm must lie between 0 and the Hopf speed, 30.738 rpm',
     f'fit {CURVE} -c own.yaml --load 0N': 'load = 0 N must be greater than 0',
     f'fit {CURVE} --journal-diameter 0': 'journal_diameter = 0 m must be greater than 0',
     # Options that go together, or do not.
     'map -c own.yaml -o a.csv --track x': "track 'x' is for pictures: write a .png or .svg",
-    'figures --bearing x': "bearing 'x' needs a --config that has it",
     'diagram -c two.yaml --load 1kN -o a.csv': 'choose --bearing from aft_stern, forward',
     f'fit {CURVE}': "speeds in rpm need the journal's diameter: give --journal-diameter",
     f'fit {CURVE} -c own.yaml': '--config needs --load',
@@ -75,9 +72,6 @@ REFUSED = {
     f'dashboard -c own.yaml --bag {BAG} --host 0.0.0.0': '--host 0.0.0.0 lets others in: give --token-file',
     f'dashboard -c own.yaml --bag {BAG} --host localhost.evil.test': 'lets others in: give',
     # Files.
-    'figures -c none.yaml': 'none.yaml: No such file',
-    'figures -c coulomb.yaml': 'a finding needs the friction law stribeck, and this is coulomb',
-    'figures -o own.yaml': 'own.yaml: File exists',
     'map -c own.yaml -o a.jpeg': "output 'a.jpeg' must end in one of .png, .svg, .csv",
     'map -c own.yaml -o a': "output 'a' must end in one of .png, .svg, .csv",
     'map -c own.yaml -o no/a.csv': "'no/a.csv' cannot be written: there is no folder",
@@ -122,7 +116,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, content in {
         'own.yaml': text,
         'two.yaml': text.replace('[aft_stern]', '[aft_stern, forward]') + own,
-        'coulomb.yaml': text.replace(LAW, '{law: coulomb, static: 0.3, kinetic: 0.1}'),
         'cut.json': '{',
         'other.json': '{"schema": "x/1"}',
         'bow.json': CALIBRATION,

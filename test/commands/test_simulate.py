@@ -129,8 +129,8 @@ def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
     code = (
         'import sys\n'
         'from dataclasses import replace\n'
-        'from stickslip_monitor.lab.scenes.scene import write_bag\n'
-        'from stickslip_monitor.lab.scenes.scene import load_scene\n'
+        'from stickslip_monitor.lab.scene import write_bag\n'
+        'from stickslip_monitor.lab.scene import load_scene\n'
         'scene = load_scene(sys.argv[1])\n'
         'for hours in (1, 24):\n'
         '    write_bag(replace(scene, duration=3600.0 * hours), f"{sys.argv[2]}/{hours}.mcap")\n'

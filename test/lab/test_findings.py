@@ -1,32 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The published findings, statement by statement, against numbers found elsewhere.
 
-Exact amplitudes and folds come from PHYSICS.md, computed there by another program. Scaling laws
+Exact amplitudes and folds come from docs/physics.md, computed by another program. Scaling laws
 that the code does not use, and scipy's own integrator, check the rest.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.special
-
-from stickslip_monitor import Coulomb, Stribeck, assess, hopf_speed
-from stickslip_monitor.errors import PhysicsError
-from stickslip_monitor.lab.findings import (
+from draw_findings import (
     REFERENCE,
     REFERENCE_LOAD,
     REFERENCE_RPM,
     History,
     Sweep,
-    check_point,
     over_kinetic,
     over_load,
     over_speed,
     stick_slip_history,
 )
+
+from stickslip_monitor import assess, hopf_speed
 from stickslip_monitor.physics.cycles import exact_cycle, exact_unstable_cycle
 
 RPM = REFERENCE.speed.factor('rpm')
@@ -167,22 +163,3 @@ def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history:
     cycle = np.column_stack([whole[0] * OMEGA, whole[1]])
     distance = np.hypot(*(motion[:, None] - cycle[None]).transpose(2, 0, 1)).min(axis=1)
     assert np.max(distance) < 6e-3 * V
-
-
-@pytest.mark.parametrize(
-    ('changes', 'rpm', 'load', 'words'),
-    [
-        ({'friction': Coulomb(0.3, 0.1)}, 20.0, 1e3, 'needs the friction law stribeck, and this is coulomb'),
-        ({'friction': Stribeck(0.2, 0.2, 10.0)}, 20.0, 1e3, 'has no fold'),
-        ({'damping': 0.0}, 20.0, 1e3, 'load = 1000 N has no fold'),
-        ({}, 20.0, 100.0, 'load = 100 N has no fold'),
-        ({}, 35.0, 1e3, 'speed = 35 rpm must lie between 0 and the Hopf speed, 30.738 rpm'),
-        ({}, -20.0, 1e3, 'speed = -20 rpm must lie'),
-    ],
-)
-def test_a_point_without_the_findings_is_refused(
-    changes: dict[str, object], rpm: float, load: float, words: str
-) -> None:
-    with pytest.raises(PhysicsError) as error:
-        check_point(replace(REFERENCE, **changes), rpm * RPM, load)  # type: ignore[arg-type]
-    assert words in str(error.value)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The library's bags, scored: no episode missed, no alarm without cause, leads as documented.
 
-When an alarm is due is held to closed forms in test/lab/scenes/test_recordings.py.
+When an alarm is due is held to closed forms in test/lab/test_recordings.py.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 
 from benchmarks.voyages import OURS, judge_bag
 from benchmarks.warning_quality import Quality, pooled
-from stickslip_monitor.lab.scenes.scene import load_scene
+from stickslip_monitor.lab.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
 ENTRIES: dict[str, dict[str, Any]] = json.loads((ROOT / 'bags' / 'manifest.json').read_text('utf-8'))['bags']

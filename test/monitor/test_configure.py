@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.lab.calibration.result import (
+from stickslip_monitor.lab.calibration import (
     known_recordings,
     parameters_of_law,
     prior_from,

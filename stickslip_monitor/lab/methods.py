@@ -1,0 +1,443 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ways to the amplitude of the stable cycle: time steps, harmonic balance, averaging, the exact cycle.
+
+Switching by ``solve_ivp`` has a known weakness: events are detected at the ends of steps. Near
+grazing the lining touches the belt's speed for a moment within a step, the contact is missed, and
+a cycle of twice the period is returned without an error.
+
+Harmonic balance is by the alternating frequency/time method. In units of ``V/omega`` and
+``1/omega`` the motion is ``x'' + 2 zeta x' + x = lambda`` with the friction force ``lambda``,
+set-valued where the relative speed ``v = 1 - x'`` is zero. Dynamic Lagrangians make it
+single-valued: with ``Z`` the linear impedance,
+
+    y = Z x + e (1 - x')  and  lambda = y - e v*,  where  y is in  lambda(v*) + e v*
+
+has one solution ``v*`` once ``e`` exceeds the steepest fall of friction: ``v* = 0`` (stick) for
+``|y| <= mu_s N``, else a scalar root (slip). At a solution ``v* = v``. ``e`` weighs how hard a
+truncated series is held to the belt; the limit of many harmonics does not depend on it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics.averaging import stationary_amplitudes
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import CycleKind, exact_cycle
+from stickslip_monitor.physics.friction import Coulomb, Stribeck
+from stickslip_monitor.physics.integrator import Drive, MotionOutcome, MotionState, Phase, integrate
+from stickslip_monitor.physics.scalar_law import friction_drop, scalar_law
+
+CYCLE, NO_CYCLE, NOT_CONVERGED, REFUSED = 'cycle', 'no_cycle', 'not_converged', 'refused'
+"""How a method can end; refused is a bearing whose law it is not made for."""
+
+
+@dataclass(frozen=True, slots=True)
+class MethodResult:
+    """What a method says of one operating point."""
+
+    amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
+    outcome: str
+    # How often the friction law was asked, an array of speeds counting once; ``None`` where it
+    # is not counted.
+    evaluations: int | None
+
+
+def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
+    """A result: a cycle where the amplitude is a number, none where it is ``nan``."""
+    return MethodResult(amplitude, CYCLE if math.isfinite(amplitude) else NO_CYCLE, evaluations)
+
+
+def not_converged(evaluations: int | None = None) -> MethodResult:
+    """A result of a method that gave up within its allowed number of steps."""
+    return MethodResult(math.nan, NOT_CONVERGED, evaluations)
+
+
+Flow = Callable[[float, FloatArray], tuple[float, float]]
+Event = Callable[[float, FloatArray], float]
+
+
+def breakaway(bearing: Bearing, speed: float, load: float) -> float:
+    """Displacement ``x_0 = (mu_s N - c V)/k`` at which sticking ends [m]."""
+    return (bearing.friction.static * load - bearing.damping * speed) / bearing.stiffness
+
+
+def typical_period(bearing: Bearing, speed: float, load: float) -> float:
+    """A cycle's duration, to plan with: a free vibration and the stick of a weak damper [s]."""
+    lead = breakaway(bearing, speed, load) - float(bearing.equilibrium(speed, load))
+    return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
+
+
+_CYCLES = 10.0
+_WATCHED = 0.6
+_QUIET, _DECAYS = 0.5, 0.8
+
+
+def _turning(_: float, y: FloatArray) -> float:
+    return float(y[1])
+
+
+def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
+    """Half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
+    turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
+    late = np.array([x for t, x in turns if t > _WATCHED * span])
+    if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
+        return math.nan
+    amplitude = 0.5 * float(np.ptp(late))
+    return amplitude if amplitude * omega > _QUIET * speed else math.nan
+
+
+def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """Regularised friction: the sign of the relative speed becomes ``tanh(v/width)`` [m/s].
+
+    LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
+    measured, with tolerances of scipy's (1e-3 relative, 1e-6 absolute in metres and metres a
+    second) or tight (1e-10 and 1e-14). Common practice; Vigue, Vergez, Karkar and Cochelin,
+    J. Sound Vib. 389 (2017) 350-363. It says nothing about its error.
+    """
+    span = _CYCLES * typical_period(bearing, speed, load)
+    start = (breakaway(bearing, speed, load), speed)
+    rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
+    law = scalar_law(bearing.friction).plain
+
+    def friction(relative: float) -> float:
+        mu = law.top - friction_drop(law.own, 0.0, abs(relative))
+        return load * math.tanh(relative / width) * mu
+
+    flow = _flow(bearing, speed, friction)
+    way = solve_ivp(flow, (0.0, span), start, method='LSODA', events=_turning, rtol=rtol, atol=atol)
+    if not way.success:
+        return not_converged(way.nfev)
+    return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
+
+
+def _flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
+    """``(x', x'')`` with a friction force [N] of the relative speed [m/s]."""
+    mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
+
+    def flow(_: float, y: FloatArray) -> tuple[float, float]:
+        x, v = float(y[0]), float(y[1])
+        return v, (friction(speed - v) - damping * v - stiffness * x) / mass
+
+    return flow
+
+
+_MOST_PHASES = 200
+# The dead time after a contact, in units of 1/omega.
+_DEAF = 1e-6
+
+
+def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """Switching between stick and slip: a slip phase ends at the event ``x' = V``.
+
+    Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
+    measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
+    (1998) 41-54. Tight is DOP853 with tolerances 1e-12 and 1e-15, else it is RK45 with scipy's
+    own; the longest step is in units of ``1/omega``, ``inf`` as users leave it.
+    """
+    omega = bearing.natural_frequency
+    method: Any
+    method, rtol, atol = ('DOP853', 1e-12, 1e-15) if tight else ('RK45', 1e-3, 1e-6)
+    span = _CYCLES * typical_period(bearing, speed, load)
+    time, x, side = 0.0, breakaway(bearing, speed, load), 1.0
+    ways: list[Any] = []
+    while time < span and len(ways) < _MOST_PHASES:
+        way = solve_ivp(
+            _slip_flow(side, bearing, speed, load),
+            (time, span),
+            (x, speed),
+            method=method,
+            events=[_turning, _contact(speed, side, time + _DEAF / omega)],
+            rtol=rtol,
+            atol=atol,
+            max_step=longest / omega,
+        )
+        ways.append(way)
+        if not way.success:
+            break
+        time, x = float(way.t[-1]), float(way.y[0, -1])
+        if time < span:
+            time, x, side = _after_contact(bearing, speed, load, time, x)
+    evaluations = sum(way.nfev for way in ways)
+    if not ways[-1].success:
+        return not_converged(evaluations)
+    return found(_late_range(ways, span, speed, omega), evaluations)
+
+
+def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
+    """``(x', x'')`` while it slips behind (side 1) or ahead (-1) of the belt."""
+    law = scalar_law(bearing.friction).plain
+
+    def friction(relative: float) -> float:
+        return load * side * (law.top - friction_drop(law.own, 0.0, side * relative))
+
+    return _flow(bearing, speed, friction)
+
+
+def _contact(speed: float, side: float, earliest: float) -> Event:
+    """Terminal where the lining reaches the belt's speed from its side.
+
+    A phase begins at contact: a first step too small to change the speed would end it at once.
+    """
+
+    def contact(time: float, y: FloatArray) -> float:
+        return side * (speed - float(y[1])) if time > earliest else speed
+
+    # solve_ivp reads these attributes from the function, as in its own example.
+    contact.terminal = True  # type: ignore[attr-defined]
+    contact.direction = -1.0  # type: ignore[attr-defined]
+    return contact
+
+
+def _after_contact(
+    bearing: Bearing, speed: float, load: float, time: float, x: float
+) -> tuple[float, float, float]:
+    """Time, place and side of the next slip phase by the set-valued law.
+
+    It holds the lining until breakaway, or lets it by.
+    """
+    needed = bearing.stiffness * x + bearing.damping * speed
+    if abs(needed) > bearing.friction.static * load * (1.0 + 1e-12):
+        return time, x, math.copysign(1.0, needed)
+    start = breakaway(bearing, speed, load)
+    return time + max(start - x, 0.0) / speed, start, 1.0
+
+
+_PER_CYCLE = 512
+_SETTLED = 1e-13
+_MOST_STRETCHES = 400
+
+
+def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """The package's integrator of the motion, from breakaway until the motion repeats.
+
+    Stick and slip are phases, with transitions located to rounding. It ends where two stretches
+    of motion have the same amplitude.
+    """
+    omega = bearing.natural_frequency
+    duration = 1.5 * typical_period(bearing, speed, load)
+    count = math.ceil(_PER_CYCLE * duration * omega / (2.0 * np.pi))
+    times = np.linspace(0.0, duration, count + 1)
+    drive = Drive.constant(speed, load, duration)
+    state = MotionState(breakaway(bearing, speed, load), 0.0, Phase.STICK)
+    before, evaluations = math.nan, 0
+    for _ in range(_MOST_STRETCHES):
+        motion = integrate(bearing, drive, state, times)
+        evaluations, state = evaluations + motion.slip_steps, motion.final
+        if motion.outcome is not MotionOutcome.COMPLETE:
+            break
+        x, v, a = motion.displacement, motion.velocity, motion.acceleration
+        turns = turning_points(x, v, a, duration / count)
+        now = 0.5 * float(np.ptp(turns)) if turns.size > 1 else 0.0
+        if now * omega < 0.5 * speed:
+            return found(math.nan, evaluations)
+        # Stick forgets where the motion came from: one stretch that has it is enough.
+        sticks = np.any(motion.transitions.after == Phase.STICK)
+        if (sticks and not math.isnan(before)) or abs(now - before) <= _SETTLED * now:
+            return found(now, evaluations)
+        before = now
+    return not_converged(evaluations)
+
+
+def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> FloatArray:
+    """Displacements where the velocity vanishes, by quintic Hermite interpolation [m].
+
+    Of an evenly sampled motion: displacement, velocity and acceleration, shape (n,), SI units,
+    and the time between two samples [s].
+    """
+    at = np.flatnonzero((v[:-1] > 0.0) != (v[1:] > 0.0))
+    # Displacement, velocity and acceleration as polynomials in s = t/step, from both ends' values.
+    d, v0, v1 = x[at + 1] - x[at], step * v[at], step * v[at + 1]
+    a0, a1 = 0.5 * step * step * a[at], 0.5 * step * step * a[at + 1]
+    c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1
+    c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1
+    c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1
+    s = v0 / (v0 - v1)
+    for _ in range(6):
+        rate = v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+        bend = 2.0 * a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+        s = np.clip(s - rate / np.where(bend == 0.0, 1.0, bend), 0.0, 1.0)
+    turns: FloatArray = x[at] + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))))
+    return turns
+
+
+_NEWTON, _HALVINGS, _INNER = 80, 12, 40
+_CONVERGED = 1e-11
+_SAMPLES_PER_HARMONIC, _FEWEST = 32, 256
+_LINEAR, _ROOT = 2.0, 4.0
+_FINE = 1024
+
+
+class _Law:
+    """The friction force in units of ``m omega V`` over relative speeds in units of ``V``."""
+
+    def __init__(self, bearing: Bearing, speed: float, load: float) -> None:
+        self.law, self.speed = bearing.friction, speed
+        self.force = load / (bearing.mass * bearing.natural_frequency * speed)
+        self.static = self.force * self.law.static
+        panels = speed * np.linspace(0.0, 4.0, 401)
+        fall = -self.force * speed * float(np.min(self.law.slope(panels)))
+        scale = max(fall, 0.0) + self.static
+        self.penalty = _LINEAR * scale + _ROOT * math.sqrt(scale)
+        self.evaluations = 0
+
+    def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Relative speed ``v*`` of ``y``, and ``d v*/d y``; zero while sticking."""
+        speed, slope = np.zeros_like(y), np.zeros_like(y)
+        slips = np.abs(y) > self.static
+        target = np.abs(y[slips])
+        v = (target - self.static) / self.penalty
+        rate = np.full_like(v, self.penalty)
+        for _ in range(_INNER):
+            self.evaluations += 1
+            force = self.force * self.law.coefficient(self.speed * v)
+            rate = self.penalty + self.force * self.speed * self.law.slope(self.speed * v)
+            step = (target - force - self.penalty * v) / rate
+            v = np.maximum(v + step, 0.0)
+            if np.all(np.abs(step) <= 1e-14 * (1.0 + v)):
+                break
+        speed[slips] = np.sign(y[slips]) * v
+        slope[slips] = 1.0 / rate
+        return speed, slope
+
+
+class _Series:
+    """Fourier series with H harmonics: ``[a_0, a_1, b_1, a_2, b_2, ...]`` on a grid of phases."""
+
+    def __init__(self, harmonics: int) -> None:
+        wanted = max(_FEWEST, _SAMPLES_PER_HARMONIC * (harmonics + 1))
+        count = 2 ** math.ceil(math.log2(wanted))
+        phase = 2.0 * np.pi * np.arange(count) / count
+        self.order = np.repeat(np.arange(1, harmonics + 1), 2)
+        angle = phase[:, None] * np.arange(1, harmonics + 1)
+        self.wave = np.ones((count, 2 * harmonics + 1))
+        self.wave[:, 1::2], self.wave[:, 2::2] = np.cos(angle), np.sin(angle)
+        self.project = 2.0 / count * self.wave.T
+        self.project[0] *= 0.5
+        # d/d(phase) of the coefficients: a_n <- n b_n, b_n <- -n a_n.
+        size = 2 * harmonics + 1
+        self.turn = np.zeros((size, size))
+        for n in range(1, harmonics + 1):
+            self.turn[2 * n - 1, 2 * n], self.turn[2 * n, 2 * n - 1] = n, -n
+
+
+@dataclass(slots=True)
+class _Problem:
+    """The balance of one operating point at one number of harmonics."""
+
+    series: _Series
+    law: _Law
+    damping: float
+
+    def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
+        """Residual, and its Jacobian by the coefficients and (last column) the frequency."""
+        s, e = self.series, self.law.penalty
+        turn, size = s.turn, q.size
+        rate, bend = turn @ q, turn @ (turn @ q)
+        belt = np.zeros(size)
+        belt[0] = 1.0
+        impedance = np.eye(size) + frequency * (2.0 * self.damping * turn)
+        impedance += frequency**2 * turn @ turn
+        lean = belt - frequency * rate
+        v, slope = self.law.resolvent(s.wave @ (impedance @ q + e * lean))
+        by_q = np.empty((size, size + 1))
+        by_q[:, :size] = impedance - e * frequency * turn
+        by_q[:, size] = 2.0 * self.damping * rate + 2.0 * frequency * bend - e * rate
+        # lambda - Z x = e ((1 - x') - v*): the Jacobian follows from the same chain.
+        jacobian = -e * (s.project * slope) @ (s.wave @ by_q)
+        jacobian[:, :size] -= e * frequency * turn
+        jacobian[:, size] -= e * rate
+        return e * (lean - s.project @ v), jacobian
+
+    def solved(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
+        """The balance from a guess by damped semi-smooth Newton; the phase is ``b_1 = 0``.
+
+        scipy's least-squares solvers find the same roots in five to sixty times the time.
+        """
+        free = np.delete(np.arange(q.size + 1), 2)
+        z = np.append(q, frequency)
+        value, jacobian = self.residual(q, frequency)
+        for _ in range(_NEWTON):
+            size = float(np.linalg.norm(value))
+            if size <= _CONVERGED * self.law.penalty:
+                return z[:-1], float(z[-1]), True
+            step = np.zeros_like(z)
+            step[free] = _solved(jacobian[:, free], -value)
+            for halvings in range(_HALVINGS):
+                trial = z + 0.5**halvings * step
+                value, jacobian = self.residual(trial[:-1], float(trial[-1]))
+                if float(np.linalg.norm(value)) < size:
+                    break
+            z = trial
+        return z[:-1], float(z[-1]), False
+
+
+def _solved(matrix: FloatArray, value: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.solve(matrix, value))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, value, rcond=None)[0])
+
+
+def half_range(q: FloatArray) -> float:
+    """Half the peak-to-peak of a series."""
+    n = np.arange(1, (q.size - 1) // 2 + 1)
+    series = q[1::2] - 1j * q[2::2]
+    count = max(_FINE, 16 * n.size)
+    # One phase more than a turn, so that an extreme at its end is between two.
+    phase = 2.0 * np.pi * np.arange(count + 2) / count
+    waves = np.exp(1j * np.multiply.outer(phase, n))
+    x, v, a = (np.real(waves @ ((1j * n) ** order * series)) for order in range(3))
+    return 0.5 * float(np.ptp(turning_points(x, v, a, 2.0 * np.pi / count)))
+
+
+def has_resolvent(bearing: Bearing) -> bool:
+    """Whether the method applies: a jump at breakaway leaves the stick force undetermined."""
+    law = bearing.friction
+    return not isinstance(law, Coulomb) or law.static == law.kinetic
+
+
+def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """Harmonic balance with H harmonics, from the KBM amplitude over 1, 3, 7, ... harmonics."""
+    omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
+    cycles = stationary_amplitudes(bearing, speed, load)
+    stable = cycles.amplitude[cycles.stable]
+    if not stable.size:
+        return found(math.nan, 0)
+    q = np.array([law.force * float(law.law.coefficient(speed)), 0.0, 0.0])
+    q[1], frequency, good = float(stable[-1]) * omega / speed, 1.0, False
+    # By way of 1, 3, 7, ... harmonics.
+    for rung in [2**k - 1 for k in range(1, harmonics.bit_length())] + [harmonics]:
+        q = np.concatenate([q, np.zeros(2 * rung + 1 - q.size)])
+        problem = _Problem(_Series(rung), law, bearing.damping_ratio)
+        q, frequency, good = problem.solved(q, frequency)
+    if not good:
+        return not_converged(law.evaluations)
+    size = half_range(q)
+    # The solver may fall to steady sliding, which balances too.
+    return found(size * speed / omega if size > 0.5 else math.nan, law.evaluations)
+
+
+def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """Averaging as the monitor does it, of first order: closed forms for the Stribeck law."""
+    speeds = speed if points == 1 else np.full(points, speed)
+    cycles = stationary_amplitudes(bearing, speeds, load)
+    first = (0,) * (cycles.amplitude.ndim - 1)
+    stable = cycles.amplitude[first][cycles.stable[first]]
+    closed = isinstance(bearing.friction, Stribeck)
+    return found(float(stable[-1]) if stable.size else math.nan, 0 if closed else None)
+
+
+def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
+    """One slip phase from breakaway, the law set-valued (Filippov 1988); stick is a line."""
+    cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
+    if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
+        return not_converged(None)
+    return found(float(np.ravel(cycle.amplitude)[0]), None)

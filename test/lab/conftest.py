@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from stickslip_monitor.lab.scene import Scene, load_scene, simulate
+from stickslip_monitor.lab.telemetry import Messages
+
+BEARING: dict[str, Any] = {
+    'mass': 50.0,
+    'damping': 400.0,
+    'stiffness': 2.0e6,
+    'journal_diameter': 0.1,
+    'friction': {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0},
+    'speed': {'topic': '/shaft/speed', 'unit': 'rpm'},
+    'load': {'topic': '/bearing/aft/load', 'unit': 'N'},
+}
+FORCE = {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'}
+TURN = {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'}
+STAMPED: dict[str, Any] = {'speed': TURN, 'load': FORCE}
+MEASURED = STAMPED | {'level': FORCE | {'topic': '/aft/level', 'unit': 'mm/s'}}
+KNOWN = {'stamped': {'aft': STAMPED}, 'measured': {'aft': MEASURED}, None: {'aft': {}}}
+SCENE: dict[str, Any] = {
+    'scene': 'stickslip_monitor/scene/1',
+    'description': 'A test.',
+    'duration': 100.0,
+    'start': 1_700_000_000_000_000_000,
+    'seed': 7,
+    'config': 'config.yaml',
+    'telemetry': {'speed': {'rate': 10.0}, 'load': {'rate': 4.0}},
+    'effects': [
+        {'speed_profile': {'unit': 'rpm', 'points': [[10, 60], [50, 20]]}},
+        {'load_profile': {'unit': 'kN', 'points': [[0, 1.0]]}},
+    ],
+}
+
+
+def _bearing(changes: dict[str, Any]) -> dict[str, Any]:
+    """The reference bearing, with some quantities replaced and some inputs' keys too."""
+    return BEARING | {k: BEARING.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()}
+
+
+@pytest.fixture
+def scene_path(tmp_path: Path) -> Callable[..., Path]:
+    """Write a configuration and a scene.
+
+    ``bearings`` holds for each what differs from the reference bearing (``'stamped'``: stamps in
+    the headers, ``'measured'``: these and a level), ``rate`` is that of speed and load, and the
+    other arguments are what differs in the scene (None: left out).
+    """
+
+    def write(bearings: dict[str, Any] | str | None = None, rate: float = 0.0, **changes: Any) -> Path:
+        given = bearings if isinstance(bearings, dict) else KNOWN[bearings]
+        own = {name: _bearing(changes) for name, changes in given.items()}
+        if rate:
+            changes['telemetry'] = {'speed': {'rate': rate}, 'load': {'rate': rate}}
+        config = {'/**': {'ros__parameters': {'bearings': list(own)} | own}}
+        (tmp_path / 'config.yaml').write_text(_dump(config), 'utf-8')
+        scene = {k: v for k, v in (SCENE | changes).items() if v is not None}
+        path = tmp_path / 'scene.yaml'
+        path.write_text(_dump(scene), 'utf-8')
+        return path
+
+    return write
+
+
+class _Plain(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _dump(document: Any) -> str:
+    return str(yaml.dump(document, Dumper=_Plain, sort_keys=False))
+
+
+@pytest.fixture
+def make_scene(scene_path: Callable[..., Path]) -> Callable[..., Scene]:
+    """The scene with some keys replaced."""
+    return lambda *args, **changes: load_scene(scene_path(*args, **changes))
+
+
+@pytest.fixture
+def messages_of() -> Callable[..., dict[str, Messages]]:
+    """What the recorder gets on each topic of a scene."""
+
+    def collect(scene: Scene, *block_length: float) -> dict[str, Messages]:
+        blocks = list(simulate(scene, *block_length))
+        found = {}
+        for topic in blocks[0].signals:
+            parts = [block.signals[topic].messages() for block in blocks]
+            stamps = [p.stamp_ns for p in parts if p.stamp_ns is not None]
+            found[topic] = Messages(
+                np.concatenate([part.log_time_ns for part in parts]),
+                np.concatenate(stamps) if stamps else None,
+                np.concatenate([part.raw for part in parts]),
+            )
+        return found
+
+    return collect

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from slow_passages import BEARING, FOLD, RPM, passage, reports
+
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, read_levels
+from stickslip_monitor.physics.averaging import fold_speed
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
+from stickslip_monitor.physics.probability import EXACT
+
+# Damping 40 % high, mu_s - mu_k 20 % low, decay 25 % high: a fold speed of 24 rpm, not 41.
+DRAWN_WRONG = Bearing(50.0, 560.0, 2.0e6, Stribeck(0.26, 0.10, 12.5), 0.100)
+SPEED = np.linspace(0.0, 0.6, 40)
+RATES = (0.2, 0.4, 0.15, 0.3, 0.25)
+
+
+def of(evidence: Sequence[Evidence], bearing: Bearing = DRAWN_WRONG) -> Calibration:
+    return calibrate(read_levels('aft', evidence), bearing, EXACT)
+
+
+def fold(found: Calibration, p: float = 0.5) -> float:
+    return float(found.belief.fold_speed(1000.0, p)) / RPM
+
+
+@pytest.mark.parametrize(
+    'law',
+    [
+        Stribeck(0.26, 0.10, 12.5),
+        Stribeck(0.30, 0.10, 8.0, 0.05),
+        Stretched(0.26, 0.10, 7.0, 0.0, 1.5),
+        Tabulated(SPEED.tolist(), (0.1 + 0.16 * np.exp(-12.5 * SPEED)).tolist()),
+    ],
+)
+def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> None:
+    found = of([passage(k, rate) for k, rate in enumerate(RATES)], replace(DRAWN_WRONG, friction=law))
+    assert fold(found) == pytest.approx(FOLD, rel=0.02)
+    assert fold(found, 0.05) < FOLD < fold(found, 0.95) < 1.1 * fold(found, 0.05)
+    # The bearing that is used instead has this fold itself.
+    assert fold_speed(found.bearing, 1000.0) / RPM == pytest.approx(fold(found), rel=0.01)
+    assert found.episodes == 5
+    assert found.warnings == []
+    assert any('all evidence is at 1000 to 1000 N' in text for text in found.remarks)
+
+
+def test_knocks_move_nothing_and_are_counted() -> None:
+    quiet = of([passage(k) for k in range(2)])
+    knocked = of([passage(k, knocks=(30.0, 350.0)) for k in range(2)])
+    assert fold(knocked) == pytest.approx(fold(quiet), rel=1e-3)
+    assert any('4 vibrations of less than 10 s left out' in text for text in knocked.remarks)
+
+
+def test_a_recording_counts_once_whatever_its_name() -> None:
+    one, other = passage(0), passage(1)
+    course = replace(one.courses[0], name='copy of it')
+    copy = replace(one, name='copy of it', courses=(course,))
+    found = of([one, copy, other])
+    assert fold(found) == fold(of([one, other]))
+    assert 'copy of it was given before and counts once' in found.remarks
+    with pytest.raises(CalibrationError, match='copy of it is in the earlier result already'):
+        calibrate([copy], DRAWN_WRONG, EXACT, known=[one.courses[0].fingerprint])
+
+
+def test_one_end_alone_is_told() -> None:
+    (text,) = of([passage(0)]).warnings
+    assert text.startswith('all rests on one end of vibration (bag 0, 2)')
+
+
+def test_quiet_alone_says_little_of_the_fold() -> None:
+    one = passage(level=False)
+    fast = replace(one.courses[0], speed=np.maximum(one.courses[0].speed, 45.0 * RPM))
+    span = [int(fast.time_ns[0]), int(fast.time_ns[-1])]
+    found = calibrate([Evidence('bag', (fast,), reports(span, 'list'))], BEARING, EXACT)
+    assert 'no episode was seen' in found.warnings[0]
+    # Noise would have grown at 45 rpm, had it been below the Hopf speed.
+    assert found.hopf_from_onsets(1000.0)[2] / RPM < 48.0
+    assert fold(found, 0.95) > 55.0
+
+
+def test_a_false_report_is_named_and_does_little() -> None:
+    made = [passage(k, level=False) for k in range(4)]
+    before = calibrate(made, BEARING, EXACT)
+    (course,) = made[3].courses
+    start = int(course.time_ns[5])
+    # A squeal while the shaft slowed down from 59 to 56 rpm and turned at 60 again after it.
+    speed = np.where(course.time_ns > start + 12 * 10**9, 60.0 * RPM, course.speed)
+    other = replace(course, name='bag 9', speed=speed)
+    edges = [int(course.time_ns[0]), start, start + 14 * 10**9, int(course.time_ns[-1])]
+    false = Evidence('bag 9', (other,), reports(edges, 'squeals.csv'))
+    found = calibrate([*made, false], BEARING, EXACT)
+    assert fold(found) == pytest.approx(fold(before), rel=0.01)
+    (text,) = found.warnings
+    assert text.startswith('squeals.csv, line 2: vibration for 14 s')
+    assert 'worthless with' in text
+
+
+def test_a_bearing_that_changed_is_noticed_and_forgetting_follows() -> None:
+    made = [passage(k) for k in range(5)] + [passage(k, by=1.15) for k in range(5, 8)]
+    heard = read_levels('aft', made)
+    kept = calibrate(heard, BEARING, EXACT)
+    assert any('may have changed' in text for text in kept.warnings)
+    followed = calibrate(heard, BEARING, EXACT, forget=0.1)
+    assert fold(kept) < 1.12 * FOLD < fold(followed) < 1.18 * FOLD
+    steady = of([passage(k, rate) for k, rate in enumerate(RATES)])
+    assert not steady.has_changed
+
+
+def test_the_level_of_another_bearing_is_refused() -> None:
+    # Vibration that ends at 3 and at 5 times the fold is none of this bearing's.
+    far = [passage(0, by=3.5), passage(1, by=9.0)]
+    with pytest.raises(CalibrationError, match='is the level that of another bearing, or a unit'):
+        of(far, BEARING)
+
+
+def test_without_a_slow_passage_there_is_no_evidence() -> None:
+    one = passage(level=False)
+    with pytest.raises(CalibrationError, match='there is no evidence'):
+        calibrate([replace(one, reports=())], BEARING, EXACT)

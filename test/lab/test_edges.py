@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from slow_passages import BEARING, FOLD, RPM, passage, reports
+
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.lab.edges import Reference, edges_of, outlives, track_of
+from stickslip_monitor.lab.evidence import TelemetryBins
+from stickslip_monitor.physics.friction import Coulomb, Stribeck
+
+REFERENCE = Reference(BEARING)
+
+
+def test_the_reference_has_both_boundaries() -> None:
+    fold, hopf = (math.exp(of(np.log([1000.0]))[0]) for of in (REFERENCE.fold, REFERENCE.hopf))
+    assert fold / RPM == pytest.approx(FOLD, rel=1e-4)
+    assert hopf / RPM == pytest.approx(30.738, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    'bearing',
+    [replace(BEARING, friction=Stribeck(0.1, 0.3, 10.0)), replace(BEARING, friction=Coulomb(0.1, 0.1))],
+)
+def test_a_bearing_without_a_fold_cannot_be_calibrated(bearing: object) -> None:
+    with pytest.raises(CalibrationError, match='needs a bearing with a fold'):
+        Reference(bearing)  # type: ignore[arg-type]
+
+
+def test_an_end_with_rising_speed_is_at_the_fold() -> None:
+    one = passage(level=False)
+    found = edges_of([(one.courses[0], one.reports)], REFERENCE)
+    (end,) = found.seen
+    assert end.middle[0] / RPM == pytest.approx(FOLD, abs=0.3)
+    (begun, quiet) = found.passages
+    assert begun.began
+    assert not quiet.began
+
+
+def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
+    one = passage(level=False)
+    (course,) = one.courses
+    before, loud, _ = one.reports
+    # It ends on the way down, at 24 rpm, by a disturbance.
+    early = replace(loud, end_ns=loud.start_ns + 10 * 10**9)
+    quiet = replace(before, start_ns=early.end_ns, end_ns=int(course.time_ns[-1]))
+    for given in ((before, early, quiet), (before, loud)):
+        (end,) = edges_of([(course, given)], REFERENCE).ends
+        assert end.is_bound
+        assert end.middle[0] / RPM < FOLD
+
+
+def test_a_shaft_that_stops_ends_no_episode_at_the_fold() -> None:
+    one = passage(level=False)
+    (course,) = one.courses
+    stopped = np.where(np.arange(course.speed.size) > 220, 0.0, course.speed)
+    still = TelemetryBins(course.name, course.time_ns, stopped, course.load)
+    stop = int(course.time_ns[220])
+    edges = [int(course.time_ns[0]), int(course.time_ns[170]), stop, int(course.time_ns[-1])]
+    (end,) = edges_of([(still, reports(edges, 'list'))], REFERENCE).ends
+    assert end.is_bound
+
+
+def test_a_cycle_outlives_the_fold_the_longer_the_faster_the_ramp() -> None:
+    # Beyond the fold the amplitude leaves y = 1 as a saddle-node is passed, slowly at first:
+    # d ln y/dt = (c/2m)(N/N_b(y) - 1) is 0 at the fold itself.
+    delays = []
+    for rate in (0.2, 2.0):
+        one = passage(rate=rate, level=False)
+        track = track_of(one.courses[0], one.reports, REFERENCE)
+        assert track is not None
+        delays.append(outlives(track, one.reports[1].end_ns * 1e-9, REFERENCE) * rate)
+    assert 0.0 < delays[0] < delays[1] < 5.0  # in rpm

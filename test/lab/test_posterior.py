@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from slow_passages import BEARING, RPM
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.lab.edges import Edges, End, Passage, Reference, ReportedCourse
+from stickslip_monitor.lab.evidence import TelemetryBins, VibrationReport
+from stickslip_monitor.lab.posterior import Prior, Spreads, infer, log_passage
+
+REFERENCE = Reference(BEARING)
+PRIOR = Prior(np.zeros(2), np.array([[0.09, -0.09], [-0.09, 0.30]]))
+REPORT = VibrationReport('aft', 0, 10**11, True, 1.0, 0.999, 'level, 1')
+
+
+def edges(*speeds: float, load: float = 1000.0) -> Edges:
+    """Ends at some speeds [m/s], each of a recording of its own, on a slow passage."""
+    column = np.full(20, load)
+    course = TelemetryBins('bag', np.arange(20) * 10**9, np.full(20, 0.2), column)
+    track = ReportedCourse(course, (REPORT,), np.arange(20.0), np.full(20, 0.2), column, np.ones(20))
+    ends = [
+        End(REPORT, f'bag {k}', float(k), np.tile([speed, load], (25, 1)), 0.0)
+        for k, speed in enumerate(speeds)
+    ]
+    return Edges(ends, [], [track])
+
+
+def fold(speed_factor: float) -> float:
+    return speed_factor * float(np.exp(REFERENCE.fold(np.log([1000.0]))[0]))
+
+
+def test_without_an_end_the_prior_is_left() -> None:
+    found = infer(edges(), REFERENCE, PRIOR, Spreads()).fold
+    slope = REFERENCE.slope(math.log(1000.0))
+    by = np.array([1.0, slope])
+    assert found.middle == pytest.approx((0.0, 0.0), abs=0.04)
+    # To first order; the fold bends with the load.
+    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(math.sqrt(by @ PRIOR.covariance @ by), rel=0.1)
+    assert math.sqrt(found.covariance[1, 1]) == pytest.approx(math.sqrt(0.30), rel=0.05)
+
+
+def test_ends_are_averaged_as_normal_numbers_are() -> None:
+    # Four ends 10 % above: the fold is there, within the prior's scatter of 2 % of the load and
+    # the bias of the load of 3 % between recordings, by the slope of the fold, over sqrt(4).
+    found = infer(edges(*[fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).fold
+    assert found.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
+    wanted = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
+    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
+
+
+def test_a_bound_pushes_the_fold_up() -> None:
+    own = edges(fold(1.0))
+    bound = End(REPORT, 'bag 9', 9.0, np.array([[fold(1.3), 1000.0]]), 0.0)
+    only = Edges([bound], [], own.tracks)
+    found = infer(only, REFERENCE, PRIOR, Spreads()).fold
+    low = float(found.quantiles(np.tile(found.u[:, None], found.log_q.size), [0.05])[0])
+    assert low > math.log(1.2)
+
+
+def test_forgetting_follows_the_newest_ends() -> None:
+    speeds = [fold(1.0)] * 4 + [fold(1.1)] * 2
+    kept, followed = (
+        infer(edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).fold.middle[0]
+        for forget in (0.0, 0.1)
+    )
+    assert kept < 0.06 < 0.08 < followed
+
+
+def onset(rate: float, seconds: float, began: bool = True) -> Passage:
+    """Down from the Hopf speed at a rate [rpm/s] for some seconds, then over by the tolerance."""
+    time = np.arange(0.0, seconds + 3.25, 0.25)
+    speed = math.log(5.0) / 10.0 - rate * RPM * time
+    step = np.diff(time, prepend=time[0])
+    return Passage(REPORT, seconds, speed, np.full(time.size, 1000.0), step, began, 1.0, 0.99)
+
+
+def at(passage: Passage, log_q: FloatArray) -> FloatArray:
+    """Likelihood of a passage along ln q, e-folds summed over, without a lag."""
+    found = log_passage(passage, REFERENCE, np.zeros(log_q.size), log_q)
+    return np.asarray(np.exp(found).mean(axis=1)[:, 1])
+
+
+def test_an_onset_is_likeliest_where_noise_has_grown_three_e_folds() -> None:
+    # On a ramp G = (c/2m) ((e^x - 1)/b - t) with x = b t, b = beta rate: 3 e-folds after t.
+    rate = 0.3
+    b = 10.0 * rate * RPM
+    time = np.linspace(1.0, 40.0, 4000)
+    grown = 400.0 / 100.0 * ((np.exp(b * time) - 1.0) / b - time)
+    seconds = float(time[np.argmin(np.abs(grown - 3.0))])
+    log_q = np.linspace(-0.3, 0.3, 121)
+    likely = at(onset(rate, seconds), log_q)
+    assert log_q[np.argmax(likely)] == pytest.approx(0.0, abs=0.05)
+
+
+def test_quiet_bounds_how_far_noise_can_have_grown() -> None:
+    log_q = np.array([-0.5, 0.0, 0.5])
+    steady, middle, wild = at(onset(0.3, 12.0, began=False), log_q)
+    assert steady > middle > wild
