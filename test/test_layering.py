@@ -107,8 +107,7 @@ def violations(source: str, path: PurePosixPath) -> list[str]:
     found = []
     for line, name in imports(source, path):
         top, _, rest = name.partition('.')
-        rule = _inside(path, rest) if top == NAME else _outside(path, top)
-        if rule:
+        if rule := _inside(path, rest) if top == NAME else _outside(path, top):
             found.append(f'{path}:{line} imports {name}: {rule}')
     return found
 

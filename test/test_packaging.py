@@ -14,7 +14,6 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,10 +22,10 @@ from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
+from shared import ROOT
 
 from stickslip_monitor import cli
 
-ROOT = Path(__file__).resolve().parents[1]
 NAME = 'stickslip_monitor'
 SHARE = Path('share') / NAME
 MARKER = Path('share/ament_index/resource_index/packages') / NAME
@@ -54,21 +53,12 @@ def environment(extra: dict[str, str] | None = None) -> dict[str, str]:
     return kept | {'PATH': tools} | (extra or {})
 
 
-def run(
-    *command: object, cwd: Path, check: bool = True, env: dict[str, str] | None = None
-) -> tuple[int, str]:
-    """Return a command's exit code and output; with `check`, fail unless it went well."""
-    done = subprocess.run(
-        [str(part) for part in command],
-        cwd=cwd,
-        env=environment(env),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-    )
-    assert not check or done.returncode == 0, done.stdout
-    return done.returncode, done.stdout
+def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
+    """Return a command's output; fail unless it went well."""
+    given = {'cwd': cwd, 'env': environment(env), 'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT}
+    done = subprocess.run([str(part) for part in command], **given, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout
+    return done.stdout
 
 
 def launch_configs() -> set[Path]:
@@ -98,55 +88,43 @@ def test_manifest_keeps_the_rules_of_format_3() -> None:
     assert manifest.get_build_type() == 'ament_python'
 
 
-def imported() -> set[str]:
-    """Return the top-level names of all that the package imports from outside itself."""
-    found = set()
-    for path in (ROOT / NAME).rglob('*.py'):
-        for node in ast.walk(ast.parse(path.read_text('utf-8'))):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.split('.')[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                found.add(str(node.module).split('.')[0])
-    return found - sys.stdlib_module_names - {NAME}
+# What an import is called for pip, and for rosdep: None where it has no key, and is optional.
+DISTRIBUTIONS: dict[str, tuple[str, str | None]] = {
+    'distributed': ('distributed', None),
+    'lz4': ('lz4', 'mcap-ros2-support'),
+    'mcap': ('mcap', 'mcap-ros2-support'),
+    'mcap_ros2': ('mcap-ros2-support', 'mcap-ros2-support'),
+    'prometheus_client': ('prometheus-client', 'python3-prometheus-client'),
+    'pyarrow': ('pyarrow', None),
+    'rclpy': ('ros-kilted-rclpy', 'rclpy'),
+    'yaml': ('PyYAML', 'python3-yaml'),
+    'zstandard': ('zstandard', 'mcap-ros2-support'),
+}
+
+
+def distributions(name: str) -> tuple[str, str | None]:
+    """What an imported package is called for pip and for rosdep."""
+    if name.endswith(('_msgs', '_srvs', '_interfaces')):
+        return f'ros-kilted-{name.replace("_", "-")}', name
+    return DISTRIBUTIONS.get(name, (name, f'python3-{name}'))
 
 
 def test_every_import_is_a_declared_dependency() -> None:
-    in_manifest = {
-        'aiohttp': 'python3-aiohttp',
-        'argcomplete': 'python3-argcomplete',
-        # It comes with matplotlib.
-        'jinja2': 'python3-jinja2',
-        'lz4': 'mcap-ros2-support',
-        'matplotlib': 'python3-matplotlib',
-        'mcap': 'mcap-ros2-support',
-        'mcap_ros2': 'mcap-ros2-support',
-        'numpy': 'python3-numpy',
-        'prometheus_client': 'python3-prometheus-client',
-        'rich': 'python3-rich',
-        'scipy': 'python3-scipy',
-        'yaml': 'python3-yaml',
-        'zstandard': 'mcap-ros2-support',
-    }
-    for_pip = {
-        'mcap_ros2': 'mcap-ros2-support',
-        'prometheus_client': 'prometheus-client',
-        'rclpy': 'ros-kilted-rclpy',
-        'yaml': 'PyYAML',
-    }
-    manifest = ElementTree.parse(ROOT / 'package.xml')
-    declared = {element.text for element in manifest.iter('exec_depend')}
+    trees = [ast.parse(path.read_text('utf-8')) for path in (ROOT / NAME).rglob('*.py')]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    names |= {str(n.module) for n in nodes if isinstance(n, ast.ImportFrom) and not n.level}
+    tops = {name.split('.')[0] for name in names} - sys.stdlib_module_names - {NAME}
+    manifest = {each.text for each in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
     listed = (ROOT / 'setup.py').read_text('utf-8')
-    # Not of every installation, and without a rosdep key.
-    optional = {'distributed', 'pyarrow'}
-    for name in imported():
-        assert name in optional or in_manifest.get(name, name) in declared
-        of_ros = name.endswith(('_msgs', '_srvs', '_interfaces'))
-        distribution = f'ros-kilted-{name.replace("_", "-")}' if of_ros else name
-        assert f"'{for_pip.get(name, distribution)}" in listed
+    found = {name: distributions(name) for name in tops}
+    assert {'numpy', 'mcap', 'rclpy', 'std_msgs'} <= found.keys()
+    assert {name: pip for name, (pip, _) in found.items() if f"'{pip}" not in listed} == {}
+    assert {name: key for name, (_, key) in found.items() if key not in {None, *manifest}} == {}
 
 
 def test_versions_agree() -> None:
-    _, printed = run(sys.executable, '-W', 'ignore', 'setup.py', '--version', cwd=ROOT)
+    printed = run(sys.executable, '-W', 'ignore', 'setup.py', '--version', cwd=ROOT)
     lines = (ROOT / 'CHANGELOG.rst').read_text('utf-8').splitlines()
     sections = [above for above, below in pairwise(lines) if below and set(below) == {'-'}]
     released = [title.split()[0] for title in sections if re.fullmatch(r'[\d.]+ \(.*\d\)', title)]
@@ -203,7 +181,7 @@ def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
     pytest.importorskip('ament_index_python')
     asked = 'from ament_index_python.packages import get_package_share_directory as share'
     prefix = {'AMENT_PREFIX_PATH': str(tmp_path)}
-    _, found = run(sys.executable, '-c', f"{asked}; print(share('{NAME}'))", cwd=ROOT, env=prefix)
+    found = run(sys.executable, '-c', f"{asked}; print(share('{NAME}'))", cwd=ROOT, env=prefix)
     assert (Path(found.strip()) / 'launch_configs' / 'monitor.launch.py').is_file()
 
 
@@ -235,28 +213,19 @@ def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Pat
 # --- colcon ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """A colcon workspace that holds this package alone."""
-
-    root: Path
-
-    def colcon(self, *arguments: object) -> None:
-        start = 'from colcon_core.command import main; raise SystemExit(main())'
-        run(sys.executable, '-c', start, '--log-base', self.root / 'log', *arguments, cwd=self.root)
-
-
 @pytest.fixture(scope='module')
-def workspace(source: Path) -> Workspace:
+def workspace(source: Path) -> Path:
+    """A colcon workspace that holds this package alone, built."""
     pytest.importorskip('colcon_ros')
-    built = Workspace(source.parents[1])
-    built.colcon('build')
-    return built
+    root = source.parents[1]
+    start = 'from colcon_core.command import main; raise SystemExit(main())'
+    run(sys.executable, '-c', start, '--log-base', root / 'log', 'build', cwd=root)
+    return root
 
 
 @pytest.mark.slow
-def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Workspace) -> None:
-    prefix = workspace.root / 'install' / NAME
+def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Path) -> None:
+    prefix = workspace / 'install' / NAME
     for executable in ('monitor', 'stickslip'):
         assert os.access(prefix / 'lib' / NAME / executable, os.X_OK)
     assert (prefix / MARKER).is_file()
@@ -267,18 +236,18 @@ def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Workspace)
 
 
 @pytest.mark.slow
-def test_installed_command_runs_in_the_sourced_workspace(workspace: Workspace) -> None:
+def test_installed_command_runs_in_the_sourced_workspace(workspace: Path) -> None:
     where = f'{sys.executable} -c "import {NAME}; print({NAME}.__file__)"'
     command = f'install/{NAME}/lib/{NAME}/stickslip --help'
     script = f'. install/setup.sh && {where} && {command}'
-    _, printed = run('sh', '-c', script, cwd=workspace.root)
+    printed = run('sh', '-c', script, cwd=workspace)
     found, _, usage = printed.partition('\n')
-    assert Path(found).is_relative_to(workspace.root / 'install')
+    assert Path(found).is_relative_to(workspace / 'install')
     assert 'assess' in usage
 
 
 @pytest.mark.slow
-def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> None:
+def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Path) -> None:
     pytest.importorskip('rclpy')
     # Domains above 100 would need ports that the system may have lent to others.
     domain = str(1 + os.getpid() % 100)
@@ -287,10 +256,10 @@ def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Workspace) -> No
     config = prefix / SHARE / 'launch_configs' / 'reference_bearing.yaml'
     node = f'{prefix}/lib/{NAME}/monitor --ros-args --params-file {config}'
     started = subprocess.Popen(
-        ['sh', '-c', f'. install/setup.sh && exec {node}'], cwd=workspace.root, env=environment(apart)
+        ['sh', '-c', f'. install/setup.sh && exec {node}'], cwd=workspace, env=environment(apart)
     )
     try:
-        run(sys.executable, '-c', WAIT_FOR_DIAGNOSTICS, cwd=workspace.root, env=apart)
+        run(sys.executable, '-c', WAIT_FOR_DIAGNOSTICS, cwd=workspace, env=apart)
         started.send_signal(signal.SIGINT)
         assert started.wait(20.0) == 0
     finally:
