@@ -13,29 +13,14 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.drawing.canvas import (
-    DASHES,
-    FOLD,
-    HOPF,
-    INK,
-    MUTED,
-    PAPER,
-    REGIME_COLOUR,
-    Axes,
-    Figure,
-    labelled,
-    legend_below,
-    regime_bands,
-    style,
-)
+from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.map import Range, corners, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.config import BearingConfig
@@ -50,17 +35,10 @@ _PARTS, _ROUNDING, _CUSP = 32, 1e-14, 1e-6
 _HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
 
-class MarkKind(str, Enum):
-    """What happens at the end of a branch."""
-
-    HOPF = 'Hopf'
-    FOLD = 'fold'
-
-
 class BranchMark(NamedTuple):
     """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle."""
 
-    kind: MarkKind
+    kind: str  # 'Hopf' or 'fold'
     speed: float  # of the surface [m/s]
     amplitude: float  # of the displacement, 0 at a Hopf [m]
 
@@ -101,7 +79,9 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
     # The exact branch is drawn up to its end.
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
     grid = np.union1d(grid, last)
-    scan = np.union1d(grid, _columns(bearing, grid))
+    # At both sides of the law's break points the balance may jump.
+    between = np.linspace(grid[0], grid[-1], _COLUMNS), corners(bearing, (grid[0], grid[-1]))
+    scan = np.union1d(grid, np.concatenate(between))
     cycles = _amplitudes(bearing, scan, load)
     turns = _turns(bearing, load, scan, cycles)
     marks = [turn.mark for turn in turns]
@@ -120,12 +100,6 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
         exact=np.asarray(exact_amplitude(bearing, speed, load)),
         exact_fold=exact_fold,
     )
-
-
-def _columns(bearing: Bearing, grid: FloatArray) -> FloatArray:
-    """Some even speeds and both sides of the law's break points, where the balance may jump."""
-    low, high = grid[0], grid[-1]
-    return np.union1d(np.linspace(low, high, _COLUMNS), corners(bearing, (low, high)))
 
 
 class _Turn(NamedTuple):
@@ -169,13 +143,13 @@ def _turn(bearing: Bearing, load: float, known: Range, low: float, high: float) 
     speed = next((v for v in known if math.isclose(v, high, rel_tol=_SAME)), high)
     more, change = max(before, after, key=len), abs(before.size - after.size)
     if change % 2:
-        return _Turn(BranchMark(MarkKind.HOPF, speed, 0.0), before, after, slice(0, change))
+        return _Turn(BranchMark('Hopf', speed, 0.0), before, after, slice(0, change))
     first = int(np.argmin(np.diff(more)))
     own = slice(first, first + change)
     amplitude, limit = float(np.mean(more[own])), speed / bearing.natural_frequency
     # Most folds are at the sliding limit, where the work of friction has a cusp.
     amplitude = limit if math.isclose(amplitude, limit, rel_tol=_CUSP) else amplitude
-    return _Turn(BranchMark(MarkKind.FOLD, speed, amplitude), before, after, own)
+    return _Turn(BranchMark('fold', speed, amplitude), before, after, own)
 
 
 def _branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> list[Branch]:
@@ -241,7 +215,7 @@ def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, NDArray[Any
 
 def draw_diagram(
     config: BearingConfig, load: float, speeds: Range | None = None, points: int = 400
-) -> Figure:
+) -> canvas.Figure:
     """Draw the bifurcation diagram of a bearing at a load > 0 [N], over so many even speeds.
 
     The lowest and highest surface speed [m/s] are chosen to show Hopf and fold by default.
@@ -249,110 +223,78 @@ def draw_diagram(
     Raises:
         DrawingError: matplotlib is not installed.
     """
-    with style():
+    with canvas.style():
         bearing, rpm = config.bearing, config.bearing.speed.factor('rpm')
         speeds = speeds or diagram_speeds(bearing, load)
         diagram = bifurcation_diagram(bearing, load, speeds, points)
-        figure, axes = labelled(
+        figure, axes = canvas.labelled(
             'shaft speed [rpm]',
             'displacement amplitude [mm]',
             box=(0.095, 0.245, 0.88, 0.635),
             footnote=f'{config.name}, load {load / 1e3:.6g} kN',
         )
-        top = _top(diagram)
+        curves = [diagram.exact, *(branch.amplitude for branch in diagram.branches)]
+        top = max(float(np.nanmax(curve, initial=0.0)) for curve in curves) or diagram.sliding_limit[-1]
         axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
-        axes.set_ylim(-_BELOW_ZERO * top, _HEADROOM * top)
+        axes.set_ylim(-_BELOW_ZERO * top * 1e3, _HEADROOM * top * 1e3)
         both_ways = (lambda x: np.multiply(x, rpm), lambda x: np.divide(x, rpm))
-        metres = axes.secondary_xaxis('top', functions=both_ways)
-        metres.set_xlabel('surface speed [m/s]', labelpad=6.0)
-        _curves(axes, diagram, rpm)
-        spans = [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans]
-        regime_bands([axes], spans)
+        axes.secondary_xaxis('top', functions=both_ways).set_xlabel('surface speed [m/s]', labelpad=6.0)
+        _curves(axes, diagram, rpm, 1.1 * top)
+        canvas.regime_bands([axes], [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans])
         _marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
-            sentence = assess(bearing, 0.5 * sum(speeds), load).outcome.sentence
-            axes.text(
-                0.04, 0.85, textwrap.fill(sentence, 46), transform=axes.transAxes, va='top', linespacing=1.5
-            )
-        legend_below(figure, 3)
+            why = textwrap.fill(assess(bearing, 0.5 * sum(speeds), load).outcome.sentence, 46)
+            axes.text(0.04, 0.85, why, transform=axes.transAxes, va='top', linespacing=1.5)
+        canvas.legend_below(figure, 3)
         return figure
 
 
-def _top(diagram: Diagram) -> float:
-    """Amplitude [mm] that the axes must show."""
-    curves = [branch.amplitude for branch in diagram.branches] + [diagram.exact]
-    highest = max(float(np.nanmax(curve, initial=0.0)) for curve in curves)
-    return (highest or float(diagram.sliding_limit[-1])) * 1e3
+def _curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> None:
+    """The exact cycle wide, what averaging has of it narrow, steady sliding along zero.
 
+    The sliding limit is drawn up to an amplitude [m].
+    """
+    named: set[str] = set()
 
-def _curves(axes: Axes, diagram: Diagram, rpm: float) -> None:
-    """The exact cycle wide, what averaging has of it narrow, steady sliding along zero."""
-    x = diagram.speed / rpm
-    names = {
-        True: 'stick-slip, averaging',
-        False: 'threshold (unstable), averaging',
-        '-': 'steady sliding',
-        DASHES: 'steady sliding, unstable',
-    }
+    def line(label: str, speed: ArrayLike, amplitude: ArrayLike, colour: str, **look: Any) -> None:
+        x, y = np.divide(speed, rpm), np.multiply(amplitude, 1e3)
+        axes.plot(x, y, color=colour, label='_' if label in named else label, **look)
+        named.add(label)
+
+    v, limit = diagram.speed, diagram.sliding_limit
     if np.isfinite(diagram.exact).any():
-        axes.plot(
-            x,
-            diagram.exact * 1e3,
-            color=REGIME_COLOUR[Regime.UNSTABLE],
-            lw=3.4,
-            zorder=4,
-            label='stick-slip, exact',
-        )
+        line('stick-slip, exact', v, diagram.exact, canvas.REGIME_COLOUR[Regime.UNSTABLE], lw=3.4, zorder=4)
     for branch in diagram.branches:
-        axes.plot(
-            x,
-            branch.amplitude * 1e3,
-            color=INK,
-            lw=1.3 if branch.stable else 1.6,
-            zorder=5,
-            ls='-' if branch.stable else DASHES,
-            label=names.pop(branch.stable, '_'),
-        )
-    hopf = [mark.speed for mark in diagram.marks if mark.kind is MarkKind.HOPF]
-    for low, high in pairwise([diagram.speed[0], *hopf, diagram.speed[-1]]):
-        growing = np.interp(0.5 * (low + high), diagram.speed, diagram.growth_rate) > 0.0
-        line: Any = DASHES if growing else '-'
-        axes.plot(
-            (low / rpm, high / rpm),
-            (0.0, 0.0),
-            color=REGIME_COLOUR[Regime.STABLE],
-            ls=line,
-            lw=2.4,
-            zorder=3,
-            label=names.pop(line, '_'),
-        )
-    limit = diagram.sliding_limit * 1e3
-    limit = np.where(limit < axes.get_ylim()[1] / _HEADROOM * 1.1, limit, np.nan)
-    axes.plot(x, limit, color=MUTED, lw=1.0, ls=':', zorder=2, label='sliding limit a = V')
+        if branch.stable:
+            line('stick-slip, averaging', v, branch.amplitude, canvas.INK, lw=1.3, zorder=5)
+        else:
+            look: dict[str, Any] = {'ls': canvas.DASHES, 'lw': 1.6, 'zorder': 5}
+            line('threshold (unstable), averaging', v, branch.amplitude, canvas.INK, **look)
+    hopf = [mark.speed for mark in diagram.marks if mark.kind == 'Hopf']
+    for ends in pairwise([v[0], *hopf, v[-1]]):
+        growing = np.interp(0.5 * sum(ends), v, diagram.growth_rate) > 0.0
+        name, dashes = ('steady sliding, unstable', canvas.DASHES) if growing else ('steady sliding', '-')
+        line(name, ends, (0.0, 0.0), canvas.REGIME_COLOUR[Regime.STABLE], ls=dashes, lw=2.4, zorder=3)
+    shown = np.where(limit < highest, limit, np.nan)
+    line('sliding limit a = V', v, shown, canvas.MUTED, lw=1.0, ls=':', zorder=2)
 
 
-def _marks(axes: Axes, diagram: Diagram, rpm: float) -> None:
+def _marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
     """Mark the bifurcations; the legend says at which speeds they are."""
-    for kind, colour, fill, shape in ((MarkKind.HOPF, HOPF, PAPER, 'o'), (MarkKind.FOLD, FOLD, FOLD, 'D')):
-        own = [mark for mark in diagram.marks if mark.kind is kind]
-        text = f'{kind.value} {", ".join(f"{mark.speed / rpm:.4g}" for mark in own)} rpm'
-        if kind is MarkKind.FOLD and own:
-            text += f' (sticks up to {diagram.exact_fold / rpm:.4g} rpm)'
-        elif kind is MarkKind.FOLD and diagram.speed[0] < diagram.exact_fold < diagram.speed[-1]:
+    end = diagram.exact_fold
+    for kind, edge, fill, shape in (
+        ('Hopf', canvas.HOPF, canvas.PAPER, 'o'),
+        ('fold', canvas.FOLD, canvas.FOLD, 'D'),
+    ):
+        own = [mark for mark in diagram.marks if mark.kind == kind]
+        text = f'{kind} {", ".join(f"{mark.speed / rpm:.4g}" for mark in own)} rpm'
+        if kind == 'fold' and own:
+            text += f' (sticks up to {end / rpm:.4g} rpm)'
+        elif kind == 'fold' and diagram.speed[0] < end < diagram.speed[-1]:
             # Where averaging has none, the end of the exact branch stands in.
-            last = float(diagram.exact[np.isfinite(diagram.exact)][-1])
-            own = [BranchMark(kind, diagram.exact_fold, last)]
-            text = f'end of sticking {diagram.exact_fold / rpm:.4g} rpm (averaging has no fold)'
+            own = [BranchMark(kind, end, float(diagram.exact[np.isfinite(diagram.exact)][-1]))]
+            text = f'end of sticking {end / rpm:.4g} rpm (averaging has no fold)'
         if own:
-            axes.plot(
-                [mark.speed / rpm for mark in own],
-                [mark.amplitude * 1e3 for mark in own],
-                shape,
-                ms=7.5,
-                mec=colour,
-                mew=1.4,
-                mfc=fill,
-                zorder=6,
-                clip_on=False,
-                label=text,
-            )
+            at = [mark.speed / rpm for mark in own], [mark.amplitude * 1e3 for mark in own]
+            look: dict[str, Any] = {'ms': 7.5, 'mec': edge, 'mew': 1.4, 'mfc': fill, 'zorder': 6}
+            axes.plot(*at, shape, clip_on=False, label=text, **look)
