@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 else:
     Axes = Figure = Any
 
+Look = dict[str, Any]
+"""Keyword arguments of matplotlib."""
+
 INK = '#222222'
 MUTED = '#525252'
 PAPER = '#ffffff'
@@ -195,39 +198,28 @@ def labelled(
     return figure, axes
 
 
+_LEGEND: Look = {
+    'loc': 'lower left',
+    'frameon': False,
+    'fontsize': 9.5,
+    'handlelength': 2.2,
+    'handletextpad': 0.5,
+    'borderaxespad': 0.2,
+}
+
+
 def legend_below(
     figure: Figure, columns: int, left: float = 0.085, bottom: float = 0.005, **more: Any
 ) -> None:
     """Name the curves below all panels of a figure."""
-    legend = figure.legend(
-        loc='lower left',
-        bbox_to_anchor=(left, bottom),
-        ncols=columns,
-        frameon=False,
-        fontsize=9.5,
-        handlelength=2.2,
-        columnspacing=1.4,
-        handletextpad=0.5,
-        labelspacing=0.35,
-        borderaxespad=0.2,
-        **more,
-    )
-    for patch in legend.get_patches():
+    look = _LEGEND | {'bbox_to_anchor': (left, bottom), 'columnspacing': 1.4, 'labelspacing': 0.35}
+    for patch in figure.legend(ncols=columns, **look, **more).get_patches():
         patch.set(edgecolor=MUTED, linewidth=0.5)
 
 
 def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     """Name the curves of a panel along its upper edge."""
-    look: dict[str, Any] = {
-        'loc': 'lower left',
-        'bbox_to_anchor': (-0.008, 1.0),
-        'frameon': False,
-        'fontsize': 9.5,
-        'handlelength': 2.2,
-        'columnspacing': 1.1,
-        'handletextpad': 0.5,
-        'borderaxespad': 0.2,
-    }
+    look = _LEGEND | {'bbox_to_anchor': (-0.008, 1.0), 'columnspacing': 1.1}
     axes.legend(ncols=columns, **look | more)
 
 
@@ -240,16 +232,9 @@ def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Reg
             axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
         left, right = first.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
         if right - left > _NARROWEST:
-            first.annotate(
-                regime.value,
-                (0.5 * (low + high), top),
-                (0.0, -6.0),
-                textcoords='offset points',
-                ha='center',
-                va='top',
-                style='italic',
-                zorder=12,
-            )
+            middle = 0.5 * (low + high), top
+            look: Look = {'ha': 'center', 'va': 'top', 'style': 'italic', 'zorder': 12}
+            first.annotate(regime.value, middle, (0.0, -6.0), textcoords='offset points', **look)
 
 
 def envelope(most: int, *columns: Any) -> IndexArray:
@@ -378,46 +363,7 @@ def variable(colour: str) -> str:
 _SHEET_DPI = 150
 _LINE = 0.22
 _LETTERS = 105
-
-
 Pixels = NDArray[np.uint8]
-
-
-def sheet(rows: Sequence[Pixels]) -> bytes:
-    """Put figures, at least one, below each other as PNG; see :func:`drawn`."""
-    width = max(row.shape[1] for row in rows)
-    # White at the right of what is narrower.
-    whole = np.concatenate(
-        [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
-    )
-    with style():
-        from matplotlib.image import imsave
-
-        file = io.BytesIO()
-        imsave(file, whole, metadata={'Software': SOFTWARE})
-    return file.getvalue()
-
-
-def heading(title: str, lines: Sequence[str] = ()) -> Figure:
-    """A figure of words alone: a title and the lines below it, wrapped to the width."""
-    wrapped = [
-        *((part, 'bold', INK) for part in textwrap.wrap(title, _LETTERS - 15)),
-        *((part, 'normal', MUTED) for line in lines for part in textwrap.wrap(line, _LETTERS)),
-    ]
-    with style():
-        figure = new_figure(WIDTH, _LINE * (len(wrapped) + 2))
-        for number, (part, weight, colour) in enumerate(wrapped):
-            figure.text(
-                0.25 / WIDTH,
-                1.0 - (number + 1.2) / (len(wrapped) + 2),
-                part,
-                size=12.0 if weight == 'bold' else 10.0,
-                weight=weight,
-                color=colour,
-                va='center',
-                parse_math=False,
-            )
-        return figure
 
 
 def drawn(figure: Figure) -> Pixels:
@@ -427,3 +373,29 @@ def drawn(figure: Figure) -> Pixels:
         canvas: Any = figure.canvas
         canvas.draw()
         return np.array(canvas.buffer_rgba())[:, :, :3]
+
+
+def sheet(rows: Sequence[Pixels]) -> bytes:
+    """Put figures, at least one, below each other as PNG; see :func:`drawn`."""
+    width = max(row.shape[1] for row in rows)
+    # White at the right of what is narrower.
+    padded = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
+    with style():
+        from matplotlib.image import imsave
+
+        file = io.BytesIO()
+        imsave(file, np.concatenate(padded), metadata={'Software': SOFTWARE})
+    return file.getvalue()
+
+
+def heading(title: str, lines: Sequence[str] = ()) -> Figure:
+    """A figure of words alone: a title and the lines below it, wrapped to the width."""
+    bold = [(part, 12.0, 'bold', INK) for part in textwrap.wrap(title, _LETTERS - 15)]
+    below = [(part, 10.0, 'normal', MUTED) for line in lines for part in textwrap.wrap(line, _LETTERS)]
+    rows = len(bold) + len(below) + 2
+    with style():
+        figure = new_figure(WIDTH, _LINE * rows)
+        for k, (part, size, weight, colour) in enumerate(bold + below):
+            look: Look = {'size': size, 'weight': weight, 'color': colour, 'va': 'center'}
+            figure.text(0.25 / WIDTH, 1.0 - (k + 1.2) / rows, part, parse_math=False, **look)
+        return figure

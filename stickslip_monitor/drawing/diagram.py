@@ -268,7 +268,7 @@ def _curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> 
         if branch.stable:
             line('stick-slip, averaging', v, branch.amplitude, canvas.INK, lw=1.3, zorder=5)
         else:
-            look: dict[str, Any] = {'ls': canvas.DASHES, 'lw': 1.6, 'zorder': 5}
+            look: canvas.Look = {'ls': canvas.DASHES, 'lw': 1.6, 'zorder': 5}
             line('threshold (unstable), averaging', v, branch.amplitude, canvas.INK, **look)
     hopf = [mark.speed for mark in diagram.marks if mark.kind == 'Hopf']
     for ends in pairwise([v[0], *hopf, v[-1]]):
@@ -296,5 +296,5 @@ def _marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
             text = f'end of sticking {end / rpm:.4g} rpm (averaging has no fold)'
         if own:
             at = [mark.speed / rpm for mark in own], [mark.amplitude * 1e3 for mark in own]
-            look: dict[str, Any] = {'ms': 7.5, 'mec': edge, 'mew': 1.4, 'mfc': fill, 'zorder': 6}
+            look: canvas.Look = {'ms': 7.5, 'mec': edge, 'mew': 1.4, 'mfc': fill, 'zorder': 6}
             axes.plot(*at, shape, clip_on=False, label=text, **look)

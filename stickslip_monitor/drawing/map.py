@@ -11,10 +11,10 @@ it as the track of its operating point, with the changes of condition.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -258,15 +258,8 @@ def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -
     exact = np.asarray(exact_fold_speed(bearing, load))
     averaged = np.asarray(fold_speed(bearing, load))
     if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
-        axes.plot(
-            exact / rpm,
-            load / 1e3,
-            color=canvas.FOLD,
-            lw=1.4,
-            ls='-.',
-            zorder=3,
-            label='end of sticking, exact',
-        )
+        look: canvas.Look = {'color': canvas.FOLD, 'lw': 1.4, 'ls': '-.', 'zorder': 3}
+        axes.plot(exact / rpm, load / 1e3, label='end of sticking, exact', **look)
 
 
 def _amplitudes(axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
@@ -274,15 +267,9 @@ def _amplitudes(axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range
     speed, load, exact = _exact_amplitudes(bearing, speeds, loads)
     if not np.isfinite(exact).any():
         return
-    lines = axes.contour(
-        speed / bearing.speed.factor('rpm'),
-        load / 1e3,
-        np.ma.masked_invalid(exact),
-        levels,
-        colors=canvas.MUTED,
-        linewidths=0.9,
-        zorder=2,
-    )
+    x = speed / bearing.speed.factor('rpm')
+    look: canvas.Look = {'colors': canvas.MUTED, 'linewidths': 0.9, 'zorder': 2}
+    lines = axes.contour(x, load / 1e3, np.ma.masked_invalid(exact), levels, **look)
     axes.plot([], [], color=canvas.MUTED, lw=0.9, label='amplitude')
     # High up, where a track seldom is: the range of loads has room above it. Of a line that only
     # touches a corner the label would stand over the boundaries.
@@ -316,16 +303,8 @@ def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -
         (config.belief.hopf_speed, Regime.UNSTABLE, 'Hopf'),
     ):
         low, high = (quantile(load, p) / rpm for p in (QUANTILES[0], QUANTILES[-1]))
-        axes.fill_betweenx(
-            load / 1e3,
-            low,
-            high,
-            color=canvas.REGIME_COLOUR[regime],
-            alpha=0.35,
-            lw=0.0,
-            zorder=2,
-            label=f'5 to 95 % of the {name}',
-        )
+        look: canvas.Look = {'color': canvas.REGIME_COLOUR[regime], 'alpha': 0.35, 'lw': 0.0, 'zorder': 2}
+        axes.fill_betweenx(load / 1e3, low, high, label=f'5 to 95 % of the {name}', **look)
 
 
 # --- the track of an operating point -----------------------------------------------------------
@@ -343,7 +322,6 @@ class TrackEvent(NamedTuple):
 class Track:
     """The operating points of a recording; astern is drawn as ahead, as the model has it."""
 
-    time: FloatArray  # shape (n,) [s]; any zero
     speed: FloatArray  # of the surface, shape (n,), ``nan`` where it is interrupted [m/s]
     load: FloatArray  # shape (n,) [N]
     events: Sequence[TrackEvent] = ()  # the alarm's changes
@@ -360,20 +338,15 @@ class Track:
 
 def track_of_scan(scan: Verdicts) -> Track:
     """The track of a bearing's scanned recording, interrupted where an input was lost."""
-    start = int(scan.time_ns[0]) if scan.time_ns.size else 0
     lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1
-    columns = [
-        (scan.time_ns - start) * 1e-9,
-        np.asarray(scan.assessment.speed, dtype=float),
-        np.asarray(scan.assessment.load, dtype=float),
-    ]
-    time, speed, load = (np.insert(column, lost, np.nan) for column in columns)
+    points = scan.assessment.speed, scan.assessment.load
+    speed, load = (np.insert(np.asarray(column, dtype=float), lost, np.nan) for column in points)
     events = [
         TrackEvent(float(e.assessment.speed), float(e.assessment.load), e.after)
         for e in scan.events
         if e.assessment is not None
     ]
-    return Track(time, speed, load, events)
+    return Track(speed, load, events)
 
 
 def _mark_columns(width: float) -> int:
@@ -392,59 +365,40 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
         return
     # Every place that it has been to, faint.
     drawn = canvas.envelope(int(width * _POINTS_PER_INCH), x, y)
-    axes.plot(x[drawn], y[drawn], color=canvas.MUTED, lw=0.7, alpha=0.45, zorder=6, label='measured')
-    _course(axes, x, y)
-    first, last = axes.transData.transform(np.column_stack([x, y])[known[[0, -1]]])
-    apart = np.hypot(*(last - first)) > _RING * axes.figure.dpi / 72.0
-    ends = [(known[0], 'start' if apart else 'start and end', 'o', _RING, canvas.PAPER)]
-    if apart:
-        ends.append((known[-1], 'end', 's', 6.5, canvas.INK))
-    for i, name, marker, size, face in ends:
-        edge = canvas.INK if face == canvas.PAPER else canvas.PAPER
-        axes.plot(x[i], y[i], marker, ms=size, mec=edge, mew=1.5, mfc=face, zorder=11, label=name)
+    faint: canvas.Look = {'color': canvas.MUTED, 'lw': 0.7, 'alpha': 0.45, 'zorder': 6}
+    named = axes.plot(x[drawn], y[drawn], label='measured', **faint)
+    named += _course(axes, x, y)
+    ends = x[known[[0, -1]]], y[known[[0, -1]]]
+    apart = np.hypot(*np.diff(axes.transData.transform(np.column_stack(ends)), axis=0)[0])
+    start: canvas.Look = {'ms': _RING, 'mec': canvas.INK, 'mfc': canvas.PAPER}
+    end: canvas.Look = {'ms': 6.5, 'mec': canvas.PAPER, 'mfc': canvas.INK, 'label': 'end'}
+    if apart > _RING * axes.figure.dpi / 72.0:
+        named += axes.plot(ends[0][0], ends[1][0], 'o', mew=1.5, zorder=11, label='start', **start)
+        named += axes.plot(ends[0][1], ends[1][1], 's', mew=1.5, zorder=11, **end)
+    else:
+        named += axes.plot(ends[0][0], ends[1][0], 'o', mew=1.5, zorder=11, label='start and end', **start)
     for condition in track.conditions():
-        own = [event for event in track.events if event.condition is condition]
-        axes.plot(
-            [abs(event.speed) / rpm for event in own],
-            [event.load / 1e3 for event in own],
-            ls='',
-            marker=_MARKER[condition],
-            ms=8.5,
-            mfc=canvas.CONDITION_COLOUR[condition],
-            mec=canvas.PAPER,
-            mew=1.0,
-            zorder=10,
-            label=f'to: {canvas.CONDITION_NAMES[condition]}',
-        )
-    drawn_as = [line for line in axes.lines if line.get_label() in ('measured', 'smoothed')]
-    marks = [*drawn_as, *(line for line in axes.lines if line.get_zorder() >= 10)]
-    canvas.legend_above(axes, _mark_columns(width), handles=marks, handlelength=1.2)
+        own = [(abs(e.speed) / rpm, e.load / 1e3) for e in track.events if e.condition is condition]
+        look: canvas.Look = {'marker': _MARKER[condition], 'mfc': canvas.CONDITION_COLOUR[condition]}
+        look |= {'ls': '', 'ms': 8.5, 'mec': canvas.PAPER, 'mew': 1.0, 'zorder': 10}
+        named += axes.plot(*zip(*own, strict=True), label=f'to: {canvas.CONDITION_NAMES[condition]}', **look)
+    canvas.legend_above(axes, _mark_columns(width), handles=named, handlelength=1.2)
 
 
-def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> None:
+def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
     """The track without noise: means over stretches of time, at least a stride apart.
 
     It goes from wide and light to narrow and dark, so that ways back can be told.
+
+    Returns:
+        A line of it, to be named.
     """
     box = axes.get_window_extent()
-    stride = _STRIDE * float(np.hypot(box.width, box.height))
     shown = axes.transData.transform(np.column_stack([x, y]))
-    known = np.all(np.isfinite(shown), axis=1)
-    length = max(1, int(known.sum()) // _STOPS)
-    edges = np.flatnonzero(np.diff(known.astype(np.int8))) + 1
-    paths = []
-    for run in np.split(shown, edges):
-        if np.isfinite(run[0]).all():
-            starts = np.arange(0, run.shape[0], length)
-            means = np.add.reduceat(run, starts) / np.diff([*starts, run.shape[0]])[:, None]
-            kept = [run[0]]
-            for point in means[1:-1]:
-                if np.hypot(*(point - kept[-1])) >= stride:
-                    kept.append(point)
-            paths.append(np.array([*kept, run[-1]]))
+    paths = list(_smoothed(shown, _STRIDE * float(np.hypot(box.width, box.height))))
     steps = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
     total, done = sum(float(each.sum()) for each in steps) or 1.0, 0.0
-    drawn = False
+    lines: list[Any] = []
     for path, each in zip(paths, steps, strict=True):
         along = (done + np.cumsum(each) - 0.5 * each) / total
         done += float(each.sum())
@@ -454,10 +408,26 @@ def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> None:
             if own.size:
                 line = axes.transData.inverted().transform(path[own[0] : own[-1] + 2]).T
                 axes.plot(*line, color=canvas.PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
-                name = '_' if drawn else 'smoothed'
-                axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt', label=name)
+                lines += axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt')
                 _arrow(axes, line, colour)
-                drawn = True
+    for line in lines[:1]:
+        line.set_label('smoothed')
+    return lines[:1]
+
+
+def _smoothed(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
+    """Of each uninterrupted part of a track its means, shape (m, 2), a stride apart; all in pixels."""
+    known = np.all(np.isfinite(shown), axis=1)
+    length = max(1, int(known.sum()) // _STOPS)
+    for run in np.split(shown, np.flatnonzero(np.diff(known.astype(np.int8))) + 1):
+        if np.isfinite(run[0]).all():
+            starts = np.arange(0, run.shape[0], length)
+            means = np.add.reduceat(run, starts) / np.diff([*starts, run.shape[0]])[:, None]
+            kept = [run[0]]
+            for point in means[1:-1]:
+                if np.hypot(*(point - kept[-1])) >= stride:
+                    kept.append(point)
+            yield np.array([*kept, run[-1]])
 
 
 def _arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
@@ -466,17 +436,6 @@ def _arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
     On a way back that lies on the way out the arrows are elsewhere.
     """
     k = int(_ARROW * (line.shape[1] - 1))
-    axes.annotate(
-        '',
-        tuple(line[:, k + 1]),
-        tuple(line[:, k]),
-        zorder=9,
-        arrowprops={
-            'arrowstyle': '-|>,head_width=0.34,head_length=0.6',
-            'fc': colour,
-            'ec': canvas.PAPER,
-            'lw': 0.6,
-            'shrinkA': 0.0,
-            'shrinkB': 0.0,
-        },
-    )
+    look: canvas.Look = {'arrowstyle': '-|>,head_width=0.34,head_length=0.6', 'fc': colour}
+    look |= {'ec': canvas.PAPER, 'lw': 0.6, 'shrinkA': 0.0, 'shrinkB': 0.0}
+    axes.annotate('', tuple(line[:, k + 1]), tuple(line[:, k]), zorder=9, arrowprops=look)

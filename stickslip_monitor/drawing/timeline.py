@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import timezone
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +32,8 @@ _NUMBER_ROWS = 3
 _HIGHEST_MARGIN = 1.5
 _LOWEST_TOP = 0.3
 _PIXELS_PER_LETTER = 7.0
-_DATED_FROM = 10 * 365 * 86_400 * 10**9
+DATED_FROM = 10 * 365 * 86_400 * 10**9
+"""A clock before this counts from a start, a simulation's say: it has no date [ns]."""
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
 # Room around and between the panels [inch].
 _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
@@ -66,12 +68,10 @@ def draw_timeline(timeline: Timeline, width: float = 9.0) -> canvas.Figure:
         height = sum(size + _BETWEEN for _, size in rows) - _BETWEEN + _ABOVE + _BELOW
         figure = canvas.new_figure(width, height)
         figure.text(0.01, 0.99, timeline.title, va='top', size=11.0, weight='bold')
-        top = height - _ABOVE
-        panels: dict[str, canvas.Axes] = {}
+        top, panels = height - _ABOVE, dict[str, canvas.Axes]()
         for name, size in rows:
-            box = (_LEFT, top - size, width - _LEFT - _RIGHT, size)
-            parts = [side / whole for side, whole in zip(box, (width, height) * 2, strict=True)]
-            panels[name] = figure.add_axes((parts[0], parts[1], parts[2], parts[3]))
+            box = _LEFT / width, (top - size) / height, 1.0 - (_LEFT + _RIGHT) / width, size / height
+            panels[name] = figure.add_axes(box)
             top -= size + _BETWEEN
         lines = _Lines(timeline, int(width * _POINTS_PER_INCH))
         _episodes(panels, lines)
@@ -95,7 +95,7 @@ class _Lines:
         scan, point = timeline.scan, timeline.scan.assessment
         self.start_ns = timeline.spells[0].start_ns
         self.end_ns = max(spell.end_ns for spell in timeline.spells)
-        self.dated = self.start_ns >= _DATED_FROM
+        self.dated = self.start_ns >= DATED_FROM
         # Interrupted where an input was lost or the clock jumped back.
         lost = scan.until_ns[:-1] < scan.time_ns[1:]
         back = np.diff(scan.time_ns) < 0
@@ -184,25 +184,16 @@ def _margins(axes: canvas.Axes, lines: _Lines) -> None:
         name = f'{word.lower()}_margin'
         if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
             told = getattr(lines.lining, name)
-            when, true = lines.at(told.time_ns), 100.0 * _finite(told.value)
-            wide = canvas.REGIME_COLOUR[regime]
-            axes.plot(when, true, color=wide, alpha=0.4, lw=4.0, label=f'{word}, true')
+            look: canvas.Look = {'color': canvas.REGIME_COLOUR[regime], 'alpha': 0.4, 'lw': 4.0}
+            axes.plot(lines.at(told.time_ns), 100.0 * _finite(told.value), label=f'{word}, true', **look)
         time, margin = lines.line(name)
         axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
         lowest = min(lowest, float(np.nanmin(margin, initial=0.0)))
+    amber = canvas.REGIME_COLOUR[Regime.BISTABLE]
     if lines.config.belief is not None:
         time, low, high = lines.line('fold_low', 'fold_high')
-        axes.fill_between(
-            time,
-            low,
-            high,
-            color=canvas.REGIME_COLOUR[Regime.BISTABLE],
-            alpha=0.3,
-            lw=0.0,
-            zorder=3,
-            label='5 to 95 %',
-        )
+        axes.fill_between(time, low, high, color=amber, alpha=0.3, lw=0.0, zorder=3, label='5 to 95 %')
     caution = 100.0 * lines.config.alarm.caution_margin
     axes.axhspan(0.0, caution, color=canvas.CAUTION_FILL, lw=0.0, zorder=1)
     axes.axhspan(-1e4, 0.0, color=canvas.REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
@@ -216,19 +207,17 @@ def _margins(axes: canvas.Axes, lines: _Lines) -> None:
 
 def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
     time, possible, predicted = lines.amplitudes()
+    red, fill = (colours[Regime.UNSTABLE] for colours in (canvas.REGIME_COLOUR, canvas.REGIME_FILL))
     axes.plot(time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
-    axes.fill_between(time, 0.0, predicted, color=canvas.REGIME_FILL[Regime.UNSTABLE], lw=0.0, zorder=1)
-    axes.plot(
-        time, predicted, color=canvas.REGIME_COLOUR[Regime.UNSTABLE], lw=1.4, label='predicted', zorder=4
-    )
-    limit = lines.config.alarm.amplitude_limit * 1e3
+    axes.fill_between(time, 0.0, predicted, color=fill, lw=0.0, zorder=1)
+    axes.plot(time, predicted, color=red, lw=1.4, label='predicted', zorder=4)
     greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
     if lines.lining is not None:
-        true = 1e3 * lines.lining.amplitude.value
-        when = lines.at(lines.lining.amplitude.time_ns)
-        axes.plot(when, true, color=_TRUTH, lw=1.2, label='true', zorder=5)
-        greatest = max(greatest, float(np.nanmax(true, initial=0.01)))
-    if np.isfinite(limit) and limit < 3.0 * greatest:
+        told = lines.lining.amplitude
+        axes.plot(lines.at(told.time_ns), 1e3 * told.value, color=_TRUTH, lw=1.2, label='true', zorder=5)
+        greatest = max(greatest, 1e3 * float(np.nanmax(told.value, initial=1e-5)))
+    limit = lines.config.alarm.amplitude_limit * 1e3
+    if limit < 3.0 * greatest:
         axes.axhline(limit, color=canvas.INK, lw=1.0, ls=canvas.DASHES, label='limit', zorder=3)
         greatest = max(greatest, limit)
     axes.set_ylim(0.0, 1.12 * greatest or 1.0)
@@ -237,18 +226,8 @@ def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _legend(axes: canvas.Axes) -> None:
-    axes.legend(
-        loc='lower right',
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=5,
-        fontsize=8.5,
-        frameon=False,
-        borderpad=0.1,
-        borderaxespad=0.0,
-        handlelength=1.8,
-        columnspacing=1.0,
-        handletextpad=0.4,
-    )
+    corner: canvas.Look = {'loc': 'lower right', 'bbox_to_anchor': (1.0, 1.0), 'borderaxespad': 0.0}
+    canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 
 def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
@@ -261,16 +240,8 @@ def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
         axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
         name = canvas.CONDITION_NAMES[spell.condition]
         if (right - left) * pixels > _PIXELS_PER_LETTER * (len(name) + 1):
-            axes.text(
-                0.5 * (left + right),
-                0.46,
-                name,
-                ha='center',
-                va='center',
-                size=8.5,
-                color=canvas.PAPER,
-                zorder=3,
-            )
+            white: canvas.Look = {'size': 8.5, 'color': canvas.PAPER, 'zorder': 3}
+            axes.text(0.5 * (left + right), 0.46, name, ha='center', va='center', **white)
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([])
     axes.set_ylabel('alarm', rotation=0.0, ha='right', va='center')
@@ -306,8 +277,6 @@ def _time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> N
 
 
 def _clock_ticks(axes: canvas.Axes, most: int) -> None:
-    from datetime import timezone
-
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     # matplotlib.dates has no types.
@@ -343,15 +312,7 @@ def _event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
         spot = float(first.transData.transform((when, 0.0))[0])
         row = next((row for row, taken in enumerate(free) if spot >= taken), None)
         if row is not None and len(events) <= _MOST_NUMBERED:
-            first.annotate(
-                str(number),
-                (when, 1.0),
-                (0.0, 2.0 + 10.0 * row),
-                xycoords=('data', 'axes fraction'),
-                textcoords='offset points',
-                ha='center',
-                va='bottom',
-                size=8.5,
-                color=canvas.INK,
-            )
+            look: canvas.Look = {'ha': 'center', 'va': 'bottom', 'size': 8.5, 'color': canvas.INK}
+            place: canvas.Look = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
+            first.annotate(str(number), (when, 1.0), (0.0, 2.0 + 10.0 * row), **place, **look)
             free[row] = spot + 7.0 * len(str(number)) + 6.0

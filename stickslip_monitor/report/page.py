@@ -172,7 +172,7 @@ def _course(checked: CheckReport, item: BearingReport) -> Course:
 
 def _track(course: Course) -> Track:
     track = track_of_scan(course.scan)
-    return Track(track.time, track.speed, track.load, track.events[:_MARKS])
+    return Track(track.speed, track.load, track.events[:_MARKS])
 
 
 def _timeline(course: Course) -> Timeline:

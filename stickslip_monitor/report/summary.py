@@ -13,6 +13,7 @@ from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
+from stickslip_monitor.drawing.timeline import DATED_FROM
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import BearingReport
@@ -26,8 +27,6 @@ GRADES = tuple(_WORDS)
 # Keeps a number and its unit on one line.
 _SPACE = '\N{NO-BREAK SPACE}'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-# A clock before this is one that counts from a start, a simulation's say: it has no date.
-_FIRST_DATE_NS = 10 * 365 * 86_400 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +259,7 @@ def _cases(parts: Sequence[tuple[str, Finding]]) -> str:
 
 def is_dated(time_ns: int) -> bool:
     """Whether a time is a date and not a count from some start."""
-    return time_ns >= _FIRST_DATE_NS
+    return time_ns >= DATED_FROM
 
 
 def _datetime(time_ns: int) -> datetime:
