@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from stickslip_monitor import __version__
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.drawing.map import Track, draw_map, track_of_scan
+from stickslip_monitor.drawing.map import draw_map, track_of_scan
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
@@ -30,7 +30,7 @@ from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.input_check import InputReport
 from stickslip_monitor.offline.outline import condition_intervals
 from stickslip_monitor.report import summary
-from stickslip_monitor.report.summary import GRADES, Course, Fact, Finding, facts, finding_of, overall
+from stickslip_monitor.report.summary import Course, Fact, Finding, facts, finding_of, overall
 
 MOST_EVENTS = 400
 _MOST_TOPICS = 100
@@ -57,6 +57,10 @@ _SPEED_CAPTION = (
     ' disturbance can start it, in the yellow one within the caution margin. Long recordings are'
     ' drawn by their envelope: every extreme is there.'
 )
+_FEW_MARKED = (
+    ' Of so many events only the alarms are marked, or none; the band at the bottom shows'
+    ' the worst of each stretch.'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +78,12 @@ class BearingPart:
 
     anchor: str  # a word for it alone on a page
     finding: Finding
-    facts: tuple[Fact, ...]
-    map: Picture | None
-    timeline: Picture | None
-    note: str  # why nothing is drawn
     # By quantity, what a reader wants to know of an input beside its record.
     inputs: Mapping[str, Mapping[str, Any]]
+    facts: tuple[Fact, ...] = ()
+    map: Picture | None = None
+    timeline: Picture | None = None
+    note: str = ''  # why nothing is drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +111,7 @@ def recording_part(document: Mapping[str, Any], checked: CheckReport | None = No
     name = printable(os.path.basename(os.path.realpath(document['path'])))  # noqa: PTH119
     if checked is None:
         text = f'this recording could not be checked: {document["error"]}'
-        finding = Finding('unknown', 'No verdict', (text,))
-        return RecordingPart(anchor, name, document, (finding,))
+        return RecordingPart(anchor, name, document, (Finding('unknown', (text,)),))
     courses = tuple(_course(checked, item) for item in checked.bearings.values())
     findings = tuple(map(finding_of, courses))
     return RecordingPart(anchor, name, document, findings, courses=courses)
@@ -132,7 +135,7 @@ class Archive:
         """Add a part, and drop the outlines that will not be drawn."""
         number = len(self.parts)
         self.parts.append(part)
-        own = [(-GRADES.index(finding.grade), number, k) for k, finding in enumerate(part.findings)]
+        own = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
         ranked = sorted([*self._urgent, *own[: len(part.courses)]])
         self._urgent = ranked[:MOST_DRAWN]
         kept = {n for _, n, _ in self._urgent}
@@ -143,12 +146,10 @@ class Archive:
         """The parts as a page has them: drawn, or for a row."""
         urgent = {(n, k) for _, n, k in self._urgent}
         for n, part in enumerate(self.parts):
-            bearings = {
-                course.name: _bearing_part(
-                    f'{part.anchor}-{course.name}', course, part.findings[k], (n, k) in urgent
-                )
-                for k, course in enumerate(part.courses)
-            }
+            bearings: dict[str, BearingPart] = {}
+            for k, (course, finding) in enumerate(zip(part.courses, part.findings, strict=False)):
+                anchor = f'{part.anchor}-{course.name}'
+                bearings[course.name] = _bearing_part(anchor, course, finding, (n, k) in urgent)
             yield replace(part, bearings=bearings)
 
     def figures(self) -> Iterator[canvas.Pixels]:
@@ -170,47 +171,47 @@ def _course(checked: CheckReport, item: BearingReport) -> Course:
     return Course(own, item, spells, doubts, asked)
 
 
-def _track(course: Course) -> Track:
+def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.Figure:
     track = track_of_scan(course.scan)
-    return Track(track.speed, track.load, track.events[:_MARKS])
+    return draw_map(course.config, track=replace(track, events=track.events[:_MARKS]), size=size)
 
 
 def _timeline(course: Course) -> Timeline:
     return Timeline(course.config, course.scan, course.spells)
 
 
-def _figures(bag: str, course: Course, finding: Finding) -> Iterator[Any]:
+def _figures(bag: str, course: Course, finding: Finding) -> Iterator[canvas.Figure]:
     yield canvas.heading(f'{finding.word}: {bag}, {course.name}', finding.sentences)
     if course.scan.time_ns.size:
-        yield draw_map(course.config, track=_track(course))
+        yield _drawn_map(course)
         yield draw_timeline(_timeline(course), _WIDE)
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
-    known = course.item.evaluations > 0
     inputs = zip(course.item.inputs, course.config.inputs.values(), strict=True)
     own = {report.quantity: _input(report, source) for report, source in inputs}
-    if not known:
-        return BearingPart(anchor, finding, (), None, None, '', own)
+    part = BearingPart(anchor, finding, own)
+    if not course.item.evaluations:
+        return part
+    part = replace(part, facts=facts(course))
     if not is_drawn:
-        return BearingPart(anchor, finding, facts(course), None, None, _NOT_DRAWN, own)
-    pictures = _map_picture(anchor, course, finding), _timeline_picture(anchor, course)
-    return BearingPart(anchor, finding, facts(course), *pictures, '', own)
+        return replace(part, note=_NOT_DRAWN)
+    return replace(part, map=_map_picture(part, course), timeline=_timeline_picture(part, course))
 
 
-def _map_picture(anchor: str, course: Course, finding: Finding) -> Picture:
+def _map_picture(part: BearingPart, course: Course) -> Picture:
     text = (
         f'Stability map of {course.name} over shaft speed and bearing load, with the recorded'
-        f' operating points on it. {finding.sentences[0]}'
+        f' operating points on it. {part.finding.sentences[0]}'
     )
     wide, narrow = (
-        canvas.inline_svg(draw_map(course.config, track=_track(course), size=size), f'{anchor}-{k}', text)
-        for k, size in (('m', _MAP_WIDE), ('n', _MAP_NARROW))
+        canvas.inline_svg(_drawn_map(course, size), f'{part.anchor}-{key}', text)
+        for key, size in (('m', _MAP_WIDE), ('n', _MAP_NARROW))
     )
     return Picture(wide, narrow, _MAP_CAPTION)
 
 
-def _timeline_picture(anchor: str, course: Course) -> Picture:
+def _timeline_picture(part: BearingPart, course: Course) -> Picture:
     timeline, events = _timeline(course), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
@@ -218,15 +219,12 @@ def _timeline_picture(anchor: str, course: Course) -> Picture:
         f' {summary.count(len(events), "event")} marked. The table of events has the numbers.'
     )
     wide, narrow = (
-        canvas.inline_svg(draw_timeline(timeline, width), f'{anchor}-{key}', text)
+        canvas.inline_svg(draw_timeline(timeline, width), f'{part.anchor}-{key}', text)
         for key, width in (('t', _WIDE), ('u', _NARROW))
     )
     caption = _SPEED_CAPTION
     if len(marked_events(events)) < len(events):
-        caption += (
-            ' Of so many events only the alarms are marked, or none; the band at the bottom shows'
-            ' the worst of each stretch.'
-        )
+        caption += _FEW_MARKED
     if not timeline.has_cycle:
         caption += ' No amplitude is drawn, because no stick-slip cycle existed at any time.'
     return Picture(wide, narrow, caption)
@@ -238,17 +236,29 @@ def _input(item: InputReport, source: InputConfig) -> dict[str, Any]:
         'field': source.field_text,
         'type': source.type,
         'limit': source.timeout_ns * 1e-9,
-        'wrong': _wrong(item),
+        'range': _range(item, source),
+        'wrong': (
+            *(f'{summary.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults),
+            *(f'{item.quantity} {text}' for text in item.questions),
+            *([item.fault] if item.fault else ()),
+        ),
     }
 
 
-def _wrong(item: InputReport) -> Sequence[str]:
-    times = '\N{MULTIPLICATION SIGN}'
-    return (
-        *(f'{summary.grouped(f.count)} {times} {f.text}' for f in item.faults),
-        *(f'{item.quantity} {text}' for text in item.questions),
-        *([item.fault] if item.fault else ()),
-    )
+def _range(item: InputReport, source: InputConfig) -> str:
+    """The valid values in the unit of the configuration and in SI, and as they were sent."""
+    if item.is_assumed:
+        return f'{source.offset:g} {source.unit}'
+    if not item.used:
+        return 'none'
+    low, high = sorted(source.scale * end + source.offset for end in item.span)
+    texts = [f'{low:.4g} to {high:.4g} {source.unit}']
+    si_unit = {'speed': 'm/s', 'load': 'N'}.get(item.quantity, source.unit)
+    if si_unit != source.unit:
+        texts.append(f'{item.si_span[0]:.4g} to {item.si_span[1]:.4g} {si_unit}')
+    if (source.scale, source.offset) != (1.0, 0.0):
+        texts.append(f'sent as {item.span[0]:.4g} to {item.span[1]:.4g}')
+    return '; '.join(texts)
 
 
 class ParameterRow(NamedTuple):
@@ -296,7 +306,6 @@ def html_page(
         for name in ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'minute', 'share')
     }
     environment.filters |= {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
-    environment.filters['worst'] = _worst
     page = environment.get_template('page.html').render(
         parts=whole,
         others=[part for part in parts if not (few or part.bearings)],
@@ -340,10 +349,6 @@ def _overall(parts: Sequence[RecordingPart]) -> Finding:
     return overall([(part.name, finding) for part in parts for finding in part.findings])
 
 
-def _worst(findings: Sequence[Finding]) -> Finding:
-    return max(findings, key=lambda finding: GRADES.index(finding.grade))
-
-
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
     """The events that a table has room for, with their numbers: the most severe, in order."""
     order = sorted(enumerate(events, 1), key=lambda each: -_ORDER.index(each[1]['level']))
@@ -357,8 +362,8 @@ def parameter_groups(
 
     ``values`` are those given, by full name; of the others it is the default.
     """
-    groups = [('Monitor', _rows(NODE_PARAMETERS, values, ''))]
-    return groups + [(f'Bearing {name}', _rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings]
+    own = [(f'Bearing {name}', _rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings]
+    return [('Monitor', _rows(NODE_PARAMETERS, values, '')), *own]
 
 
 def _rows(table: Iterable[Parameter], values: Mapping[str, Any], prefix: str) -> list[ParameterRow]:

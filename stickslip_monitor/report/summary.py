@@ -34,8 +34,17 @@ class Finding:
     """The verdict on a bearing, or on everything."""
 
     grade: str
-    word: str
     sentences: tuple[str, ...]  # the first is the verdict, the others add to it
+
+    @property
+    def word(self) -> str:
+        """The grade as people read it."""
+        return _WORDS[self.grade]
+
+    @property
+    def rank(self) -> int:
+        """How bad the grade is, from 0."""
+        return GRADES.index(self.grade)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +86,8 @@ class Course:
 def facts(course: Course) -> tuple[Fact, ...]:
     """The figures that matter most."""
     sticking = _total(together(course.spells, STICKING))
-    found = [
-        Fact(
-            'stick-slip predicted',
-            duration(sticking) if sticking else 'never',
-            f'{share(sticking, course.span)} of the time' if sticking else '',
-        )
-    ]
+    note = f'{share(sticking, course.span)} of the time' if sticking else ''
+    found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
     for name, title, shown in (
         ('fold_margin', 'least fold margin', margin),
         ('hopf_margin', 'least Hopf margin', margin),
@@ -93,24 +97,15 @@ def facts(course: Course) -> tuple[Fact, ...]:
             extreme = course.item.worst[name]
             note = f'{minute(extreme.time_ns)}, at {place(course, extreme)}'
             found.append(Fact(title, shown(extreme.value), note))
-    return (*found, *_probabilities(course), *_measured(course))
-
-
-def _probabilities(course: Course) -> tuple[Fact, ...]:
-    point = course.scan.assessment
-    if not point.has_belief:
-        return ()
-    can, will = (float(np.nanmax(p, initial=0.0)) for p in (point.probability_can, point.probability_will))
-    note = f'that it starts by itself: at most {will:.0%}'
-    return (Fact('greatest probability of stick-slip', f'{can:.0%}', note),)
-
-
-def _measured(course: Course) -> tuple[Fact, ...]:
-    if course.item.measured is None:
-        return ()
-    lasting = {state: duration(seconds) for state, seconds in course.item.measured.items()}
-    note = f'quiet for {lasting["quiet"]}, unknown for {lasting["unknown"]}'
-    return (Fact('vibration measured', lasting['vibrating'], note),)
+    point, measured = course.scan.assessment, course.item.measured
+    if point.has_belief:
+        can, will = (np.nanmax(p, initial=0.0) for p in (point.probability_can, point.probability_will))
+        note = f'that it starts by itself: at most {will:.0%}'
+        found.append(Fact('greatest probability of stick-slip', f'{can:.0%}', note))
+    if measured is not None:
+        note = f'quiet for {duration(measured["quiet"])}, unknown for {duration(measured["unknown"])}'
+        found.append(Fact('vibration measured', duration(measured['vibrating']), note))
+    return tuple(found)
 
 
 def place(course: Course, extreme: Extreme) -> str:
@@ -151,7 +146,7 @@ def _verdict(course: Course) -> Finding:
 
 
 def _finding(grade: str, *sentences: str) -> Finding:
-    return Finding(grade, _WORDS[grade], tuple(text for text in sentences if text))
+    return Finding(grade, tuple(text for text in sentences if text))
 
 
 def _total(parts: Iterable[ConditionInterval]) -> float:
@@ -231,7 +226,7 @@ def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
     """The verdict over all bearings: name of the recording and finding of each bearing in it."""
     if len(parts) == 1:
         return parts[0][1]
-    grade = max((finding.grade for _, finding in parts), key=GRADES.index)
+    grade = max((finding for _, finding in parts), key=lambda finding: finding.rank).grade
     counts = {g: sum(finding.grade == g for _, finding in parts) for g in GRADES}
     of = f'of {len(parts)} {_cases(parts)}'
     if counts['alarm']:
@@ -262,33 +257,28 @@ def is_dated(time_ns: int) -> bool:
     return time_ns >= DATED_FROM
 
 
-def _datetime(time_ns: int) -> datetime:
-    return _EPOCH + timedelta(microseconds=round(time_ns / 1000))
+def _rounded(time_ns: int, step_ns: int) -> datetime:
+    return _EPOCH + timedelta(microseconds=round(time_ns / step_ns) * (step_ns // 1000))
 
 
 def date(time_ns: int) -> str:
     """The date in UTC; empty for a time without one."""
-    return _datetime(time_ns).strftime('%Y-%m-%d') if is_dated(time_ns) else ''
+    return f'{_rounded(time_ns, 1000):%Y-%m-%d}' if is_dated(time_ns) else ''
 
 
 def clock(time_ns: int) -> str:
     """The time of day in UTC to a tenth of a second; seconds for a time without a date."""
-    if not is_dated(time_ns):
-        return f'{time_ns * 1e-9:.1f} s'
-    tenths = _EPOCH + timedelta(milliseconds=100 * round(time_ns / 10**8))
-    return f'{tenths:%H:%M:%S}.{tenths.microsecond // 100_000}'
+    return f'{_rounded(time_ns, 10**8):%H:%M:%S.%f}'[:-5] if is_dated(time_ns) else f'{time_ns * 1e-9:.1f} s'
 
 
 def minute(time_ns: int) -> str:
     """The time of day in UTC to the second, for a sentence."""
-    if not is_dated(time_ns):
-        return f'{time_ns * 1e-9:.0f} s'
-    return f'{_EPOCH + timedelta(seconds=round(time_ns / 10**9)):%H:%M:%S}'
+    return f'{_rounded(time_ns, 10**9):%H:%M:%S}' if is_dated(time_ns) else f'{time_ns * 1e-9:.0f} s'
 
 
 def iso(time_ns: int) -> str:
     """The time as ISO 8601 in UTC, for machines; empty for a time without a date."""
-    return _datetime(time_ns).strftime('%Y-%m-%dT%H:%M:%S.%fZ') if is_dated(time_ns) else ''
+    return f'{_rounded(time_ns, 1000):%Y-%m-%dT%H:%M:%S.%fZ}' if is_dated(time_ns) else ''
 
 
 def duration(seconds: float) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from datetime import datetime, timezone
 from html.parser import HTMLParser
@@ -11,23 +12,28 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, contrast
+from shared import CONFIG, ROOT, contrast
 
 from stickslip_monitor.monitor.config import BEARING_PARAMETERS
 from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.offline.check import check_recording
+from stickslip_monitor.offline.check_records import to_json
 from stickslip_monitor.report.page import (
     MOST_EVENTS,
+    Archive,
     BearingPart,
     Picture,
     RecordingPart,
     html_page,
     parameter_groups,
+    recording_part,
     shown_events,
 )
 from stickslip_monitor.report.summary import Fact, Finding
 
 pytest.importorskip('jinja2')
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>{{ 7 * 7 }}\' & </style>'
+RPM = math.pi * 0.1 / 60.0
 VOID = {'meta', 'br', 'img', 'link', 'hr', 'input'}
 
 
@@ -101,10 +107,10 @@ def document(text: str) -> dict[str, Any]:
 def page_of(text: str) -> str:
     """A report in which every text is the given one."""
     picture = Picture(DRAWING, DRAWING, text)
-    finding = Finding('alarm', text, (text, text + '2'))
-    own = {'field': text, 'type': text, 'limit': 5.0, 'wrong': [text, text]}
+    finding = Finding('alarm', (text, text + '2'))
+    own = {'field': text, 'type': text, 'limit': 5.0, 'range': text, 'wrong': [text, text]}
     facts = (Fact(text, text, text),)
-    part = BearingPart('bag-1-aft', finding, facts, picture, picture, text, {'speed': own})
+    part = BearingPart('bag-1-aft', finding, {'speed': own}, facts, picture, picture, text)
     failed = {'path': text, 'error': text}
     parts = [
         RecordingPart('bag-1', text, document(text), (finding,), {text: part}),
@@ -166,6 +172,27 @@ def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
     pairs += [('text', f'{grade}-back') for grade in grades]
     for front, back in pairs:
         assert contrast(colour[front], colour[back]) >= 4.5, (front, back)
+
+
+def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
+    measured = 'load: {topic: /bearing/aft_stern/load, unit: N, timeout: 5.0}'
+    text = CONFIG.read_text('utf-8').replace('unit: rpm,', 'unit: rpm, scale: 2.0,')
+    config = tmp_path / 'assumed.yaml'
+    config.write_text(text.replace(measured, 'load: {constant: 0.8, unit: kN}'), 'utf-8')
+    checked = check_recording(ROOT / 'bags' / 'coast_down', load_config(str(config)), outlined=True)
+    archive = Archive()
+    archive.add(recording_part(to_json(checked), checked))
+    made = datetime(2026, 5, 5, tzinfo=timezone.utc)
+    page = html_page(list(archive.shown()), checked.config, str(config), made).decode()
+    cards = dict(re.findall(r'<caption>(Speed|Load)</caption>(.*?)</table>', page, flags=re.DOTALL))
+    (shown,) = re.findall(r'range</th><td>([^<]*)<', cards['Speed'])
+    numbers = [float(number) for number in re.findall(r'[\d.]+', shown)]
+    assert re.sub(r'[\d.]+', '#', shown) == '# to # rpm; # to # m/s; sent as # to #'
+    low, high, *si, first, last = numbers
+    assert (low, high) == pytest.approx((2 * first, 2 * last), rel=1e-3)
+    assert si == pytest.approx([RPM * low, RPM * high], rel=1e-3)
+    assert '0.8 kN: no sensor measures it' in cards['Load']
+    assert 'topic' not in cards['Load']
 
 
 def test_of_very_many_events_the_severe_stay() -> None:

@@ -112,7 +112,7 @@ def test_nothing_usable(course: Make) -> None:
     ],
 )
 def test_the_worst_counts_overall(grades: list[str], grade: str, text: str) -> None:
-    parts = [(f'bag{i}', Finding(g, g, (f'aft: {g}.',))) for i, g in enumerate(grades)]
+    parts = [(f'bag{i}', Finding(g, (f'aft: {g}.',))) for i, g in enumerate(grades)]
     finding = overall(parts)
     assert finding.grade == grade
     assert text in finding.sentences[0]

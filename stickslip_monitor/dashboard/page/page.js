@@ -55,7 +55,7 @@ class Bearing {
     if (this.asked) return;
     this.asked = true;
     try {
-      const answer = await fetch(`/history?bearing=${encodeURIComponent(this.name)}`);
+      const answer = await fetch(`history?bearing=${encodeURIComponent(this.name)}`);
       if (answer.ok) this.history.precede((await answer.json()).rows); else this.asked = false;
     } catch { this.asked = false; }
     if (this.shown && this.status) { this.show(this.status); this.charts.show(); }
