@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.table import Table, duration, ratio
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.check import to_text
 from stickslip_monitor.monitor.config import MonitorConfig

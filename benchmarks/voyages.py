@@ -36,7 +36,7 @@ from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.verdict import Verdict
 from stickslip_monitor.offline.archive import run_in_processes
 from stickslip_monitor.offline.check import Kept, check_recording
-from stickslip_monitor.offline.outline import condition_intervals
+from stickslip_monitor.offline.extremes import condition_intervals
 
 MINUTE_NS = 60 * 10**9
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'

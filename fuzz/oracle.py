@@ -15,8 +15,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from fuzz.files import TOPICS
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Recording, Request
 from stickslip_monitor.errors import BagError
 
 _NO_TIME = 1 << 63

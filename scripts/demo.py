@@ -37,7 +37,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.ros.inputs import definition
 

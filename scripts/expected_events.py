@@ -29,8 +29,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ive
 
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Recording, Request
 from stickslip_monitor.lab.scene import Scene
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.physics.bearing import Bearing

@@ -11,8 +11,7 @@ import pytest
 from shared import CONFIG, ROOT
 
 from stickslip_monitor import cli
-from stickslip_monitor.bags.folder import read_metadata
-from stickslip_monitor.bags.reader import find_bags, open_bag
+from stickslip_monitor.bags.reader import find_bags, open_bag, read_metadata
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
 from stickslip_monitor.lab.curve_file import read_curve
 from stickslip_monitor.lab.scene import load_scene

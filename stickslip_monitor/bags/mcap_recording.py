@@ -1,19 +1,377 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording in MCAP: one file, or the files of a rosbag2 folder in order."""
+"""One pass over a recording, in the order of log times: numbers in blocks, or messages.
+
+The blocks of a recording are taken in the order in which they begin, and what lies before the
+beginning of the next one is put in order and handed on. So memory holds the blocks that overlap
+in time and no more: as a rule two. Only a recording whose blocks all span much of it, because it
+was written in no order of time, takes memory in proportion to its length.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from stickslip_monitor.bags.binding import bound_to_topics
-from stickslip_monitor.bags.contents import DATED, Contents
-from stickslip_monitor.bags.event_order import question_of_unit
-from stickslip_monitor.bags.recording import Bound, Progress, Recording
-from stickslip_monitor.bags.series import McapReading, Wanted, merged_messages
-from stickslip_monitor.bags.values import Findings, Message, Request, TimeSpans, TopicInfo
+import numpy as np
+from mcap.records import Channel
+from numpy.typing import NDArray
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.bags.log_times import BlockSteps, question_of_unit, set_back
+from stickslip_monitor.bags.mcap_chunks import Block, Piece, loading
+from stickslip_monitor.bags.mcap_file import DATED, Contents, FilePass
+from stickslip_monitor.bags.message_fields import FieldReader
+from stickslip_monitor.bags.recording import (
+    Bound,
+    Fault,
+    Findings,
+    Message,
+    Progress,
+    Recording,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+    bound_to_topics,
+)
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.config import MonitorConfig
+
+# Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
+_OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
+
+_LATEST_NS = (1 << 63) - 1
+# What a number takes that is kept until all before it is known [bytes].
+_ROW = 24
+_BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
+_UNSET = 'have log time 0, as of a clock that was not set, and were not used'
+_REFUSED = 'come behind a definition that does not fit, and were not used'
+
+Columns = tuple[NDArray[Any], ...]
+"""Messages: log times [ns], numbers of their blocks, and what else there is of each: shape
+(n,) or (k, n)."""
+
+
+class Job(NamedTuple):
+    """A block to read, its place in the recording, and the pass over its file."""
+
+    number: int
+    block: Block
+    way: FilePass
+
+
+def _part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
+    return tuple(column[..., rows] for column in columns)
+
+
+Chosen = list[tuple[int, Channel, IntArray]]
+"""The number of a topic, one of its channels, and which messages of a piece."""
+MakeColumns = Callable[[Job, Piece, Chosen], Columns]
+
+
+class Pass:
+    """A pass over the blocks of a recording that have messages of some topics.
+
+    Args:
+        files: The recording.
+        topics: The topics, which are numbered in this order.
+        progress: Given the bytes done and the bytes to do after each block.
+        spans: The log times wanted; all when None.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[Contents],
+        topics: Iterable[str],
+        progress: Progress | None = None,
+        spans: TimeSpans | None = None,
+    ) -> None:
+        self._progress = progress
+        self.numbers = {topic: number for number, topic in enumerate(topics)}
+        self._ways = [FilePass(file) for file in files]
+        blocks = ((block, way) for way in self._ways for block in self._wanted(way.file))
+        jobs = [Job(number, *each) for number, each in enumerate(blocks)]
+        if spans is not None:
+            jobs = [j for j in jobs if spans.overlap(j.block.start_ns, j.block.end_ns)]
+        self._jobs = sorted(jobs, key=lambda job: (job.block.start_ns, job.number))
+        starts = [f.start_ns for f in files if f.start_ns is not None]
+        self._steps = BlockSteps(min(starts, default=0))
+
+    def _keys(self, file: Contents) -> list[int]:
+        """The channels of the topics in a file."""
+        return [key for key, c in file.channels.items() if c.topic in self.numbers]
+
+    def _wanted(self, file: Contents) -> Iterator[Block]:
+        mask = sum(1 << key for key in self._keys(file))
+        return (b for b in file.blocks if b.channels is None or b.channels & mask)
+
+    def stretches(self, columns_of: MakeColumns, most: int) -> Iterator[Columns]:
+        """Yield all messages in the order of time, then of place, some at a time.
+
+        Args:
+            columns_of: Makes the columns of a piece's messages.
+            most: How many messages may wait before some are handed on.
+        """
+        waiting: list[Columns] = []
+        size, limit, handed = 0, most, -1
+        # The least number of a block that is still to come.
+        numbers = np.array([job.number for job in self._jobs] + [1 << 62])
+        rest = np.minimum.accumulate(numbers[::-1])[::-1]
+        for k, take in self._loaded():
+            own = list(self._read(self._jobs[k], take, columns_of, handed))
+            waiting += own
+            size += sum(columns[0].size for columns in own)
+            if size < limit or k + 1 == len(self._jobs):
+                continue
+            handed = self._jobs[k + 1].block.start_ns
+            if waiting:
+                columns = _in_order(waiting)
+                cut = columns[0].searchsorted(handed)
+                if not cut and columns[1].max(initial=-1) < rest[k + 1]:
+                    # So many of one time: it is split, rather than to wait for more.
+                    cut = columns[0].searchsorted(handed, 'right')
+                yield from _some(_part(columns, slice(cut)))
+                waiting = [_part(columns, slice(cut, None))]
+                size = waiting[0][0].size
+                limit = most + 2 * size
+        if waiting:
+            yield from _some(_in_order(waiting))
+        if self._steps.steps_ns:
+            text = set_back('of the recorder', self._steps.steps_ns)
+            self._ways[0].file.findings.note(text)
+
+    def _loaded(self) -> Iterator[tuple[int, Callable[[], bytes]]]:
+        """Go through the blocks: place of each in the order of time, and what gives its data."""
+        total, done = sum(job.block.length for job in self._jobs), 0
+        places = {job.block: k for k, job in enumerate(self._jobs)}
+        for block, take in loading(job.block for job in self._jobs if not job.way.is_over):
+            yield places[block], take
+            done += block.length
+            if self._progress is not None:
+                self._progress(done, total)
+
+    def _read(
+        self, job: Job, take: Callable[[], bytes], columns_of: MakeColumns, handed: int
+    ) -> Iterator[Columns]:
+        """What is made of a block, as far as it can be read.
+
+        Messages from before a time were handed on [ns], and are left out here: a block may lie
+        about its times.
+        """
+        file, late = job.way.file, 0
+        for piece, groups in job.way.groups(job.block, take):
+            chosen: Chosen = []
+            for key, rows in groups:
+                channel = file.channels.get(key)
+                if channel is None and file.is_stated:
+                    file.findings.lose(
+                        f'{job.block.place} has messages of channel {key}, which is defined nowhere: not read'
+                    )
+                elif channel is not None and channel.topic in self.numbers and rows.size:
+                    chosen.append((self.numbers[channel.topic], channel, rows))
+            if not chosen:
+                continue
+            piece.log_time_ns = self._steps.follow(job.number, piece.log_time_ns)
+            columns = columns_of(job, piece, chosen)
+            if job.way.is_over:
+                break
+            is_late = columns[0] < handed
+            late += int(np.count_nonzero(is_late))
+            yield _part(columns, ~is_late) if is_late.any() else columns
+        if late:
+            file.findings.lose(
+                f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
+                ' says: they were not used'
+            )
+
+    def compare(self) -> None:
+        """Report what a summary counts otherwise, when all was read."""
+        for way in self._ways:
+            if way.file.is_stated:
+                way.file.compare(way.file.counts, way.counts, self._keys(way.file))
+
+
+def _in_order(parts: Sequence[Columns]) -> Columns:
+    """Columns as one, in the order of time, then of blocks, then as they are."""
+    columns = tuple(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    time, number = columns[:2]
+    later, same = time[1:] > time[:-1], time[1:] == time[:-1]
+    if (later | (same & (number[1:] >= number[:-1]))).all():
+        return columns
+    return _part(columns, np.lexsort((number, time)))
+
+
+def _some(columns: Columns) -> Iterator[Columns]:
+    """Some messages at a time; those of one time are split only if these are too many."""
+    while columns[0].size > _OF_ALL:
+        times = columns[0][:_OF_ALL]
+        end = int(times.searchsorted(times[-1])) or _OF_ALL
+        yield _part(columns, slice(end))
+        columns = _part(columns, slice(end, None))
+    if columns[0].size:
+        yield columns
+
+
+def merged_messages(
+    files: Sequence[Contents], types: Mapping[str, str], spans: TimeSpans | None, least_ns: int
+) -> Iterator[Message]:
+    """Yield messages of some topics, with their types, by log time, then by place.
+
+    A block is in memory while its time lasts. Without spans, all log times are wanted from the
+    least one on that is one.
+    """
+    wanted = spans or TimeSpans([(least_ns, _LATEST_NS)])
+
+    def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
+        topic = np.full(piece.log_time_ns.size, -1)
+        for number, _, rows in chosen:
+            topic[rows] = number
+        rows = np.flatnonzero((topic >= 0) & wanted.holds(piece.log_time_ns))
+        begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
+        data = np.empty(rows.size, np.object_)
+        data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
+        return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
+
+    names = list(types.items())
+    for columns in Pass(files, types, spans=spans).stretches(encoded, 1):
+        for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True):
+            name, kind = names[topic]
+            yield Message(name, kind, time, data)
+
+
+@dataclass(slots=True)
+class Wanted:
+    """The numbers wanted of one topic with the requests for each, and what was wrong with them.
+
+    ``reasons`` counts the messages without numbers, ``short`` those whose array is too short for
+    one.
+    """
+
+    topic: str
+    requests: Mapping[FieldPath, Sequence[Request]]
+    count: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    short: Counter[int] = field(default_factory=Counter)
+
+    def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
+        """What was wrong, for each request."""
+        for row, requests in enumerate(self.requests.values()):
+            short = f"lack the element of field '{requests[0].field}'"
+            faults = tuple(
+                Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
+                for reason, count in ({**self.reasons, short: self.short[row]}).items()
+                if count
+            )
+            yield from ((request, faults) for request in requests)
+
+
+class McapReading:
+    """A pass over MCAP files for numbers of some topics.
+
+    Raises:
+        BagError: A path does not lead to a number.
+    """
+
+    def __init__(
+        self, files: Sequence[Contents], wanted: Sequence[Wanted], least_ns: int, progress: Progress | None
+    ) -> None:
+        self._wanted, self._least = wanted, least_ns
+        self._width = max((len(each.requests) for each in wanted), default=0)
+        self._pass = Pass(files, [each.topic for each in wanted], progress)
+        self._readers: dict[tuple[int, str, bytes], FieldReader | BagError] = {}
+        self._sequence = 0
+        for number, each in enumerate(wanted):
+            known = [
+                self._reader(number, file, channel)
+                for file in files
+                for channel in list(file.channels.values())
+                if channel.topic == each.topic
+            ]
+            # What does not fit beside what does is not read.
+            errors = [reader for reader in known if isinstance(reader, BagError)]
+            if errors and len(errors) == len(known):
+                raise errors[0]
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series, without faults, of one stretch of time after the other.
+
+        Raises:
+            BagError: A file cannot be read.
+        """
+        columns = None
+        for columns in self._pass.stretches(self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)):
+            yield self._series(*columns)
+        if columns is None:
+            none = np.empty(0, np.int64)
+            yield self._series(none, none, none, none, np.empty((self._width, 0)))
+        self._pass.compare()
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """What was wrong with the messages read."""
+        return dict(pair for each in self._wanted for pair in each.faults())
+
+    def _reader(self, number: int, file: Contents, channel: Channel) -> FieldReader | BagError:
+        """What reads the messages of a channel, or why nothing can."""
+        schema = file.schemas.get(channel.schema_id)
+        problem = file.problem(channel)
+        if schema is None or problem:
+            return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
+        key = number, schema.name, schema.data
+        if key not in self._readers:
+            try:
+                requests = tuple(self._wanted[number].requests)
+                self._readers[key] = FieldReader(channel.topic, schema, requests)
+            except BagError as error:
+                self._readers[key] = error
+        return self._readers[key]
+
+    def _columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
+        times = stamp = piece.log_time_ns
+        topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
+        values = np.full((self._width, times.size), np.nan)
+        for number, channel, rows in chosen:
+            wanted, own_times = self._wanted[number], times[rows]
+            wanted.count += rows.size
+            if own_times.min() < self._least:
+                beyond = int((own_times < 0).sum())
+                wanted.reasons[_BEYOND] += beyond
+                wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
+            reader = self._reader(number, job.way.file, channel)
+            if isinstance(reader, BagError):
+                job.way.file.findings.lose(f'{job.block.place} has messages of another definition: {reader}')
+                wanted.reasons[_REFUSED] += rows.size
+                continue
+            numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
+            job.way.spend(job.block, _ROW * rows.size)
+            wanted.reasons.update(numbers.faults)
+            wanted.short.update(numbers.short)
+            topic[rows] = number
+            for column, own in zip(values, numbers.values, strict=False):
+                column[rows] = own
+            if numbers.stamp_ns is not None:
+                if stamp is times:
+                    stamp = stamp.copy()
+                stamp[rows] = np.where(numbers.stamp_ns == 0, own_times, numbers.stamp_ns)
+        is_wanted = (topic >= 0) & (times >= self._least)
+        columns = times, block, topic, stamp, values
+        return columns if is_wanted.all() else _part(columns, is_wanted)
+
+    def _series(
+        self, log_time: IntArray, _: IntArray, topic: IntArray, stamp: IntArray, values: FloatArray
+    ) -> dict[Request, Series]:
+        """The series of some messages."""
+        result: dict[Request, Series] = {}
+        for number, wanted in enumerate(self._wanted):
+            rows = np.flatnonzero(topic == number)
+            times = log_time[rows], stamp[rows], rows + self._sequence
+            for value, requests in zip(values, wanted.requests.values(), strict=False):
+                result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
+        self._sequence += log_time.size
+        return result
 
 
 class McapRecording(Recording):

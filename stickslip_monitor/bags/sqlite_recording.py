@@ -22,12 +22,21 @@ import zstandard
 from mcap.records import Schema
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.binding import bound_to_topics
-from stickslip_monitor.bags.cdr import FieldReader
-from stickslip_monitor.bags.definitions import definition_of
-from stickslip_monitor.bags.event_order import LATEST_NS, StepClock
-from stickslip_monitor.bags.recording import Bound, Progress, Recording
-from stickslip_monitor.bags.values import Fault, Findings, Message, Request, Series, TimeSpans, TopicInfo
+from stickslip_monitor.bags.log_times import LATEST_NS, StepClock
+from stickslip_monitor.bags.message_fields import FieldReader, definition_of
+from stickslip_monitor.bags.recording import (
+    Bound,
+    Fault,
+    Findings,
+    Message,
+    Progress,
+    Recording,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+    bound_to_topics,
+)
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.config import MonitorConfig

@@ -16,11 +16,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.binding import FLOAT64, ColumnBinding, LogColumn, SourceColumn
-from stickslip_monitor.bags.encode import encode_float64s
-from stickslip_monitor.bags.event_order import StepClock
-from stickslip_monitor.bags.recording import Bound, Progress, Recording, missing_topic
-from stickslip_monitor.bags.values import Fault, Findings, Message, Request, Series, TimeSpans, TopicInfo
+from stickslip_monitor.bags.columns import FLOAT64, ColumnBinding, LogColumn, SourceColumn
+from stickslip_monitor.bags.log_times import StepClock
+from stickslip_monitor.bags.recording import (
+    Bound,
+    Fault,
+    Findings,
+    Message,
+    Progress,
+    Recording,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+    missing_topic,
+)
+from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.tables.dialect import parse_heading, with_unit

@@ -11,8 +11,7 @@ from heapq import merge
 from typing import Any, NamedTuple
 
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import Series
+from stickslip_monitor.bags.recording import Recording, Series
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
 from stickslip_monitor.monitor.config import MonitorConfig
@@ -20,7 +19,7 @@ from stickslip_monitor.monitor.input_watch import Graph
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.offline.check import requests_of
-from stickslip_monitor.offline.input_check import bound_to
+from stickslip_monitor.offline.input_report import bound_to
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01

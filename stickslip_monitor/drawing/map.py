@@ -23,7 +23,7 @@ from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.offline.outline import Verdicts
+from stickslip_monitor.offline.extremes import Verdicts
 from stickslip_monitor.physics.averaging import fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed

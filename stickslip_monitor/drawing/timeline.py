@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.assessment import Regime, at_indices
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Level
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.outline import ConditionInterval, Verdicts, coarsened
+from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
 
 if TYPE_CHECKING:
     from stickslip_monitor.lab.truth import TruthRecord

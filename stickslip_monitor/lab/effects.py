@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.bags.encode import STAMPED_FIELDS
+from stickslip_monitor.bags.writer import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.course import FrictionCourse, Profile, check_times, read_profile, read_steps
 from stickslip_monitor.lab.settings import Settings, random_stream, suggestion

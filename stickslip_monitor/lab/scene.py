@@ -16,8 +16,13 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.encode import encode_bool, encode_float64s, encode_stamped, encode_string
-from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.bags.writer import (
+    BagWriter,
+    encode_bool,
+    encode_float64s,
+    encode_stamped,
+    encode_string,
+)
 from stickslip_monitor.errors import ConfigurationError, SceneError
 
 # The last two are imported for the effects that they declare.

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.encode import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
+from stickslip_monitor.bags.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.settings import Settings
 from stickslip_monitor.lab.truth import Column

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import Request, Series
+from stickslip_monitor.bags.recording import Recording, Request, Series
 from stickslip_monitor.errors import BagError
 
 EVENT_SCHEMA = 'stickslip_monitor/truth/1'

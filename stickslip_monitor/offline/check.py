@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.log_times import LogTimes
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Bound, Progress, Recording
-from stickslip_monitor.bags.values import Fault, Request, Series
+from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bulk import BearingScan, Scan, joined
@@ -29,9 +29,8 @@ from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.ladder import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.input_check import InputCheck, InputReport, Plausibility, bound_to
-from stickslip_monitor.offline.log_times import LogTimes
-from stickslip_monitor.offline.outline import Extreme, Outline, Outliner, Worst
+from stickslip_monitor.offline.extremes import Extreme, Outline, Outliner, Worst
+from stickslip_monitor.offline.input_report import InputCheck, InputReport, Plausibility, bound_to
 
 _NONE = np.empty(0, np.int64)
 _NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())

@@ -8,7 +8,7 @@ from typing import Any
 from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.monitor.messages import event_record, number
 from stickslip_monitor.offline.check import BearingReport, CheckReport
-from stickslip_monitor.offline.input_check import InputReport
+from stickslip_monitor.offline.input_report import InputReport
 
 SCHEMA = 'stickslip_monitor/check/1'
 

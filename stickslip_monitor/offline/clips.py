@@ -13,10 +13,8 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-from stickslip_monitor.bags.encode import MESSAGE_TYPES
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import TimeSpans
-from stickslip_monitor.bags.writer import BagWriter, is_labelled
+from stickslip_monitor.bags.recording import Recording, TimeSpans
+from stickslip_monitor.bags.writer import MESSAGE_TYPES, BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig

@@ -16,16 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.bags.encode import (
+from stickslip_monitor.bags.recording import Message, Recording, TimeSpans
+from stickslip_monitor.bags.writer import (
     MESSAGE_TYPES,
+    BagWriter,
     StatusFields,
     encode_diagnostics,
     encode_float64s,
     encode_string,
 )
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import Message, TimeSpans
-from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, at_indices

@@ -27,8 +27,8 @@ from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.source_faults import fault_text
 from stickslip_monitor.offline.check import BearingReport, CheckReport
-from stickslip_monitor.offline.input_check import InputReport
-from stickslip_monitor.offline.outline import condition_intervals
+from stickslip_monitor.offline.extremes import condition_intervals
+from stickslip_monitor.offline.input_report import InputReport
 from stickslip_monitor.report import summary
 from stickslip_monitor.report.summary import Course, Fact, Finding, facts, finding_of, overall
 

@@ -17,7 +17,7 @@ from stickslip_monitor.drawing.timeline import DATED_FROM
 from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.offline.check import BearingReport
-from stickslip_monitor.offline.outline import ConditionInterval, Extreme, Verdicts, together
+from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, together
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _MOST_NAMED = 10

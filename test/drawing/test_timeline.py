@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.ladder import Condition
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.outline import condition_intervals
+from stickslip_monitor.offline.extremes import condition_intervals
 
 pytest.importorskip('matplotlib')
 CONFIG = load_config(REFERENCE_FILE)

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import Reader
 
 from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.monitor.bulk import Scan
 from stickslip_monitor.monitor.config import BearingConfig

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scene import Scene, write_bag
 from stickslip_monitor.lab.telemetry import Messages

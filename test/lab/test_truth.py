@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor.bags.encode import encode_string
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.bags.writer import BagWriter, encode_string
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.lab.truth import TruthRecord, has_truth, read_truth
 

@@ -17,7 +17,7 @@ from shared import CONFIG, ROOT, START, record
 from stickslip_monitor import Stream
 from stickslip_monitor.monitor.bulk import BearingScan
 from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.offline.outline import Outline, Outliner
+from stickslip_monitor.offline.extremes import Outline, Outliner
 
 _MILLION = 1_000_000
 # In a process of its own, which tells the most memory that it had, and whose data is

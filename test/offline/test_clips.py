@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from shared import CONFIG, ROOT
 
-from stickslip_monitor.bags.encode import encode_float64s
 from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
 from stickslip_monitor.monitor.config import ClipConfig

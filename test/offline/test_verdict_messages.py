@@ -14,9 +14,9 @@ import pytest
 from shared import CONFIG, ROOT, record
 
 from stickslip_monitor import Monitor, build_config
-from stickslip_monitor.bags import series
+from stickslip_monitor.bags import mcap_recording
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.bulk import Scan
@@ -74,7 +74,7 @@ SAMPLES: list[tuple[int, int, float]] = [
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with garbage and silence; the load has a header."""
     path = tmp_path_factory.mktemp('bag') / 'in'
-    from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
+    from stickslip_monitor.bags.writer import encode_float64s, encode_stamped
 
     with BagWriter(path, chunk_size=400) as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
@@ -216,7 +216,7 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     bag: Path, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = to_json(check_recording(bag, config_of()))
-    monkeypatch.setattr(series, '_OF_TOPIC', 2)
+    monkeypatch.setattr(mcap_recording, '_OF_TOPIC', 2)
     assert to_json(write(bag, tmp_path / 'out.mcap')) == whole
     one, other = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
@@ -252,7 +252,7 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
-    from stickslip_monitor.bags.encode import encode_float64s, encode_stamped
+    from stickslip_monitor.bags.writer import encode_float64s, encode_stamped
 
     with BagWriter(tmp_path / 'in') as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')

@@ -20,7 +20,7 @@ from shared import START
 
 from stickslip_monitor import assess
 from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.offline.outline import ConditionInterval
+from stickslip_monitor.offline.extremes import ConditionInterval
 from stickslip_monitor.physics.probability import Belief, Tolerance
 from stickslip_monitor.report import summary
 from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import pytest
 
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config_file import load_config

@@ -21,7 +21,7 @@ from mcap.records import Channel, Footer, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.blocks import (
+from stickslip_monitor.bags.mcap_chunks import (
     CHUNK_HEAD,
     HEAD,
     MAGIC,
@@ -33,8 +33,8 @@ from stickslip_monitor.bags.blocks import (
     loading,
     walk,
 )
-from stickslip_monitor.bags.cdr import LONGEST_TEXT
-from stickslip_monitor.bags.values import Cut, Findings
+from stickslip_monitor.bags.message_fields import LONGEST_TEXT
+from stickslip_monitor.bags.recording import Cut, Findings
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 

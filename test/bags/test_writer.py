@@ -20,16 +20,16 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_monitor.bags.encode import (
+from stickslip_monitor.bags.reader import open_bag
+from stickslip_monitor.bags.recording import Request
+from stickslip_monitor.bags.writer import (
     MESSAGE_TYPES,
     STAMPED_FIELDS,
+    BagWriter,
     encode_bool,
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
-from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.errors import BagError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

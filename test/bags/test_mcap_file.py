@@ -17,10 +17,9 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from stickslip_monitor.bags.blocks import decompress
+from stickslip_monitor.bags.mcap_chunks import decompress
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Recording, Request
 
 RECORD = 9 + 22 + 12  # head, message head, a Float64 in CDR
 CHUNK_HEAD = 9 + 8 + 8 + 8 + 4 + 4 + 8  # before the name of the compression and the data

@@ -18,9 +18,9 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from stickslip_monitor.bags.cdr import FieldNumbers, FieldReader, compile_layout, parse_schema
+from stickslip_monitor.bags.message_fields import FieldNumbers, FieldReader, compile_layout, parse_schema
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.fields import NumberField, parse_field
 
 HEADER = """\

@@ -13,9 +13,9 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_monitor.bags.definitions import definition_of
+from stickslip_monitor.bags.message_fields import definition_of
 from stickslip_monitor.bags.reader import find_bags, open_bag
-from stickslip_monitor.bags.values import Request
+from stickslip_monitor.bags.recording import Request
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 START = 1_776_074_400 * 10**9

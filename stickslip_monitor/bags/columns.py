@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,9 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.bags.cdr import short_name
-from stickslip_monitor.bags.recording import Bound, missing_topic
-from stickslip_monitor.bags.values import TopicInfo
+from stickslip_monitor.bags.recording import Bound
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.signals import NO_VALUES
 from stickslip_monitor.tables.dialect import parse_heading
 
@@ -29,57 +26,10 @@ _NEWTONS = {'N': 1.0, 'kN': 1e3}
 _MOST_NAMED = 10
 
 
-def bound_to_topics(path: Path, topics: Mapping[str, TopicInfo], config: MonitorConfig) -> Bound:
-    """A configuration for a recording of topics, with their full names.
-
-    Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
-    """
-    absent: dict[tuple[str, str], str] = {}
-    bearings = []
-    for bearing in config.bearings:
-        own: dict[str, Any] = {
-            quantity: replace(source, topic=full_name(source.topic, topics))
-            for quantity, source in bearing.inputs.items()
-        }
-        bearings.append(replace(bearing, **own))
-        for quantity, source in own.items():
-            if text := _absent(path, topics, source):
-                absent[bearing.name, quantity] = text
-    return Bound(replace(config, bearings=tuple(bearings)), absent)
-
-
-def full_name(topic: str, topics: Collection[str]) -> str:
-    """The name in a recording of a topic that may be written without its namespace.
-
-    That of a node in the root namespace, or else the only topic of that name in any other.
-    """
-    if topic in topics or topic.startswith(('/', '~')) or not topic:
-        return topic
-    in_root = f'/{topic}'
-    others = [name for name in topics if name.endswith(in_root)]
-    return others[0] if len(others) == 1 and in_root not in topics else in_root
-
-
 def _measured(config: MonitorConfig) -> Iterator[tuple[BearingConfig, str, InputConfig]]:
     for bearing in config.bearings:
         for quantity, source in bearing.inputs.items():
             yield bearing, quantity, source
-
-
-def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
-    """Why a recording lacks an input, in the words of the running monitor; else empty."""
-    if not source.topic:
-        return f"its topic is missing: '{path}' has topics, and columns are of logs"
-    topic = topics.get(source.topic)
-    facts = InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
-    if topic is None:
-        return f'{input_fault(facts)[:-1]}: {missing_topic(topics, source.topic)}'
-    if topic.problem:
-        return f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
-    if short_name(topic.type) != short_name(source.type):
-        bags = (Publisher(f"Bag '{path.name}'", topic.type),)
-        return input_fault(replace(facts, publishers=bags))[:-1]
-    return ''
 
 
 @dataclass(frozen=True, slots=True)

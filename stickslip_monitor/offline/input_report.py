@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.bags.recording import Bound, Recording
-from stickslip_monitor.bags.values import Fault, Series
+from stickslip_monitor.bags.recording import Bound, Fault, Recording, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import Assessment
 from stickslip_monitor.monitor.bulk import Scan

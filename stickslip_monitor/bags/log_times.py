@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.recording import Request, Series
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.
@@ -119,3 +121,60 @@ class BlockSteps:
         self.steps_ns.append(step)
         shifted[k:] += step + _BEHIND_NS
         return shifted
+
+
+MOST = 1.5
+"""Between clocks that were not rewritten no pace differs by this factor."""
+Part = Mapping[Request, Series]
+_LEAST_NS, _LONGEST_NS = 5 * 10**9, 60 * 10**9
+
+
+class LogTimes:
+    """The log times of a recording, as its first stretch with messages shows them.
+
+    Attributes:
+        text: What is wrong with them, as a sentence; empty where nothing is.
+        replaced: Whether stamps count in their place.
+    """
+
+    def __init__(self) -> None:
+        self.text, self.replaced, self._begun = '', False, False
+
+    def of(self, reading: Iterable[Part]) -> Iterator[Part]:
+        """The stretches of a recording with the times that count."""
+        for part in reading:
+            if not self._begun:
+                self._judge(list(part.values()))
+            yield (
+                part
+                if not self.replaced
+                else {
+                    request: replace(each, log_time_ns=np.maximum.accumulate(each.stamp_ns))
+                    for request, each in part.items()
+                }
+            )
+
+    def _judge(self, series: Sequence[Series]) -> None:
+        paces = [_pace(each) for each in series if each.value.size]
+        self._begun = bool(paces)
+        odd = [pace for pace in paces if pace is not None and not 1 / MOST <= pace <= MOST]
+        if odd:
+            self.replaced = None not in paces
+            by = 'stamps' if self.replaced else 'log times, because an input has no stamps'
+            self.text = (
+                f'Log times pass {odd[0]:.3g} times as fast as the stamps, so they were rewritten:'
+                f' judged by the {by}.'
+            )
+
+
+def _pace(series: Series) -> float | None:
+    """How fast the log times pass by the stamps; ``None`` where no stamp differs from them.
+
+    Pauses and steps of either clock are left out; what is short says nothing, which is 1.
+    """
+    if np.array_equal(series.log_time_ns, series.stamp_ns):
+        return None
+    log, stamp = np.diff(series.log_time_ns), np.diff(series.stamp_ns)
+    usual = (log >= 0) & (log < _LONGEST_NS) & (stamp >= 0) & (stamp < _LONGEST_NS)
+    passed = int(stamp[usual].sum())
+    return 1.0 if passed < _LEAST_NS else int(log[usual].sum()) / passed

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gaps of a topic; expected values by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import CONFIG, START
+
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.writer import BagWriter, encode_float64s, encode_stamped
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility
+from stickslip_monitor.physics.friction import Stribeck
+
+NS = 10**9
+
+
+def find_gaps(stamp_ns: IntArray, limit_ns: int) -> Gaps:
+    """The gaps of stamps that come in two parts."""
+    found, cut = Gaps(limit_ns), len(stamp_ns) // 2
+    for part in (stamp_ns[:cut], stamp_ns[cut:]):
+        found.take(part)
+    return found
+
+
+def test_rate_and_gaps() -> None:
+    seconds = [0, 1, 2, 3, 13, 14, 15, 115]
+    found = find_gaps(np.array(seconds, np.int64) * NS, 5 * NS)
+    assert found.count == 2
+    assert found.longest == [Gap(15 * NS, 100.0), Gap(3 * NS, 10.0)]
+    # Five intervals of a second, apart from the gaps.
+    assert found.rate == pytest.approx(1.0)
+
+
+def test_an_interval_of_just_the_limit_is_no_gap() -> None:
+    assert find_gaps(np.array([0, 5, 10], np.int64) * NS, 5 * NS).count == 0
+
+
+def test_only_the_longest_are_named() -> None:
+    stamps = np.cumsum(np.arange(6, 30)) * NS
+    found = find_gaps(stamps.astype(np.int64), 5 * NS)
+    assert found.count == 23
+    assert [gap.seconds for gap in found.longest] == [29.0, 28.0, 27.0, 26.0, 25.0]
+
+
+def test_a_jump_back_is_no_gap_and_no_time() -> None:
+    found = find_gaps(np.array([100, 101, 102, 0, 1, 2], np.int64) * NS, 5 * NS)
+    assert found.count == 0
+    assert found.rate == pytest.approx(5 / 4)
+
+
+@pytest.mark.parametrize('count', [0, 1])
+def test_too_few_messages_have_no_rate(count: int) -> None:
+    found = find_gaps(np.zeros(count, np.int64), NS)
+    assert math.isnan(found.rate)
+    assert found.count == 0
+
+
+BEARING = load_config(CONFIG).bearings[0]
+FOLD = 0.2132
+
+
+def asked(speed: list[float], load: list[float], config: BearingConfig = BEARING) -> dict[str, list[str]]:
+    seen = Plausibility(config)
+    # In two parts: what is said of a recording does not depend on how it is cut.
+    for part in (slice(1), slice(1, None)):
+        seen.take(assess(config.bearing, np.array(speed[part]), np.array(load[part])))
+    return seen.questions()
+
+
+@pytest.mark.parametrize(
+    ('speed', 'load'),
+    [
+        ([0.1, 0.3, 1.0], [1000.0] * 3),
+        # Half way there is enough, and a shaft at rest says nothing.
+        ([0.0, 4.9 * FOLD], [1000.0] * 2),
+        ([0.0, 0.0], [1000.0] * 2),
+        ([FOLD / 4.9, FOLD / 50.0], [1000.0] * 2),
+        # A load of 5 times 41 N has a boundary.
+        ([0.3], [41.0]),
+        ([0.3, 0.3], [-5.0, 1000.0]),
+        ([], []),
+    ],
+)
+def test_what_can_be_is_not_asked_about(speed: list[float], load: list[float]) -> None:
+    assert asked(speed, load) == {'speed': [], 'load': []}
+
+
+@pytest.mark.parametrize(
+    ('speed', 'load', 'quantity', 'words'),
+    [
+        ([0.1, -31.0], [1000.0] * 2, 'speed', 'reaches 31 m/s at the surface'),
+        ([5.1 * FOLD, 2.0], [1000.0] * 2, 'speed', 'is never below 5.1 times the fold speed'),
+        ([FOLD / 10.0], [1000.0], 'speed', 'is never above 0.1 times the fold speed'),
+        ([0.3], [39.0], 'speed', 'has no boundary at any load up to 5 times the largest seen, 39'),
+        ([0.1] * 3, [-900.0, -800.0, 100.0], 'load', 'is negative for most of the time'),
+    ],
+)
+def test_what_cannot_be_is_asked_about(
+    speed: list[float], load: list[float], quantity: str, words: str
+) -> None:
+    found = asked(speed, load)
+    (question,) = found.pop(quantity)
+    assert question.startswith(words)
+    assert question.endswith('?')
+    assert not any(found.values())
+
+
+def test_a_shaft_a_hundred_metres_thick() -> None:
+    thick = replace(BEARING, bearing=replace(BEARING.bearing, journal_diameter=100.0))
+    assert asked([0.2], [1000.0], thick)['speed'] == [
+        'turns a journal of 100 m: is journal_diameter in metres?'
+    ]
+
+
+def test_friction_that_rises_from_rest_is_asked_about() -> None:
+    swapped = replace(BEARING, bearing=replace(BEARING.bearing, friction=Stribeck(0.1, 0.3, 10.0)))
+    (question,) = asked([0.2], [1000.0], swapped)['speed']
+    assert question.endswith('are static and kinetic swapped?')
+
+
+def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
+    assert asked([0.2, 0.2, 0.3], [0.0, 0.0, 1000.0])['load'] == [
+        'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field right?'
+    ]
+    assert asked([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []
+
+
+FLOAT, STAMPED = 'std_msgs/msg/Float64', 'geometry_msgs/msg/WrenchStamped'
+SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
+
+
+def facts(**known: object) -> str:
+    """The running monitor's sentence on the load."""
+    return input_fault(InputFacts(LOAD, FLOAT, 2.0, True, **known))  # type: ignore[arg-type]
+
+
+CASES = {
+    'missing': (None, None, facts()[:-1] + f": the recording has no topic '{LOAD}': it has {SPEED}"),
+    'silent': (FLOAT, (), facts()),
+    'type': (
+        'std_msgs/msg/Bool',
+        (),
+        facts(publishers=[Publisher("Bag 'bag.mcap'", 'std_msgs/msg/Bool')])[:-1],
+    ),
+    'refused': (
+        FLOAT,
+        np.full(100, np.nan),
+        facts(publishers=[Publisher('x', FLOAT)], refused=Status.NOT_FINITE),
+    ),
+}
+
+
+@pytest.mark.parametrize(('kind', 'values', 'sentence'), CASES.values(), ids=CASES)
+def test_why_an_input_brings_nothing(
+    kind: str | None,
+    values: np.ndarray | None,
+    sentence: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    time = START + np.arange(100) * 10**8
+    with BagWriter(tmp_path / 'bag.mcap') as bag:
+        bag.add_topic(SPEED, FLOAT)
+        bag.write_float64s({SPEED: (time, np.full(100, 30.0))})
+        if kind is not None and values is not None:
+            bag.add_topic(LOAD, kind)
+            if len(values):
+                bag.write_columns([(LOAD, time, encode_float64s(values))])
+    assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(CONFIG)]) == 2
+    said = ''.join(capsys.readouterr())
+    assert sentence in said
+
+
+def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Stamps of the load are 100 s behind when they are recorded: then the arrival counts."""
+    time = START + np.arange(100) * 10**8
+    with BagWriter(tmp_path / 'bag.mcap') as bag:
+        bag.add_topic(SPEED, FLOAT)
+        bag.add_topic(LOAD, STAMPED)
+        stamped = encode_stamped(STAMPED, 'wrench.force.z', time - 100 * 10**9, np.full(100, 1e3))
+        bag.write_columns([(SPEED, time, encode_float64s(np.full(100, 30.0))), (LOAD, time, stamped)])
+    config = tmp_path / 'config.yaml'
+    text = CONFIG.read_text('utf-8')
+    old = text[text.index('load: {') :].splitlines()[0]
+    new = f'load: {{topic: {LOAD}, type: {STAMPED}, field: wrench.force.z, unit: N}}'
+    config.write_text(text.replace(old, new))
+    assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(config), '--json']) == 1
+    (bearing,) = json.loads(capsys.readouterr().out)['bearings'].values()
+    assert [own['used'] for own in bearing['inputs'].values()] == [100, 100]
+    assert [event['to'] for event in bearing['events']] == ['bistable']
