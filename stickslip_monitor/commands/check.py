@@ -1,39 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run the monitor over recorded bags: events, time in each regime, worst margins, bad data.
+"""Run the monitor over recordings and logs, as it would have run on board.
 
-A bag is a rosbag2 folder or an .mcap file; a folder of bags stands for all of them, and - for
-MCAP on standard input. A truncated bag is read up to the cut. --report writes one file that opens
-anywhere without a network: .html to read, .png to show, .json for programs. --mcap writes the
-verdicts as messages beside the inputs, for replay in Foxglove or PlotJuggler; --clips writes a
-short recording around each alarm.
-Several bags are checked on all cores, or with --scheduler on a Dask cluster whose workers see
-them under the same paths. A bad bag is named and does not stop the rest.
---learn compares when a bearing vibrated with what was predicted, over all bags, and proposes a
-calibration if it would change something; this advice changes neither the configuration nor the
-exit code. Exits 0 if all was read and nothing warned, 1 if something did or a part could not be
-read, 2 if a bag could not be checked or has no usable data.
+Prints every alarm, the time in each regime, the worst margins, and what is wrong with the data.
+
+A recording is a rosbag2 folder, an .mcap or sqlite3 file, or a log: CSV, Parquet, NMEA 0183 or
+Signal K. A folder of recordings stands for all of them, - for one on standard input. Of one that
+is cut, all up to the cut is read. What a log leaves open is guessed and said; `stickslip info`
+shows its columns.
+
+--report writes one file that opens anywhere without a network: .html to read, .png to show, .json
+for programs. --mcap writes inputs and verdicts as messages, for Foxglove or PlotJuggler; --clips
+writes a short recording around each alarm. --learn compares when a bearing vibrated with what was
+predicted, over all recordings, and proposes a calibration if it would change something; this
+changes neither the configuration nor the exit code.
+
+Several recordings are checked on all cores, or with --scheduler on a Dask cluster whose workers
+see them under the same paths. A bad one is named and does not stop the rest.
+
+Exits 0 if all was read and nothing warned, 1 if something did or a part could not be read, 2 if a
+recording could not be checked or has no usable data.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import re
+import shlex
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.errors import ConfigurationError, plural
+from stickslip_monitor.errors import (
+    BagError,
+    CalibrationError,
+    ConfigurationError,
+    StickslipError,
+    cause,
+    plural,
+    program_fault,
+)
 from stickslip_monitor.files import PICTURES, printable
-from stickslip_monitor.monitor.ladder import Level
 
 if TYPE_CHECKING:
-    from stickslip_monitor.commands.check_tasks import Found
+    from stickslip_monitor.lab.calibration import Evidence, EvidenceSource
+    from stickslip_monitor.monitor.config import MonitorConfig
+    from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink
     from stickslip_monitor.offline.clips import ClipCounts
+    from stickslip_monitor.report.page import Archive, RecordingPart
 
 STDIN = '-'
 REPORTS = {
@@ -41,11 +62,62 @@ REPORTS = {
     '.png': PICTURES['.png'],
     '.json': b'"schema": "stickslip_monitor/check/1"',
 }
+Progress = Callable[[str, int, int | None], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is wanted of every recording; it can be sent to another process or machine."""
+
+    config: MonitorConfig
+    report: str | None = None  # the ending of the report, if one is wanted
+    mcap: str | None = None  # where to write the recording of verdicts, if at all
+    clips: str | None = None  # the folder to write clips into, if at all
+    learn: EvidenceSource | None = None  # the source of when the bearings vibrated, to learn from
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the report has pictures."""
+        return self.report not in (None, '.json')
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What came of one recording: without its samples, which may be many."""
+
+    document: dict[str, Any]  # what `check --json` prints of it
+    part: RecordingPart | None = None  # its part of the report, where one is wanted
+    clips: ClipCounts | None = None  # what came of its clips, where they were wanted
+    # The evidence of each bearing, or why there is none, where that is wanted.
+    evidence: dict[str, Evidence | str] = field(default_factory=dict)
+    faulty: bool = False  # whether it could not be checked by a fault of the program
+
+    @property
+    def code(self) -> int:
+        """The exit code of this recording alone."""
+        if 'error' in self.document:
+            return 3 if self.faulty else 2
+        if self.unjudged:
+            return 2
+        bearings = self.document['bearings'].values()
+        inputs = [each for item in bearings for each in item['inputs'].values()]
+        return int(
+            not self.document['complete']
+            or (self.clips is not None and bool(self.clips.failures))
+            or any(event['level'] != 'OK' for item in bearings for event in item['events'])
+            or any(each['source_faults'] or not each['messages'] for each in inputs)
+        )
+
+    @property
+    def unjudged(self) -> list[str]:
+        """The bearings of which the recording gave no operating point: silence is not health."""
+        bearings = self.document.get('bearings', {})
+        return [name for name, item in bearings.items() if not item['evaluations']]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = 'rosbag2 folder, .mcap file, folder of these, or - for standard input'
+    text = 'recording, log, folder of these, or - for standard input'
     options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser)
     options.add_bearing(parser)
@@ -71,7 +143,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    _check_options(args)
+    if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
+        raise ConfigurationError(
+            "'-', a recording on standard input, goes alone: neither with other bags nor with --scheduler"
+        )
+    for option in ('jobs', 'mcap', 'clips') if args.scheduler else ():
+        if getattr(args, option) is not None:
+            raise ConfigurationError(
+                f'--{option} does not go with --scheduler: it is for bags checked on this machine'
+            )
     # Not needed for help or a wrong option, and it takes most of the time to start.
     from stickslip_monitor.bags.reader import find_bags, spooled
 
@@ -83,43 +163,26 @@ def run(args: argparse.Namespace) -> int:
             return _check_bags(args, [path], meter, STDIN)
 
 
-def _check_options(args: argparse.Namespace) -> None:
-    if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
-        raise ConfigurationError(
-            "'-', a recording on standard input, goes alone: neither with other bags nor with --scheduler"
-        )
-    if args.scheduler is None:
-        return
-    for option in ('jobs', 'mcap', 'clips'):
-        if getattr(args, option) is not None:
-            raise ConfigurationError(
-                f'--{option} does not go with --scheduler: it is for bags checked on this machine'
-            )
-
-
 def _check_bags(
     args: argparse.Namespace, bags: Sequence[Path], meter: output.ProgressBar, shown: str | None = None
 ) -> int:
-    """Check bags, and print and write what came of them in the order in which they are asked for.
+    """Check recordings, and print and write what came of them in the order asked for.
 
     Args:
         args: What is to be printed and written.
         bags: The recordings.
         meter: Shows how far the work is.
-        shown: What the only bag is called, where its path means nothing to anybody.
+        shown: What the only recording is called, where its path means nothing to anybody.
 
     Returns:
-        The exit code: 1 after a warning, 2 after a bag that could not be checked.
+        The exit code, the worst of all.
     """
-    from stickslip_monitor.commands import check_tasks
-
-    task = check_tasks.task_of(args, len(bags))
+    task = _task_of(args, len(bags))
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
-    all_found = []
-    archive = check_tasks.archive_of(task)
-    for found in check_tasks.check_all(task, bags, args, meter):
-        _tell(found, args, listed, shown)
+    all_found, archive = [], _archive_of(task)
+    for found in _check_all(task, bags, args, meter):
+        _tell(found, args, listed=listed, shown=shown)
         if archive is not None and found.part is not None:
             archive.add(found.part)
         all_found.append(replace(found, part=None))
@@ -128,26 +191,208 @@ def _check_bags(
     if not listed and 'error' in documents[0]:
         return code
     if task.learn is not None:
-        lessons = check_tasks.lessons_of(args, task, all_found, meter)
+        lessons = _lessons_of(args, task, all_found, meter)
         for document in documents:
             # All teach it.
             document['learned'] = lessons
         if not args.json:
             sys.stdout.writelines(f'learned: {printable(text)}\n' for text in lessons)
     text = output.json_text(documents if listed else documents[0])
-    output.write_outputs(args, report=lambda: check_tasks.report_of(args, task, archive, text))
+    output.write_outputs(args, report=lambda: _report_of(args, task, archive, text))
     if args.mcap is not None:
         output.say_written(args.mcap)
-    advice = check_tasks.tolerance_advice(task.config)
+    exact = [own.name for own in task.config.bearings if own.belief is None]
     if args.json:
         sys.stdout.write(text)
-    elif advice:
+    elif exact:
+        advice = f'{printable(", ".join(exact))}: add a tolerance for probabilities (docs/calibration.md)'
         sys.stdout.write(f'{_wrapped(advice, output.line_width())}\n')
     return code
 
 
-def _tell(found: Found, args: argparse.Namespace, listed: bool, shown: str | None) -> None:
-    """Print what came of one bag."""
+def _task_of(args: argparse.Namespace, count: int) -> Task:
+    config = options.chosen(args)
+    if args.mcap is not None:
+        if count > 1:
+            raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {count}")
+        from stickslip_monitor.offline.verdict_messages import check_target
+
+        check_target(args.mcap)
+    report = None if args.report is None else Path(args.report).suffix.lower()
+    return Task(config, report, args.mcap, args.clips, _source(args.learn, config))
+
+
+def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
+    if text is None:
+        return None
+    from stickslip_monitor.commands.calibrate import source_of
+
+    missing = [bearing.name for bearing in config.bearings if bearing.level is None]
+    if text == 'level' and missing:
+        raise ConfigurationError(
+            f'--learn level needs a level of every bearing, and {", ".join(missing)} has none:'
+            ' configure level.topic'
+        )
+    reports = None if text in ('level', 'truth') else text
+    return replace(source_of(reports, config), true=text == 'truth')
+
+
+def _check_all(
+    task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: output.ProgressBar
+) -> Iterator[Found]:
+    """What came of each recording, in the order asked for."""
+    if args.scheduler is not None:
+        bags = [bag.absolute() for bag in bags]
+    calls = {number: (task, bag) for number, bag in enumerate(bags)}
+    waiting: dict[int, Found] = {}
+    following = 0
+    with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
+        for count, (number, outcome) in enumerate(arriving, 1):
+            waiting[number] = _as_found(task, bags[number], outcome)
+            meter.hide()
+            while following in waiting:
+                yield waiting.pop(following)
+                following += 1
+            if following < len(bags):
+                meter.show(f'{count} of {len(bags)} recordings', count, len(bags))
+
+
+def _outcomes(
+    calls: dict[int, tuple[Task, Path]], args: argparse.Namespace, meter: output.ProgressBar
+) -> Any:
+    """A generator of the number of each recording, as it is done, and what came of it."""
+    if args.scheduler is None and (args.jobs == 1 or len(calls) < 2):
+        return ((number, attempt(*call, meter.show)) for number, call in calls.items())
+    # Processes and clusters are not needed for one recording, and cost time to import.
+    from stickslip_monitor.offline import archive
+
+    if args.scheduler is not None:
+        return archive.on_cluster(args.scheduler, attempt, calls)
+    return archive.run_in_processes(attempt, calls, args.jobs or archive.core_count())
+
+
+def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
+    """Check one recording; the result says why it cannot be checked.
+
+    Args:
+        task: What is wanted.
+        bag: The recording.
+        progress: Called with what is being done, and how much of how much of it is done.
+    """
+    from stickslip_monitor.offline.check import Kept, check_recording
+    from stickslip_monitor.offline.check_records import to_json
+
+    sinks: list[StretchSink] = []
+    kept = clips = None
+    try:
+        with contextlib.ExitStack() as opened:
+            if task.mcap is not None:
+                from stickslip_monitor.offline.verdict_messages import VerdictWriter
+
+                sinks.append(opened.enter_context(VerdictWriter(task.mcap)))
+            if task.clips is not None:
+                from stickslip_monitor.offline.clips import ClipFolder, ClipWriter
+
+                clips = ClipWriter(ClipFolder(replace(task.config.clips, directory=task.clips)))
+                sinks.append(clips)
+            if task.learn is not None:
+                kept = Kept()
+                sinks.append(kept)
+            checked = check_recording(
+                bag, task.config, sinks, progress and partial(progress, str(bag)), outlined=task.is_drawn
+            )
+        document = to_json(checked)
+        part, evidence = _part(task, document, checked), _evidence(task, checked, kept)
+        return Found(document, part, None if clips is None else clips.counts, evidence)
+    except StickslipError as error:
+        return _failed(task, bag, str(error))
+
+
+def _failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
+    """What came of a recording that could not be checked."""
+    document = {'schema': 'stickslip_monitor/check/1', 'path': str(bag), 'error': text}
+    return Found(document, _part(task, document), faulty=faulty)
+
+
+def _part(task: Task, document: dict[str, Any], checked: CheckReport | None = None) -> RecordingPart | None:
+    """The recording's part of the report, where one is wanted."""
+    if not task.is_drawn:
+        return None
+    # Drawing is not needed for a check as such, and costs time to import.
+    from stickslip_monitor.report.page import recording_part
+
+    return recording_part(document, checked)
+
+
+def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
+    if isinstance(outcome, Found):
+        return outcome
+    from stickslip_monitor.offline.archive import died
+
+    if died(outcome):
+        return _failed(task, bag, 'the process that checked it died (was there enough memory?)')
+    if isinstance(outcome, MemoryError):
+        return _failed(task, bag, 'there is not enough memory for it')
+    if isinstance(outcome, StickslipError | OSError):
+        return _failed(task, bag, cause(outcome))
+    return _failed(task, bag, program_fault(outcome), faulty=True)
+
+
+def _evidence(task: Task, checked: CheckReport, kept: Kept | None) -> dict[str, Evidence | str]:
+    found: dict[str, Evidence | str] = {}
+    if task.learn is None or kept is None:
+        return found
+    for config in checked.config.bearings:
+        try:
+            found[config.name] = task.learn.of_recording(kept, config)
+        except CalibrationError as error:
+            found[config.name] = str(error)
+    return found
+
+
+def _lessons_of(
+    args: argparse.Namespace, task: Task, all_found: Sequence[Found], meter: output.ProgressBar
+) -> list[str]:
+    """What all recordings together teach of each bearing."""
+    from stickslip_monitor.lab.calibration import learned
+
+    assert task.learn is not None
+    reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
+    line = ['stickslip', 'calibrate', *args.bags, '--config', args.config, *reports]
+    line += ['--node', args.node] if args.node else []
+    lessons: list[str] = []
+    for own in task.config.bearings:
+        command = shlex.join([*line, '--bearing', own.name, '--output', f'{own.name}.calibration.json'])
+        known = [each.evidence[own.name] for each in all_found if own.name in each.evidence]
+        meter.show('learning', len(lessons), None)
+        lessons += learned(own, task.learn, known, command)
+    meter.hide()
+    return lessons
+
+
+def _archive_of(task: Task) -> Archive | None:
+    """What collects the parts of the report, where one is drawn."""
+    if not task.is_drawn:
+        return None
+    from stickslip_monitor.report.page import Archive
+
+    return Archive()
+
+
+def _report_of(args: argparse.Namespace, task: Task, archive: Archive | None, text: str) -> Any:
+    """The report's file; its JSON is the text that is printed."""
+    if archive is None:
+        return text
+    from stickslip_monitor.report.page import html_page, png_sheet
+
+    if task.report == '.png':
+        return png_sheet(archive, args.report)
+    shown = list(archive.shown())
+    return html_page(shown, task.config, args.config, datetime.now(timezone.utc), args.node)
+
+
+def _tell(found: Found, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
+    """Print what came of one recording."""
     document, error = found.document, found.document.get('error')
     if shown is not None:
         error = error and error.replace(document['path'], shown)
@@ -160,57 +405,60 @@ def _tell(found: Found, args: argparse.Namespace, listed: bool, shown: str | Non
         if args.json and not listed:
             output.print_json(document)
     elif not args.json:
-        coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
-        sys.stdout.write(to_text(document, coloured, output.line_width()))
+        is_coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
+        sys.stdout.write(to_text(document, coloured=is_coloured, width=output.line_width()))
         sys.stdout.flush()
     for name in found.unjudged:
         sys.stderr.write(f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n')
     if found.clips is not None:
-        _tell_clips(found.clips, place, printable(args.clips))
+        written = f'{plural(found.clips.written, "clip")} written into {printable(args.clips)}'
+        if found.clips.removed:
+            written += f'; {plural(found.clips.removed, "older clip")} removed, as clips.most says'
+        sys.stderr.write(f'{place}: {written}\n')
+        for text in found.clips.failures:
+            sys.stderr.write(f'ERROR: {place}: a clip was not written: {printable(text)}\n')
 
 
-def _tell_clips(clips: ClipCounts, place: str, folder: str) -> None:
-    written = f'{plural(clips.written, "clip")} written into {folder}'
-    if clips.removed:
-        written += f'; {plural(clips.removed, "older clip")} removed, as clips.most says'
-    sys.stderr.write(f'{place}: {written}\n')
-    for text in clips.failures:
-        sys.stderr.write(f'ERROR: {place}: a clip was not written: {printable(text)}\n')
-
-
-_GREEN, _YELLOW, _RED, _BOLD, _END = (f'\x1b[{code}m' for code in (32, 33, 31, 1, 0))
-_CODE = re.compile('\x1b\\[\\d+m')
-_OF_LEVEL = {Level.OK.name: _GREEN, Level.WARN.name: _YELLOW, Level.ERROR.name: _RED}
+_COLOURS = {'OK': 32, 'WARN': 33, 'ERROR': 31, 'data': 33, 'bold': 1}
 _WORST = {'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin', 'amplitude': 'amplitude'}
 # On a narrower screen an event is a block of lines, not one.
 _NARROW = 90
 
 
-def to_text(document: Mapping[str, Any], coloured: bool, width: int | None = None) -> str:
-    """The text of one bag.
+def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int | None = None) -> str:
+    """The text of one recording.
 
     Args:
         document: What ``check --json`` prints of it.
         coloured: Whether it goes to a terminal that knows colours.
         width: Letters on a line; any number if None.
     """
-    lines = _lines(document, width)
-    if not coloured:
-        lines = (_CODE.sub('', line) for line in lines)
     # Those of events, which are indented, are broken as a table.
-    return ''.join(f'{line if line.startswith(" ") else _wrapped(line, width)}\n' for line in lines)
+    lines = _lines(document, width)
+    text = ''.join(f'{line if line.startswith(" ") else _wrapped(line, width)}\n' for line in lines)
+    return _painted(text, document) if coloured else text
 
 
-def _painted(colour: str, text: str) -> str:
-    return f'{colour}{text}{_END}'
+def _painted(text: str, document: Mapping[str, Any]) -> str:
+    """The same in colours: the path, marks of faults, and the conditions of events."""
+
+    def paint(kind: str, part: str) -> str:
+        return f'\x1b[{_COLOURS[kind]}m{part}\x1b[0m'
+
+    levels = {e['to']: e['level'] for item in document['bearings'].values() for e in item['events']}
+    change = re.compile(r'^( +[\d.]+(?:  \w+ +| s: \w+ to ))(\w+)', re.MULTILINE)
+    text = change.sub(lambda m: m[1] + paint(levels.get(m[2], 'OK'), m[2]), text)
+    text = re.sub(r'^(data:|question:)', lambda m: paint('data', m[1]), text, flags=re.MULTILINE)
+    text = re.sub(r'^( +time \[s\].*)', lambda m: paint('bold', m[1]), text, flags=re.MULTILINE)
+    return re.sub(r'\A(.*): ', lambda m: f'{paint("bold", m[1])}: ', text)
 
 
 def _wrapped(line: str, width: int | None, indent: int = 2) -> str:
     """A line, broken at a number of letters; whole if that is None."""
     if width is None:
         return line
-    # The last column stays free: not every terminal breaks behind it.
-    # A path that is cut in two cannot be copied.
+    # The last column stays free: not every terminal breaks behind it. A path that is cut in two
+    # cannot be copied.
     return textwrap.fill(
         line,
         max(width - 1, 20),
@@ -222,8 +470,7 @@ def _wrapped(line: str, width: int | None, indent: int = 2) -> str:
 
 def _lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
     seconds = document['duration'] or 0.0
-    path = _painted(_BOLD, printable(document['path']))
-    yield f'{path}: {plural(document["messages"], "message")} in {seconds:.1f} s'
+    yield f'{printable(document["path"])}: {plural(document["messages"], "message")} in {seconds:.1f} s'
     faults = [*(cut['text'] for cut in document['cuts']), *document['warnings']]
     faults += (
         f'topic {name} not readable: {topic["problem"]}'
@@ -231,26 +478,25 @@ def _lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
         if topic['problem']
     )
     for text in faults:
-        yield f'{_painted(_YELLOW, "data:")} {printable(text)}'
+        yield f'data: {printable(text)}'
     for name, item in document['bearings'].items():
         yield from _bearing_lines(name, item, document['start'] or 0, width)
 
 
 def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | None) -> Iterator[str]:
     for text in item['data']:
-        yield f'{_painted(_YELLOW, "data:")} {printable(text)}'
+        yield f'data: {printable(text)}'
     for quantity, each in item['inputs'].items():
         place = printable(quantity if 'assumed' in each else f'{quantity} on {each["topic"]}')
         yield f'{place}: {_input_text(quantity, each)}'
         for text in each['questions']:
-            yield f'{_painted(_YELLOW, "question:")} {place} {printable(text)}'
+            yield f'question: {place} {printable(text)}'
     events = item['events']
     yield f'{name}: {plural(len(events), "event") if events else "no events"}'
     if events and (width is None or width >= _NARROW):
-        yield _painted(_BOLD, f'  {"time [s]":>10}  {"from":<15}  {"to":<15}  what')
+        yield f'  {"time [s]":>10}  {"from":<15}  {"to":<15}  what'
     for event in events:
-        text = printable(event['text'].removeprefix(f'{name}: '))
-        yield from _event_lines(event, text, start, width)
+        yield from _event_lines(event, printable(event['text'].removeprefix(f'{name}: ')), start, width)
     for title, spent in (('time in each regime', 'seconds'), ('measured vibration', 'measured')):
         if spent in item:
             times = (f'{state} {seconds:.1f} s' for state, seconds in item[spent].items())
@@ -264,16 +510,13 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
 
 
 def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
-    seconds, to, colour = (event['time'] - start) * 1e-9, event['to'], _OF_LEVEL[event['level']]
+    seconds = (event['time'] - start) * 1e-9
     if width is not None and width < _NARROW:
-        change = _wrapped(f'  {seconds:.2f} s: {event["from"]} to {to}', width, 4)
-        yield f'{change.removesuffix(to)}{_painted(colour, to)}'
+        yield _wrapped(f'  {seconds:.2f} s: {event["from"]} to {event["to"]}', width, 4)
         yield _wrapped(f'    {text}', width, 4)
     else:
-        # Of the finished line, as colours take room in a text but none on the screen.
-        head = f'  {seconds:>10.2f}  {event["from"]:<15}  {to:<15}  '
-        line = _wrapped(f'{head}{text}', width, len(head))
-        yield line.replace(head, f'{head[:-17]}{_painted(colour, head[-17:-2])}  ', 1)
+        head = f'  {seconds:>10.2f}  {event["from"]:<15}  {event["to"]:<15}  '
+        yield _wrapped(f'{head}{text}', width, len(head))
 
 
 def _input_text(quantity: str, item: Mapping[str, Any]) -> str:

@@ -13,9 +13,10 @@ import multiprocessing
 import os
 import platform
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
@@ -41,7 +42,8 @@ def core_count() -> int:
 
 def died(outcome: object) -> bool:
     """Whether the worker of a call died of it, or of one that ran beside it."""
-    return type(outcome).__name__ in ('BrokenProcessPool', 'KilledWorker')
+    dask = sys.modules.get('distributed')
+    return isinstance(outcome, BrokenExecutor if dask is None else (BrokenExecutor, dask.KilledWorker))
 
 
 def spread(
