@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.bearing import Bearing
 
 CONFIG = Path(__file__).resolve().parents[1] / 'launch_configs' / 'reference_bearing.yaml'

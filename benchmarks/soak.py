@@ -15,7 +15,7 @@ from pathlib import Path
 from benchmarks.live import subjects
 from benchmarks.reference import CONFIG, LOAD
 from benchmarks.table import Table
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
 from stickslip_monitor.monitor.signals import Input
 

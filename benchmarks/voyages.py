@@ -24,15 +24,15 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.settings import with_parameter_errors
 from stickslip_monitor.lab.truth import TruthRecord, has_truth, known_truth, read_truth
-from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.assessment import assess
-from stickslip_monitor.monitor.bulk import BearingScan, Scan
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import LADDER, Condition, Level
+from stickslip_monitor.monitor.input_faults import SourceWatch, least_gap
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.severity import LADDER, Condition, Level
 from stickslip_monitor.monitor.signals import Input, Stream
-from stickslip_monitor.monitor.source_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.verdict import Verdict
 from stickslip_monitor.offline.archive import run_in_processes
 from stickslip_monitor.offline.check import Kept, check_recording

@@ -31,7 +31,7 @@ from scipy.special import ive
 
 from stickslip_monitor.bags.recording import Recording, Request
 from stickslip_monitor.lab.scene import Scene
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 

@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
-from stickslip_monitor.monitor.alarms.alarm import ALWAYS, TABLE, AlarmState, Choice, Trigger
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS
-from stickslip_monitor.monitor.config import INPUT_PARAMETERS as INPUTS
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.alarms import ALWAYS, TABLE, AlarmState, Choice, Trigger
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS, REQUIRED, Parameter
+from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'configuration.md'
@@ -57,7 +56,7 @@ GROUPS = (
 )
 
 INTRO = f"""\
-<!-- Made by `{COMMAND}` from stickslip_monitor/monitor/config.py: edit that, or the script. -->
+<!-- Made by `{COMMAND}` from stickslip_monitor/monitor/parameters.py: edit that, or the script. -->
 # Configuration
 
 One ROS 2 parameter file configures everything: the node reads it with `--params-file` (launch

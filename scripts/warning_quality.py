@@ -25,8 +25,7 @@ from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, wri
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.lab.truth import TruthRecord
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS, AlarmConfig
-from stickslip_monitor.monitor.parameter import nanoseconds
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, AlarmConfig, nanoseconds
 from stickslip_monitor.offline.archive import core_count, run_in_processes
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from stickslip_monitor.errors import StickslipError
     from stickslip_monitor.monitor.assessment import Assessment, Assessments, Outcome, Regime, assess
-    from stickslip_monitor.monitor.config import MonitorConfig
-    from stickslip_monitor.monitor.configure import build_config
+    from stickslip_monitor.monitor.configuration import build_config
     from stickslip_monitor.monitor.monitor import Monitor
+    from stickslip_monitor.monitor.parameters import MonitorConfig
     from stickslip_monitor.monitor.signals import Levels, Sample, Stream
     from stickslip_monitor.physics.averaging import (
         StationaryAmplitudes,
@@ -74,8 +74,8 @@ __version__ = '0.3.0.dev0'
 _HOMES = {
     'errors': ('StickslipError',),
     'monitor.assessment': ('Assessment', 'Assessments', 'Outcome', 'Regime', 'assess'),
-    'monitor.config': ('MonitorConfig',),
-    'monitor.configure': ('build_config',),
+    'monitor.parameters': ('MonitorConfig',),
+    'monitor.configuration': ('build_config',),
     'monitor.monitor': ('Monitor',),
     'monitor.signals': ('Levels', 'Sample', 'Stream'),
     'physics.averaging': (

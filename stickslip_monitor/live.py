@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from stickslip_monitor.errors import no_ros
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.monitor.parameters import ClipConfig
 
 
 def clip_store(config: ClipConfig) -> ClipStore:

@@ -16,10 +16,10 @@ from shared import REFERENCE
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.host import HostClock
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import Action, AlarmChange
-from stickslip_monitor.monitor.input_watch import Graph
+from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.session import Display, Moment, Session, Sink

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from shared import ROOT
 
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 

@@ -16,13 +16,12 @@ from shared import ROOT, png_size
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.monitor.alarms.alarm import TABLE, AlarmKind, AlarmState
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS, INPUT_PARAMETERS, NODE_PARAMETERS
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.alarms import TABLE, AlarmKind, AlarmState
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, SourceFaultKind, input_fault
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, INPUT_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.signals import STATUS_SENTENCES
-from stickslip_monitor.monitor.source_faults import SourceFaultKind
 
 DOCS = ROOT / 'docs'
 PAGE = DOCS / 'configuration.md'

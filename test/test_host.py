@@ -13,7 +13,7 @@ from sending import SECOND, T0, Ship, configured
 
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.links.buses import LiveMonitor
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.session import NoLog
 from stickslip_monitor.monitor.signals import Input
 

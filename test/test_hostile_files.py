@@ -15,7 +15,7 @@ from stickslip_monitor.bags.reader import find_bags, open_bag, read_metadata
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
 from stickslip_monitor.lab.curve_file import read_curve
 from stickslip_monitor.lab.scene import load_scene
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 
 BAG = ROOT / 'bags' / 'coast_down'
 

@@ -61,13 +61,13 @@ ONLY_IN = {
     'rclpy': ('ros/',),
     'rich': ('commands/', 'cli.py'),
     'std_srvs': ('ros/',),
-    'yaml': ('monitor/config_file.py', 'bags/'),
+    'yaml': ('monitor/parameter_file.py', 'bags/'),
     'zstandard': ('bags/',),
 }
 # The core takes time as an argument and starts nothing; only its reader of files touches one.
 CORE = ('arrays', 'fields', 'physics', 'monitor')
-READS_FILES = 'monitor.config_file'
-READER = 'monitor/config_file.py'
+READS_FILES = 'monitor.parameter_file'
+READER = 'monitor/parameter_file.py'
 NOT_IN_CORE = {'asyncio', 'datetime', 'os', 'socket', 'subprocess', 'sys', 'threading', 'time'}
 
 
@@ -170,11 +170,11 @@ def test_no_class_and_no_module_is_named_twice() -> None:
 @pytest.mark.parametrize(
     ('path', 'source', 'words'),
     [
-        ('physics/a.py', f'from {NAME}.monitor.config import x', 'physics must not know monitor'),
+        ('physics/a.py', f'from {NAME}.monitor.parameters import x', 'physics must not know monitor'),
         ('physics/a.py', f'from {NAME} import Bearing', 'physics must not know root'),
         ('physics/a.py', 'def f():\n    import matplotlib.pyplot', 'belongs in drawing/'),
         ('monitor/a.py', 'import time', 'time as an argument'),
-        ('monitor/a.py', 'from .config_file import load_config', 'only adapters and commands'),
+        ('monitor/a.py', 'from .parameter_file import load_config', 'only adapters and commands'),
         ('monitor/a.py', 'import pandas', 'not a known dependency'),
         ('bags/a.py', 'from std_msgs.msg import Float64', 'belongs in ros/'),
         ('lab/a.py', 'from ..ros import node', 'lab must not know ros'),

@@ -13,7 +13,7 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.recording import Bound
 from stickslip_monitor.errors import BagError, did_you_mean
-from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import NO_VALUES
 from stickslip_monitor.tables.dialect import parse_heading
 

@@ -39,7 +39,7 @@ from stickslip_monitor.bags.recording import (
 )
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.parameters import MonitorConfig
 
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19

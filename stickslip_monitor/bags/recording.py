@@ -16,8 +16,8 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.bags.message_fields import short_name
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath, parse_field
-from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""

@@ -39,7 +39,7 @@ from stickslip_monitor.bags.recording import (
 )
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.fields import FieldPath
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.parameters import MonitorConfig
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read together, and the largest one that is unpacked [bytes].

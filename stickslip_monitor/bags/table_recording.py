@@ -33,7 +33,7 @@ from stickslip_monitor.bags.recording import (
 )
 from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.tables.dialect import parse_heading, with_unit
 from stickslip_monitor.tables.table import Rows, open_table, some_cells, texts_of
 

@@ -14,9 +14,9 @@ from rich.table import Table
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.configuration import questions
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.monitor.questions import questions
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.verdict import warns
 
 SCHEMA = 'stickslip_monitor/assessment/1'

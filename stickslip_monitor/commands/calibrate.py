@@ -42,15 +42,15 @@ from stickslip_monitor.lab.calibration import (
 )
 from stickslip_monitor.lab.evidence import LevelBins, NoTwoModes, read_reports
 from stickslip_monitor.lab.posterior import Prior
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.configure import (
+from stickslip_monitor.monitor.configuration import (
     CALIBRATION_SCHEMA,
     LARGEST_JSON,
     belief_of,
     load_calibration,
     require_same_sensors,
 )
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.physics.probability import EXACT, QUANTILES
 

@@ -51,7 +51,7 @@ from stickslip_monitor.files import PICTURES, printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.lab.calibration import Evidence, EvidenceSource
-    from stickslip_monitor.monitor.config import MonitorConfig
+    from stickslip_monitor.monitor.parameters import MonitorConfig
     from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink
     from stickslip_monitor.offline.clips import ClipCounts
     from stickslip_monitor.report.page import Archive, RecordingPart

@@ -26,8 +26,8 @@ from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, no_ros
 from stickslip_monitor.links.buses import is_loopback
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import NODE_NAME, load_config
+from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access

@@ -36,8 +36,8 @@ from stickslip_monitor.lab.friction_fit import (
     fit_stribeck,
     unchecked,
 )
-from stickslip_monitor.monitor.config import BearingConfig
 from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 SCHEMA = 'stickslip_monitor/fit/1'

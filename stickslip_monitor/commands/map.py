@@ -14,7 +14,7 @@ from typing import Any
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.map import Track, boundaries, draw_map, map_columns, map_ranges, track_of_scan
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -20,7 +20,7 @@ from stickslip_monitor.files import PICTURES
 
 if TYPE_CHECKING:
     from stickslip_monitor.drawing.map import Range
-    from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
+    from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
     from stickslip_monitor.physics.bearing import BearingSpeed
 
 Marks = Mapping[str, bytes | None]
@@ -230,7 +230,7 @@ def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> flo
 
 def parse_load(text: str, what: str = 'load') -> float:
     """Load [N] from a text such as ``'1.2kN'``; the unit is required."""
-    from stickslip_monitor.monitor.config import LOAD_UNITS
+    from stickslip_monitor.monitor.parameters import LOAD_UNITS
 
     value, unit = _split(what, text, LOAD_UNITS)
     return value * (1000.0 if unit == 'kN' else 1.0)
@@ -261,7 +261,7 @@ def chosen(args: argparse.Namespace) -> MonitorConfig:
         ConfigurationError: It cannot be read, or has no such bearing.
     """
     # Taking a configuration takes time to import, and is not needed for help.
-    from stickslip_monitor.monitor.config_file import load_config
+    from stickslip_monitor.monitor.parameter_file import load_config
 
     config = load_config(args.config, args.node)
     if args.bearing is None:

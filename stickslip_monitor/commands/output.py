@@ -114,7 +114,7 @@ def _read_with(path: str) -> Iterator[Path]:
         for folder, _, names in os.walk(path):
             yield from (Path(folder) / name for name in names)
     elif Path(path).suffix.lower() in _YAML:
-        from stickslip_monitor.monitor.config_file import load_yaml
+        from stickslip_monitor.monitor.parameter_file import load_yaml
 
         try:
             named = list(_texts(load_yaml(path)))

@@ -37,10 +37,10 @@ from stickslip_monitor.links.buses import (
     build_links,
     is_loopback,
 )
-from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionRequest
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import NODE_NAME, load_parameters, load_section
-from stickslip_monitor.monitor.configure import bearing_names, build_config
+from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
+from stickslip_monitor.monitor.configuration import bearing_names, build_config
+from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Display, Log
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.state_file import StateFile

@@ -16,10 +16,10 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from stickslip_monitor.dashboard.seen_monitors import NOT_MONITORING, DashboardState, WatchedMonitor
-from stickslip_monitor.monitor.alarms.alarm import AlarmState
+from stickslip_monitor.monitor.alarms import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.ladder import MEASURED, Condition
 from stickslip_monitor.monitor.messages import WITHOUT_CYCLE
+from stickslip_monitor.monitor.severity import MEASURED, Condition
 
 GAUGES = {
     'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),

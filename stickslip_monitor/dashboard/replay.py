@@ -14,8 +14,8 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Recording, Series
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import BagError, ConfigurationError
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.input_watch import Graph
+from stickslip_monitor.monitor.input_faults import Graph
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.offline.check import requests_of

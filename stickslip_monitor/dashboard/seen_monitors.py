@@ -21,9 +21,9 @@ from itertools import islice
 from typing import Any
 
 from stickslip_monitor.errors import DashboardError, StickslipError
-from stickslip_monitor.monitor.alarms.alarm import TABLE, AlarmState
-from stickslip_monitor.monitor.alarms.alarm_records import ALARM_SCHEMA, ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
+from stickslip_monitor.monitor.alarms import TABLE, AlarmState
 from stickslip_monitor.monitor.messages import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.state_file import StateWriter

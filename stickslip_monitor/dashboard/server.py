@@ -30,7 +30,7 @@ from stickslip_monitor.dashboard.access import (
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.seen_monitors import OFFERED, DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, parse_request
+from stickslip_monitor.monitor.alarm_records import ActionRequest, parse_request
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.replay import Replay

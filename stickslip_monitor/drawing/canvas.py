@@ -30,7 +30,7 @@ from stickslip_monitor.arrays import IndexArray
 from stickslip_monitor.errors import DrawingError
 from stickslip_monitor.files import PICTURES, write_whole
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.severity import Condition
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes

@@ -23,7 +23,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.map import Range, corners, diagram_speeds
 from stickslip_monitor.monitor.assessment import Regime, assess
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, growth_rate, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed

@@ -21,8 +21,8 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import Verdicts
 from stickslip_monitor.physics.averaging import fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing

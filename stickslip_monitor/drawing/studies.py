@@ -22,7 +22,7 @@ from stickslip_monitor.lab.edges import ReportedCourse
 from stickslip_monitor.lab.evidence import LevelBins
 from stickslip_monitor.lab.friction_fit import BoundarySpread, Spread, StribeckFit
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.probability import QUANTILES
 

@@ -16,8 +16,8 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime, at_indices
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Level
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.severity import Level
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
 

@@ -38,9 +38,9 @@ from stickslip_monitor.lab.evidence import (
 )
 from stickslip_monitor.lab.posterior import Posterior, Prior, Spreads, doubt, infer
 from stickslip_monitor.lab.truth import has_truth, read_truth
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig, InputConfig
-from stickslip_monitor.monitor.configure import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging import fold_speed

@@ -30,7 +30,7 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.course import FrictionCourse, Profile, check_times, read_profile, read_steps
 from stickslip_monitor.lab.settings import Settings, random_stream, suggestion
 from stickslip_monitor.lab.telemetry import Channel, Memory, Sensor, Shaft, Signal, TimeBlock
-from stickslip_monitor.monitor.config import LEVEL_UNITS, LOAD_UNITS, BearingConfig
+from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 # Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.

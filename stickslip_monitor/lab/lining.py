@@ -19,7 +19,7 @@ from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab import telemetry
 from stickslip_monitor.lab.course import STEP, FrictionCourse
 from stickslip_monitor.lab.telemetry import Shaft
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.integrator import (
     FAST,
     Drive,

@@ -43,7 +43,7 @@ from stickslip_monitor.lab.settings import Settings, random_stream
 from stickslip_monitor.lab.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.monitor.assessment import margin
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 
 # Decimals of margins, of instants and durations [s], and of amplitudes [m]: beyond them digits may

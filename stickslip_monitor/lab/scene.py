@@ -31,8 +31,8 @@ from stickslip_monitor.lab.effects import DECLARED, Effect, SceneRun
 from stickslip_monitor.lab.settings import Settings, drawn, read_parameter_error, suggestion
 from stickslip_monitor.lab.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config, load_yaml
+from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
+from stickslip_monitor.monitor.parameters import MonitorConfig
 
 SCHEMA = 'stickslip_monitor/scene/1'
 KEYS = (

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.errors import PhysicsError, SceneError, did_you_mean
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15

@@ -21,7 +21,7 @@ from stickslip_monitor.bags.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIEL
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.settings import Settings
 from stickslip_monitor.lab.truth import Column
-from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging_by_scan import equilibrium_table

@@ -16,10 +16,17 @@ from urllib.parse import SplitResult, urlsplit
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
 from stickslip_monitor.host import HostClock
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.input_watch import Graph
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, filled, parameter, rows
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.input_faults import Graph
+from stickslip_monitor.monitor.parameters import (
+    REQUIRED,
+    BearingConfig,
+    MonitorConfig,
+    Parameter,
+    filled,
+    parameter,
+    rows,
+)
 from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.physics.bearing import SPEED_UNITS

@@ -17,9 +17,9 @@ from operator import xor
 from typing import Any
 
 from stickslip_monitor.links.buses import NmeaInput, SourceAdmission, grouped
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'nmea'

@@ -14,9 +14,9 @@ from datetime import datetime, timezone
 from typing import Any
 
 from stickslip_monitor.links.buses import SignalKInput, SourceAdmission, grouped
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState, Priority
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'signal k'

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
-from stickslip_monitor.monitor.ladder import SentenceEnum
+from stickslip_monitor.monitor.severity import SentenceEnum
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table

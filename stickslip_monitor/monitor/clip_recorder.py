@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from stickslip_monitor.monitor.config import ClipConfig
-from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor.parameters import ClipConfig
+from stickslip_monitor.monitor.severity import Condition, Level
 from stickslip_monitor.monitor.verdict import Event
 
 # What a message takes beside its data, in memory and in the file, roughly [bytes].

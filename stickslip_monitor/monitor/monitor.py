@@ -18,13 +18,13 @@ import numpy as np
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.bulk import Scan, scan_bearing
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import Condition
-from stickslip_monitor.monitor.rule_level import UNKNOWN
+from stickslip_monitor.monitor.over_arrays import Scan, scan_bearing
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, State, settings_of
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict, size_cycle
+from stickslip_monitor.monitor.vibration_rule import UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)

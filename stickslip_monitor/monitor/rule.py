@@ -4,8 +4,8 @@
 :func:`arrive` judges a sample and lets time pass, :func:`take` takes a valid speed or load, in
 the order of docs/rule.md: is the sample valid, has an input been lost, how has a disturbance
 grown since the last operating point, what does the new point ask for, which rungs of the alarm
-change. What a measured level says is in :mod:`.rule_level`. It is plain scalar Python: live it
-runs as it stands, over a recording :func:`run` is compiled (:mod:`stickslip_monitor.jit`).
+change. What a measured level says is in :mod:`.vibration_rule`. It is plain scalar Python: live it
+runs as it stands, over a recording the loop of :mod:`.over_arrays` is compiled.
 
 Everywhere ``s`` is the memory and ``c`` the numbers of the configuration (:mod:`.rule_state`);
 ``model`` are the numbers of the friction law, those of the boundaries over the load
@@ -18,7 +18,9 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import Any, TypeAlias
 
-from stickslip_monitor.monitor.rule_level import (
+from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
+from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Input, Status
+from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
     UNKNOWN,
     VIBRATING,
@@ -27,8 +29,6 @@ from stickslip_monitor.monitor.rule_level import (
     measured,
     take_level,
 )
-from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
-from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Input, Status
 from stickslip_monitor.physics.boundary_table import boundary_at, lower_end_at
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
@@ -483,83 +483,3 @@ def hears(s: State, c: RuleNumbers) -> bool:
 def measured_now(s: State, c: RuleNumbers) -> int:
     """What the level says at the latest point; unknown where it is lost or doubted."""
     return measured(s) if hears(s, c) else UNKNOWN
-
-
-STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)
-"""What is noted of each sample: the columns of the table that :func:`run` fills."""
-SAMPLE, TIME, BEFORE, AFTER, ONSET = range(5)
-"""What is noted of each change of the alarm."""
-
-
-def run(
-    states: Sequence[State],
-    numbers: Sequence[RuleNumbers],
-    model: Model,
-    samples: tuple[Sequence[int], Sequence[int], Sequence[int], Numbers],
-    begin: int,
-    end: int,
-    notes: Rows,
-    points: Rows,
-    changes: Rows,
-    kept: MutableSequence[State],
-) -> tuple[int, int]:
-    """Take samples of a recording until there is no more room, or an amplitude is due.
-
-    Args:
-        states: The memory, of one row.
-        numbers: Those of the configuration, of one row.
-        model: As everywhere.
-        samples: Which input each is of, its stamp [ns], its arrival [ns] and its number, each
-            of shape (n,).
-        begin: The first sample to take.
-        end: The one after the last.
-        notes: What is noted of each sample, shape (n, 7).
-        points: Speed and load at each point, shape (n, 2); with a belief the three probabilities,
-            too, shape (n, 5).
-        changes: What is noted of each change, shape (m, 5).
-        kept: The memory at each change, shape (m,).
-
-    Returns:
-        The sample after the last one taken, and how many changes there were.
-    """
-    places, stamps, arrivals, values = samples
-    s, c = states[0], numbers[0]
-    count = 0
-    for k in range(begin, end):
-        if count + 2 > len(kept) or (k > begin and amplitude_due(s, c)):
-            return k, count
-        place = places[k]
-        before, lost, onsets, point = condition(s), s.lost, s.onsets, False
-        status, time, si = arrive(s, c, place, stamps[k], arrivals[k], values[k])
-        if s.lost != lost:
-            note = k, s.lost_since, before, condition(s), s.onsets - onsets
-            count = keep(states, changes, kept, count, note)
-            before = condition(s)
-        if status == ACCEPTED and place != LEVEL:
-            point = take(s, c, model, place, time, si)
-            if s.onsets > onsets or condition(s) != before:
-                note = k, s.now, before, condition(s), s.onsets - onsets
-                count = keep(states, changes, kept, count, note)
-        row = notes[k]
-        row[STATUS], row[NOW], row[POINT] = status, s.now - s.shift, int(point)
-        row[CONDITION], row[STICKING] = condition(s), s.sticking
-        if point:
-            row[UNTIL], row[MEASURED] = standing_until(s, c) - s.shift, measured_now(s, c)
-            points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
-            if c.has_belief:
-                points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
-    return end, count
-
-
-def keep(
-    states: Sequence[State],
-    changes: Rows,
-    kept: MutableSequence[State],
-    count: int,
-    note: tuple[int, int, int, int, int],
-) -> int:
-    """Note a change of the alarm, with the memory as it is then; how many there are now."""
-    for column in range(len(note)):
-        changes[count][column] = note[column]
-    kept[count] = states[0]
-    return count + 1

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law

@@ -15,14 +15,14 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 from stickslip_monitor.errors import AlarmStateError, cause
-from stickslip_monitor.monitor.alarms import alarm_records
-from stickslip_monitor.monitor.alarms.annunciator import MONITOR, AlarmChange, Annunciator
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.input_watch import Graph, InputWatch
-from stickslip_monitor.monitor.ladder import Condition, Level
+from stickslip_monitor.monitor import alarm_records
+from stickslip_monitor.monitor.alarm_list import MONITOR, AlarmChange, Annunciator
+from stickslip_monitor.monitor.input_faults import Graph, InputWatch
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor, Update
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
+from stickslip_monitor.monitor.severity import Condition, Level
 from stickslip_monitor.monitor.signals import VALUE_FAULTS
 from stickslip_monitor.monitor.verdict import Event, Verdict, about
 

@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess, fold_share
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import CONDITIONS, LADDER, MEASURED, Condition, Measured, Unknown
-from stickslip_monitor.monitor.rule_level import RISE, UNKNOWN, decibels, is_over
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, State
+from stickslip_monitor.monitor.severity import CONDITIONS, LADDER, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_over
 from stickslip_monitor.physics.boundary_table import BoundaryTable
 from stickslip_monitor.physics.cycles import exact_amplitude
 

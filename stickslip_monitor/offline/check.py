@@ -24,9 +24,9 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.bulk import BearingScan, Scan, joined
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import MEASURED
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, joined
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import Extreme, Outline, Outliner, Worst

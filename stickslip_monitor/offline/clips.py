@@ -17,7 +17,7 @@ from stickslip_monitor.bags.recording import Recording, TimeSpans
 from stickslip_monitor.bags.writer import MESSAGE_TYPES, BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
-from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
 from stickslip_monitor.offline.check import Stretch, StretchSink
 from stickslip_monitor.offline.verdict_messages import (
     NODE,

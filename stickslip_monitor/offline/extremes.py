@@ -23,9 +23,9 @@ from stickslip_monitor.monitor.assessment import (
     assess,
     at_indices,
 )
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event, assessed
 
 _MOST = 600

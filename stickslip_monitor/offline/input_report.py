@@ -14,14 +14,21 @@ from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.recording import Bound, Fault, Recording, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import Assessment
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.questions import FACTOR, questions
+from stickslip_monitor.monitor.configuration import FACTOR, questions
+from stickslip_monitor.monitor.input_faults import (
+    InputFacts,
+    Publisher,
+    SourceFault,
+    SourceWatch,
+    fault_text,
+    input_fault,
+    least_gap,
+)
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
-from stickslip_monitor.monitor.source_faults import SourceFault, SourceWatch, fault_text, least_gap
 from stickslip_monitor.physics.averaging import fold_speed
 
 _MOST_NAMED = 5

@@ -28,9 +28,6 @@ from stickslip_monitor.bags.writer import (
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, at_indices
-from stickslip_monitor.monitor.bulk import BearingScan, Scan
-from stickslip_monitor.monitor.config import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.ladder import MEASURED, Condition
 from stickslip_monitor.monitor.messages import (
     POINT_NUMBERS,
     BearingState,
@@ -41,7 +38,10 @@ from stickslip_monitor.monitor.messages import (
     topic_words,
 )
 from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, State
+from stickslip_monitor.monitor.severity import MEASURED, Condition
 from stickslip_monitor.monitor.signals import Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict, assessed
 from stickslip_monitor.offline.check import Heard, Stretch, StretchSink

@@ -21,11 +21,17 @@ from stickslip_monitor.drawing.map import draw_map, track_of_scan
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS, NODE_PARAMETERS, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.config_file import load_parameters
+from stickslip_monitor.monitor.input_faults import fault_text
 from stickslip_monitor.monitor.messages import number
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
-from stickslip_monitor.monitor.source_faults import fault_text
+from stickslip_monitor.monitor.parameter_file import load_parameters
+from stickslip_monitor.monitor.parameters import (
+    BEARING_PARAMETERS,
+    NODE_PARAMETERS,
+    REQUIRED,
+    InputConfig,
+    MonitorConfig,
+    Parameter,
+)
 from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.input_report import InputReport

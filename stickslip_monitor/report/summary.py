@@ -14,8 +14,8 @@ from datetime import datetime, timedelta, timezone
 import numpy as np
 
 from stickslip_monitor.drawing.timeline import DATED_FROM
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, together
 

@@ -29,8 +29,8 @@ from rclpy.serialization import deserialize_message
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.fields import ByName, FieldPath, NumberField
-from stickslip_monitor.monitor.config import InputConfig, MonitorConfig
-from stickslip_monitor.monitor.input_watch import Graph, Publisher
+from stickslip_monitor.monitor.input_faults import Graph, Publisher
+from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
 
 ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)

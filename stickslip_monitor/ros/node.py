@@ -25,11 +25,10 @@ from rclpy.subscription import Subscription
 
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import ClipConfig, MonitorConfig, parameters_of
-from stickslip_monitor.monitor.config_file import NODE_NAME, is_ros_parameter
-from stickslip_monitor.monitor.configure import bearing_names, build_config
-from stickslip_monitor.monitor.health import NodeHealth
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.configuration import bearing_names, build_config
+from stickslip_monitor.monitor.messages import NodeHealth
+from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
+from stickslip_monitor.monitor.parameters import REQUIRED, ClipConfig, MonitorConfig, Parameter, parameters_of
 from stickslip_monitor.ros.inputs import ROS_FAULTS, check_inputs
 from stickslip_monitor.ros.outputs import Configured, output_names, resolved
 from stickslip_monitor.ros.running import Running, node_clock

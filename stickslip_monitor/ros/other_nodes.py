@@ -22,10 +22,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64, String
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, request_record
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.health import NODE_STATUS
-from stickslip_monitor.monitor.messages import BEARINGS_SCHEMAS, hardware_id
+from stickslip_monitor.monitor.alarm_records import ActionRequest, request_record
+from stickslip_monitor.monitor.messages import BEARINGS_SCHEMAS, NODE_STATUS, hardware_id
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 

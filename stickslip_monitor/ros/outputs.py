@@ -18,16 +18,18 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
-from stickslip_monitor.monitor.config import BearingConfig, ClipConfig, MonitorConfig
-from stickslip_monitor.monitor.health import DiagnosticRecord, NodeHealth, health_record
 from stickslip_monitor.monitor.messages import (
     BearingState,
+    DiagnosticRecord,
+    NodeHealth,
     bearings_json,
     diagnostic_record,
     event_json,
+    health_record,
     output_topics,
     verdict_values,
 )
+from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros.inputs import RosGraph, definition, message_type

@@ -27,7 +27,7 @@ from stickslip_monitor.errors import RosError, StickslipError, program_fault
 from stickslip_monitor.files import printable
 from stickslip_monitor.host import unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config import ClipConfig
+from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, sentence
 from stickslip_monitor.ros.other_nodes import without_log_files

@@ -14,7 +14,7 @@ from stickslip_monitor.bags.log_times import BlockSteps, StepClock, question_of_
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter, encode_float64s, encode_stamped
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import CheckReport, check_recording
 
 SECOND = 10**9

@@ -24,8 +24,8 @@ from benchmarks.warning_quality import (
 )
 from stickslip_monitor import Monitor
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.lab.truth import read_truth
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 
 COAST_DOWN = ROOT / 'bags' / 'coast_down'
 RPM = math.pi * 0.1 / 60.0

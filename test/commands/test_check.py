@@ -20,7 +20,7 @@ from shared import CONFIG, ROOT, START, record
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.report import page as report_page
 
 BAG = ROOT / 'bags' / 'coast_down'

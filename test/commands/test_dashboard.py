@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, Program
 
-from stickslip_monitor.monitor.config_file import load_config
 from stickslip_monitor.monitor.messages import event_record
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")

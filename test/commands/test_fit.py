@@ -13,7 +13,7 @@ from shared import ROOT
 
 from stickslip_monitor import Stribeck
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.config_file import load_config, load_yaml
+from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
 
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 CURVE = str(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv')

@@ -13,7 +13,7 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.commands.init import NEEDS, ask
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.bearing_estimate import Given, estimate, fold_shifts, shear_modulus
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 
 DRAWING = (
     '--journal-diameter',

@@ -13,7 +13,7 @@ from shared import ROOT, png_size
 
 from stickslip_monitor import assess, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BEARING = load_config(CONFIG).bearings[0].bearing

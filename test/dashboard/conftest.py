@@ -26,7 +26,7 @@ class PageShip(Ship):
     """A ship that a page shows; it takes what people ask for there."""
 
     def __init__(self, shown: Any) -> None:
-        from stickslip_monitor.monitor.config_file import load_config
+        from stickslip_monitor.monitor.parameter_file import load_config
 
         self.shown, self.deaf = shown, False
         self.asked: list[Any] = []
@@ -64,7 +64,7 @@ class Dashboard:
         from stickslip_monitor.dashboard.access import Access
         from stickslip_monitor.dashboard.seen_monitors import DashboardState
         from stickslip_monitor.dashboard.server import Server
-        from stickslip_monitor.monitor.config_file import load_config
+        from stickslip_monitor.monitor.parameter_file import load_config
 
         self._loop = asyncio.new_event_loop()
         config = load_config(CONFIG)

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 from shared import until
 
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms import AlarmKind
 
 BEARING = 'aft_stern'
 ALARM = '[data-alarm="aft_stern/stick_slip"]'

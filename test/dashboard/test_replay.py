@@ -11,7 +11,7 @@ import pytest
 from shared import CONFIG, ROOT
 
 from stickslip_monitor.commands.dashboard import watched
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")

@@ -29,10 +29,10 @@ from stickslip_monitor.dashboard.seen_monitors import (
     checked_record,
 )
 from stickslip_monitor.errors import DashboardError, RosError
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, alarms_record
-from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.alarm_list import Action, Annunciator
+from stickslip_monitor.monitor.alarm_records import ActionRequest, alarms_record
+from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.state_file import StateFile, StateWriter
 
 VIEW = BearingView('aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), {}, 0.1, None, {})

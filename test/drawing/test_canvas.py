@@ -35,8 +35,8 @@ from stickslip_monitor.drawing.diagram import draw_diagram
 from stickslip_monitor.drawing.map import draw_map
 from stickslip_monitor.errors import DrawingError, ReportError
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.report.page import _SPEED_CAPTION, html_page
 
 pytest.importorskip('matplotlib')

@@ -16,8 +16,8 @@ from shared import CONFIG as REFERENCE_FILE
 from stickslip_monitor import Bearing, Coulomb, Regime, Stribeck, Tabulated, amplitude_rate
 from stickslip_monitor.drawing.diagram import Diagram, bifurcation_diagram, diagram_columns, draw_diagram
 from stickslip_monitor.drawing.map import diagram_speeds
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import BearingConfig
 
 pytest.importorskip('matplotlib')
 RPM = math.pi * 0.1 / 60.0

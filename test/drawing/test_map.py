@@ -28,8 +28,8 @@ from stickslip_monitor.drawing.map import (
     onset_load,
     track_of_scan,
 )
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.physics.cycles import exact_cycle
 
 pytest.importorskip('matplotlib')

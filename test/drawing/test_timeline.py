@@ -17,9 +17,9 @@ from stickslip_monitor import Monitor
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import condition_intervals
 

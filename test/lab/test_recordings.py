@@ -21,8 +21,8 @@ from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.lab.scene import load_scene
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import BearingConfig
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.offline.check import Kept, check_recording
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -23,7 +23,7 @@ from stickslip_monitor.lab.effects import cos_turns, exp
 from stickslip_monitor.lab.scene import Scene
 from stickslip_monitor.lab.settings import drawn, with_parameter_errors
 from stickslip_monitor.lab.telemetry import Channel, Messages, nominal_load
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Tabulated
 
 MakeScene = Callable[..., Scene]

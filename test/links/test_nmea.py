@@ -22,9 +22,9 @@ from stickslip_monitor.links.nmea import (
     sentence,
     short_names,
 )
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 
 SPEED = NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)

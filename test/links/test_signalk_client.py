@@ -22,7 +22,7 @@ from stickslip_monitor.links import signalk_client
 from stickslip_monitor.links.buses import MonitorSide, SignalKInput, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind
+from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 
 DEADLINE = 20.0

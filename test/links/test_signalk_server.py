@@ -23,7 +23,7 @@ from stickslip_monitor.links.buses import LiveMonitor, MonitorSide, SignalKInput
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import annunciator
-from stickslip_monitor.monitor.config_file import load_parameters
+from stickslip_monitor.monitor.parameter_file import load_parameters
 from stickslip_monitor.monitor.signals import Input
 
 pytestmark = pytest.mark.slow

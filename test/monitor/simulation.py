@@ -22,10 +22,10 @@ from sending import SECOND, T0, Message, Ship, configured, stream_of
 from sequences import BEARINGS
 
 from stickslip_monitor import Monitor, MonitorConfig
-from stickslip_monitor.monitor.alarms.alarm import RUNG_OF, AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms.annunciator import ON_SHOW, Action
-from stickslip_monitor.monitor.ladder import LADDER
+from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+from stickslip_monitor.monitor.alarms import RUNG_OF, AlarmKind
+from stickslip_monitor.monitor.severity import LADDER
 from stickslip_monitor.monitor.signals import Input
 
 STEP = 0.2

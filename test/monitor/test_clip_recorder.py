@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
-from stickslip_monitor.monitor.config import ClipConfig
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameters import ClipConfig
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 NS, T0 = 10**9, 1_777_874_400

@@ -1,12 +1,144 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor import MonitorConfig
+from stickslip_monitor.monitor.input_faults import (
+    InputFacts,
+    Publisher,
+    SourceFault,
+    SourceFaultKind,
+    SourceWatch,
+    fault_text,
+    input_fault,
+    least_gap,
+)
 from stickslip_monitor.monitor.signals import Status
+
+TWO = SourceFaultKind.TWO_LEVELS
+SECOND = 10**9
+Floats = NDArray[np.float64]
+
+
+def instants(count: int, rate: float = 10.0) -> NDArray[np.int64]:
+    return np.rint(np.arange(count) * (SECOND / rate)).astype(np.int64)
+
+
+def found(values: Floats, rate: float = 10.0) -> list[SourceFault]:
+    time = instants(values.size, rate)
+    return SourceWatch().see_column(time, values)
+
+
+def mixed(count: int, every: int, first: float = 60.0, second: float = 20.0) -> Floats:
+    return np.where(np.arange(count) % every == every - 1, second, first)
+
+
+_VALUE = st.sampled_from([20.0, 60.0, 61.0, 0.0, np.nan, np.inf, -20.0, 1e308, -1e308, 25.0])
+_STEP = st.sampled_from([0, 1, SECOND // 10, SECOND, 7 * SECOND, 70 * SECOND])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(_VALUE, _STEP), min_size=0, max_size=12),
+    st.integers(1, 8),
+    st.sampled_from([0.0, 3.0]),
+)
+def test_live_and_bulk_raise_the_same_faults(
+    pattern: list[tuple[float, int]], repeats: int, least: float
+) -> None:
+    rows = pattern * repeats
+    value = np.array([row[0] for row in rows], float)
+    arrival = np.cumsum(np.array([row[1] for row in rows], np.int64))
+    watch = SourceWatch(least)
+    live: list[SourceFault] = []
+    for now, si in zip(arrival.tolist(), value.tolist(), strict=True):
+        live += [fault for fault in [watch.see(now, si)] if fault]
+        watch.standing(now)  # being asked changes nothing
+    bulk, cut = SourceWatch(least), len(rows) // 3
+    first, second = (bulk.see_column(arrival[part], value[part]) for part in (slice(cut), slice(cut, None)))
+    assert repr([*first, *second]) == repr(live)
+
+
+@pytest.mark.parametrize(
+    ('every', 'rate', 'raised'),
+    [
+        # Each sample jumps and the second jump is the first to return: 12 returns with the 14th
+        # sample at 1.3 s, but no fault before 3 s after the first return at 0.2 s.
+        (2, 10.0, 3.2),
+        # A tenth of the rate: jumps at samples 9, 10, 19, 20 ...; the 12th return is the 13th.
+        (10, 10.0, 6.9),
+        # One odd sample in thirty: returns come 1 and 29 samples apart; the 13th jump is at 209.
+        (30, 10.0, 20.9),
+        # One value in 5 s, from two publishers: the 13th jump is at the 13th sample.
+        (2, 0.2, 65.0),
+    ],
+)
+def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> None:
+    (fault,) = found(mixed(260, every), rate)
+    assert fault.kind is TWO
+    assert fault.levels == (20.0, 60.0)
+    assert fault.raised_ns == pytest.approx(raised * SECOND, abs=1)
+
+
+def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
+    """One mark a turn at 25 rpm, counted each second: 0 or 60 rpm."""
+    pulses = np.diff(np.floor(np.arange(200) * 25.0 / 60.0))
+    time = instants(pulses.size, 1.0)
+    (fault,) = SourceWatch(3.0).see_column(time, 60.0 * pulses)
+    assert (fault.kind, fault.levels) == (SourceFaultKind.FEW_PULSES, (0.0, 60.0))
+    # A load may well come and go.
+    (fault,) = SourceWatch().see_column(time, 60.0 * pulses)
+    assert fault.kind is TWO
+
+
+@pytest.mark.parametrize(
+    ('values', 'least'),
+    [
+        (1000.0 * (1.0 + 0.2 * np.random.default_rng(2).standard_normal(200_000)), 0.0),
+        # A swell of 8 s and a quarter of the load, at 2 Hz.
+        (1000.0 + 250.0 * np.sin(2.0 * np.pi * np.arange(5000) / 16.0), 0.0),
+        # A pulse counter that toggles between 1 and 2 revolutions a minute.
+        (1.0 + np.arange(5000) % 2, 3.0),
+        (np.repeat([60.0, 45.0, 60.0, 30.0, 60.0], 600), 0.0),
+        (np.linspace(70.0, 0.0, 12), 0.0),
+        (np.where(np.arange(600) == 300, 1e6, 60.0), 0.0),
+        (np.empty(0), 0.0),
+    ],
+    ids=['noise', 'swell', 'counter', 'steps', 'stop', 'spike', 'empty'],
+)
+def test_one_source_is_no_fault(values: Floats, least: float) -> None:
+    time = instants(values.size)
+    assert SourceWatch(least).see_column(time, values) == []
+
+
+def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
+    watch = SourceWatch()
+    values = [*mixed(100, 2).tolist(), 20.0, 20.0]
+    for k, value in enumerate(values):
+        watch.see(k * SECOND // 10, value)
+    last = 99 * SECOND // 10
+    fault = watch.standing(last + 60 * SECOND)
+    assert fault is not None
+    assert fault.kind is TWO
+    assert watch.standing(last + 60 * SECOND + 1) is None
+
+
+def test_what_is_said(configure: Callable[..., MonitorConfig]) -> None:
+    config = configure(load__unit='kN', load__offset=0.5, load__scale=2.0).bearing('aft')
+    # Three revolutions a minute of a journal of 0.1 m.
+    assert least_gap(config, 0) == pytest.approx(3.0 / 60.0 * np.pi * 0.1)
+    assert least_gap(config, 1) == 0.0
+    fault = SourceFault(TWO, 0, 0, (600.0, 1500.0))
+    assert fault_text(fault, config.load).endswith('(here 0.05 and 0.5)')
+
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)

@@ -11,7 +11,7 @@ from sending import SECOND, brief, feed
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Status
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.

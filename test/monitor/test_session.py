@@ -11,8 +11,8 @@ import pytest
 from sending import SECOND, Ship
 
 from stickslip_monitor import MonitorConfig
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.annunciator import Action
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.session import HEARTBEAT_NS
 
 Configure = Callable[..., MonitorConfig]

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from shared import CONFIG, ROOT, START, record
 
 from stickslip_monitor import Stream
-from stickslip_monitor.monitor.bulk import BearingScan
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.extremes import Outline, Outliner
 
 _MILLION = 1_000_000

@@ -14,9 +14,9 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
-from stickslip_monitor.monitor.config import ClipConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import ClipConfig
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.clips import ClipFolder
 

@@ -9,8 +9,8 @@ import numpy as np
 from shared import CONFIG
 
 from stickslip_monitor.monitor.assessment import BISTABLE, NO_CYCLE, assess
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, coarsened, condition_intervals, together
 from stickslip_monitor.physics.averaging import fold_speed

@@ -16,9 +16,9 @@ from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.writer import BagWriter, encode_float64s, encode_stamped
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.assessment import assess
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.config_file import load_config
-from stickslip_monitor.monitor.input_watch import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility
 from stickslip_monitor.physics.friction import Stribeck

@@ -19,9 +19,9 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.bulk import Scan
-from stickslip_monitor.monitor.config import MonitorConfig
 from stickslip_monitor.monitor.messages import BearingState, diagnostic_record, event_record
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport, Kept, check_recording
 from stickslip_monitor.offline.check_records import to_json

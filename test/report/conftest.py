@@ -13,7 +13,7 @@ from shared import START
 
 from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import REGIMES
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.extremes import Worst, condition_intervals
 from stickslip_monitor.report.summary import Course

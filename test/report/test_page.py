@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, contrast
 
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
 from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.check_records import to_json
 from stickslip_monitor.report.page import (

@@ -19,7 +19,7 @@ import pytest
 from shared import START
 
 from stickslip_monitor import assess
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import ConditionInterval
 from stickslip_monitor.physics.probability import Belief, Tolerance
 from stickslip_monitor.report import summary

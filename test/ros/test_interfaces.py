@@ -15,9 +15,9 @@ import pytest
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
-from stickslip_monitor.monitor.alarms.alarm_records import ActionRequest, Note, alarms_record, request_record
-from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.input_watch import InputState
+from stickslip_monitor.monitor.alarm_list import Action, Annunciator
+from stickslip_monitor.monitor.alarm_records import ActionRequest, Note, alarms_record, request_record
+from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.messages import BearingState, bearings_json, diagnostic_values, event_record
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'

@@ -12,7 +12,7 @@ import pytest
 from sending import SECOND, Ship
 from shared import CONFIG
 
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 

@@ -21,7 +21,7 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.config_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config
 
 CONFIG = Path(__file__).resolve().parents[2] / 'launch_configs/reference_bearing.yaml'
 NAN = math.nan

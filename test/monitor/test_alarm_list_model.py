@@ -18,10 +18,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from sequences import BEARINGS
 
 from stickslip_monitor import assess, build_config
-from stickslip_monitor.monitor.alarms.alarm import LATCHING, RUNG_OF, AlarmKind, AlarmState
-from stickslip_monitor.monitor.alarms.alarm_records import alarms_record, recall_state, state_record
-from stickslip_monitor.monitor.alarms.annunciator import ON_SHOW, Action, AlarmChange, Annunciator, LiveAlarm
-from stickslip_monitor.monitor.ladder import LADDER, Condition
+from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action, AlarmChange, Annunciator, LiveAlarm
+from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
+from stickslip_monitor.monitor.alarms import LATCHING, RUNG_OF, AlarmKind, AlarmState
+from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind, AlarmState
-from stickslip_monitor.monitor.alarms.annunciator import (
+from stickslip_monitor.monitor.alarm_list import (
     MONITOR,
     ON_SHOW,
     STANDING,
@@ -20,6 +19,7 @@ from stickslip_monitor.monitor.alarms.annunciator import (
     Annunciator,
     LiveAlarm,
 )
+from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
 
 ALARM_SCHEMA = 'stickslip_monitor/alarm/1'
 STATE_SCHEMA = 'stickslip_monitor/alarm_state/1'

@@ -11,7 +11,7 @@ import pytest
 from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.monitor.bulk import BearingScan, Scan
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
 NUMBERS = range(3, COUNT, 16)

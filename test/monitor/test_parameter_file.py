@@ -9,7 +9,7 @@ import pytest
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config_file import load_config, load_parameters, load_yaml
+from stickslip_monitor.monitor.parameter_file import load_config, load_parameters, load_yaml
 
 AFT = """\
     bearings: [aft]

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the configuration of flat parameters, and checks the rules that span several of them.
+"""Builds the configuration from flat parameters, checks what spans several, and asks about it.
 
-The result of a calibration is read, and refused where the sensors have changed since.
+The result of a calibration is read, and refused where the sensors have changed since. Questions
+are about values that look like another unit, or a slip: `assess` asks them, and `check` at the
+largest load that it met. A question is a clause that follows the name of an input: "speed on
+/shaft/speed turns a journal of 400 m: ...?".
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,12 +22,33 @@ import numpy as np
 from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import read_json
-from stickslip_monitor.monitor import config
-from stickslip_monitor.monitor.parameter import REQUIRED, filled
-from stickslip_monitor.monitor.questions import note_on_table
+from stickslip_monitor.monitor.parameters import (
+    BEARING_PARAMETERS,
+    BEARINGS,
+    FASTEST,
+    FASTEST_RPM,
+    FRICTION_PARAMETERS,
+    INPUT_PARAMETERS,
+    LINING_PARAMETERS,
+    NODE_PARAMETERS,
+    REQUIRED,
+    RETIRED,
+    TORSIONAL_PARAMETERS,
+    AlarmConfig,
+    BearingConfig,
+    ClipConfig,
+    InputConfig,
+    LevelConfig,
+    LoadConfig,
+    MonitorConfig,
+    filled,
+    parameters_of,
+)
+from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import LAWS, FrictionLaw
+from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
 from stickslip_monitor.physics.probability import Belief, Tolerance
+from stickslip_monitor.physics.scalar_law import scalar_law
 
 CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'
 _LAST_SCHEMA = 'stickslip_monitor/calibration/1'
@@ -156,7 +180,7 @@ def check_topic(whose: str, topic: str) -> None:
         raise ConfigurationError(f'{whose} {topic!r} must be a ROS topic name')
 
 
-def build_config(values: Mapping[str, Any]) -> config.MonitorConfig:
+def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     """Validate flat, dotted parameters and build the configuration.
 
     Args:
@@ -168,25 +192,25 @@ def build_config(values: Mapping[str, Any]) -> config.MonitorConfig:
     Raises:
         ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
     """
-    node = {row.name: row.checked(row.name, values) for row in config.NODE_PARAMETERS}
+    node = {row.name: row.checked(row.name, values) for row in NODE_PARAMETERS}
     names = bearing_names(values)
     notes = list(_notes(values, names))
     bearings = tuple(_build_bearing(name, values) for name in names)
     tables = ((each.name, note_on_table(each.bearing)) for each in bearings)
     notes += [f'{name}: {note}' for name, note in tables if note]
     return filled(
-        config.MonitorConfig,
+        MonitorConfig,
         '',
         node,
         bearings=bearings,
-        clips=filled(config.ClipConfig, 'clips.', node),
+        clips=filled(ClipConfig, 'clips.', node),
         notes=tuple(notes),
     )
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     """The validated list ``bearings``."""
-    names: tuple[str, ...] = config.BEARINGS.checked('bearings', values)
+    names: tuple[str, ...] = BEARINGS.checked('bearings', values)
     if not names:
         raise ConfigurationError('bearings = [] must name at least one bearing')
     for name in names:
@@ -202,8 +226,8 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]:
     """A sentence on each retired parameter; what is not known at all is refused."""
-    known = config.parameters_of(names)
-    retired = {f'{name}.{own}': why for name in names for own, why in config.RETIRED.items()}
+    known = parameters_of(names)
+    retired = {f'{name}.{own}': why for name in names for own, why in RETIRED.items()}
     for key in values:
         if key in known or key in retired:
             continue
@@ -223,14 +247,14 @@ def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
     """The parameters with mass, damping and stiffness, where torsional values are given."""
-    rows = {row.name: row for row in config.LINING_PARAMETERS}
-    given = [row for row in config.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
+    rows = {row.name: row for row in LINING_PARAMETERS}
+    given = [row for row in TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
     if not given:
         return values
-    torsional_names = ', '.join(each.name for each in config.TORSIONAL_PARAMETERS.values())
+    torsional_names = ', '.join(each.name for each in TORSIONAL_PARAMETERS.values())
     diameter = rows['journal_diameter'].checked(f'{name}.journal_diameter', values)
     found = dict(values)
-    for key, row in config.TORSIONAL_PARAMETERS.items():
+    for key, row in TORSIONAL_PARAMETERS.items():
         if f'{name}.{key}' in values:
             raise ConfigurationError(
                 f"'{name}.{key}' and '{name}.{given[0].name}' are given: give mass, damping and"
@@ -241,12 +265,12 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
     return found
 
 
-def _build_bearing(name: str, values: Mapping[str, Any]) -> config.BearingConfig:
+def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
     values = _at_surface(name, values)
-    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in config.BEARING_PARAMETERS}
+    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in BEARING_PARAMETERS}
     try:
         bearing = Bearing(
-            **{row.name: own[row.name] for row in config.LINING_PARAMETERS}, friction=_friction(name, own)
+            **{row.name: own[row.name] for row in LINING_PARAMETERS}, friction=_friction(name, own)
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
@@ -261,22 +285,22 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> config.BearingConfig
         **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
     )
     bearing, belief = _believed(name, bearing, own, tolerance)
-    alarm = filled(config.AlarmConfig, 'alarm.', own)
+    alarm = filled(AlarmConfig, 'alarm.', own)
     if math.isnan(own['speed.maximum']):
-        fastest = config.FASTEST_RPM * float(bearing.speed.factor('rpm'))
-        own['speed.maximum'] = min(config.FASTEST, fastest)
+        fastest = FASTEST_RPM * float(bearing.speed.factor('rpm'))
+        own['speed.maximum'] = min(FASTEST, fastest)
     if alarm.minimum_speed >= own['speed.maximum']:
         raise ConfigurationError(
             f'{name}.alarm.minimum_speed = {alarm.minimum_speed:g} m/s must be below'
             f' {name}.speed.maximum = {own["speed.maximum"]:g} m/s'
         )
     factor = bearing.speed.factor(own['speed.unit'])
-    speed = _input(config.InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
+    speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
     load = _load(name, own, speed)
     if not load.is_assumed and speed.topic and speed.topic == load.topic:
         _require_other_field(name, 'load', load, 'speed', speed)
     level = _level(name, own, speed, load)
-    return config.BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
+    return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
 
 def _believed(
@@ -307,7 +331,7 @@ _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     make, names = LAWS[own['friction.law']]
-    optional = {row.name for row in config.FRICTION_PARAMETERS if row.optional}
+    optional = {row.name for row in FRICTION_PARAMETERS if row.optional}
     needed = [key for key in names if f'friction.{key}' in optional]
     for key in needed:
         value = own[f'friction.{key}']
@@ -320,11 +344,11 @@ def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     return law
 
 
-def _load(name: str, own: Mapping[str, Any], speed: config.InputConfig) -> config.LoadConfig:
+def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
     """The input of the load, or the constant that stands for it, which comes with the speed."""
     constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
     if math.isnan(constant):
-        load: config.LoadConfig = _input(config.LoadConfig, name, 'load', own, factor)
+        load: LoadConfig = _input(LoadConfig, name, 'load', own, factor)
         return load
     for key in ('topic', 'column'):
         if own[f'load.{key}']:
@@ -346,7 +370,7 @@ def _load(name: str, own: Mapping[str, Any], speed: config.InputConfig) -> confi
         'load.offset': constant,
     }
     values = {**own, **beside, 'load.timeout': own['speed.timeout']}
-    return filled(config.LoadConfig, 'load.', values, field=speed.field, factor=factor)
+    return filled(LoadConfig, 'load.', values, field=speed.field, factor=factor)
 
 
 def _input(
@@ -375,7 +399,7 @@ def _input(
 
 
 def _require_other_field(
-    name: str, quantity: str, source: config.InputConfig, beside: str, other: config.InputConfig
+    name: str, quantity: str, source: InputConfig, beside: str, other: InputConfig
 ) -> None:
     if source.field == other.field:
         raise ConfigurationError(
@@ -384,10 +408,10 @@ def _require_other_field(
         )
 
 
-def _level(name: str, own: Mapping[str, Any], *others: config.InputConfig) -> config.LevelConfig | None:
+def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic'] and not own['level.column']:
-        for row in config.INPUT_PARAMETERS['level']:
+        for row in INPUT_PARAMETERS['level']:
             value = own[row.name]
             if value != row.default and value == value:
                 raise ConfigurationError(
@@ -395,7 +419,7 @@ def _level(name: str, own: Mapping[str, Any], *others: config.InputConfig) -> co
                     f' {value!r} is given: name the topic of the measured vibration'
                 )
         return None
-    level: config.LevelConfig = _input(config.LevelConfig, name, 'level', own, 1.0)
+    level: LevelConfig = _input(LevelConfig, name, 'level', own, 1.0)
     threshold, unit = level.threshold, level.unit
     if threshold <= 0.0 and unit != 'dB':
         raise ConfigurationError(
@@ -417,3 +441,135 @@ def _level(name: str, own: Mapping[str, Any], *others: config.InputConfig) -> co
                 f' {other.type!r}: both are read from {level.topic}'
             )
     return level
+
+
+THICKEST = 1.0
+"""Journal diameter from which on it may be in another unit [m]."""
+REST_SHARE = 0.1
+"""Share of the fold speed that a shaft at rest may reach; the default is below a fiftieth."""
+LARGEST_MOTION = 0.1
+"""Share of the journal's diameter that no lining moves."""
+LOWEST_TONE, HIGHEST_TONE = 1.0, 20_000.0
+"""Natural frequencies of linings: chatter from some hertz on, squeal up to some kilohertz [Hz]."""
+FACTOR = 5.0
+"""Of the load: a bearing whose law is at fault has no boundary at so many times it either."""
+ENDS_EARLY = 0.2
+"""Share of a curve's steepest fall above which it ends in the midst of it."""
+BREAKAWAY = 0.5
+"""A breakaway coefficient below this share of the next value is no measured one."""
+
+
+def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
+    """What should be asked about a bearing at a load.
+
+    Args:
+        config: The bearing.
+        load: Its load [N]; at 0 or below only what needs none is asked.
+
+    Returns:
+        Clauses by the quantity that they follow: ``speed`` and ``load``.
+    """
+    return {'speed': list(_of_speed(config, load)), 'load': list(_of_load(config, load))}
+
+
+def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
+    diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
+    if diameter >= THICKEST:
+        yield f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
+    fold = _fold(config, load)
+    if rest > REST_SHARE * fold:
+        rpm = float(config.bearing.speed.from_surface(rest, 'rpm'))
+        yield (
+            f'counts as rest up to {rest:g} m/s ({rpm:.3g} rpm), {rest / fold:.2g} times the fold'
+            ' speed: is alarm.minimum_speed in m/s?'
+        )
+    yield from _of_friction(config, load)
+
+
+def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
+    bearing = config.bearing
+    tone = bearing.natural_frequency / math.tau
+    if not LOWEST_TONE <= tone <= HIGHEST_TONE:
+        yield (
+            f'is on a lining of {bearing.mass:g} kg and {bearing.stiffness:g} N/m, which vibrates'
+            f' at {tone:.3g} Hz: are mass and stiffness in kg and N/m?'
+        )
+    # A cycle sticks as long as the surface is not outrun: its amplitude is about V/omega.
+    amplitude = _fold(config, load) / bearing.natural_frequency
+    limit = LARGEST_MOTION * bearing.journal_diameter
+    if limit < amplitude < math.inf:
+        yield (
+            f'would move the lining by {amplitude:.3g} m in a journal of'
+            f' {bearing.journal_diameter:g} m: are mass and stiffness in kg and N/m?'
+        )
+    if limit < config.alarm.amplitude_limit < math.inf:
+        yield (
+            f'may move the lining by {config.alarm.amplitude_limit:g} m: is alarm.amplitude_limit in metres?'
+        )
+
+
+def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:
+    law = config.bearing.friction
+    if isinstance(law, Tabulated) and law.values[0] < BREAKAWAY * law.values[1]:
+        yield (
+            f'has a law that begins with {law.values[0]:g}, far below its next value'
+            f' {law.values[1]:g}: is the first of friction.coefficient a measured breakaway?'
+        )
+    yield from end_of_table(config.bearing, load)
+    at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
+    sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
+    if load > 0.0 and at_rest <= sliding and _fold(config, FACTOR * load) == math.inf:
+        yield (
+            f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the least'
+            f' of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
+        )
+
+
+def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
+    """What of a verdict at a load rests on speeds at which friction was not measured."""
+    law = bearing.friction
+    if not isinstance(law, Tabulated) or not load > 0.0:
+        return
+    last, enough, fall = law.speed[-1], bearing.damping / load, _last_fall(law)
+    rpm = float(bearing.speed.from_surface(last, 'rpm'))
+    if fall > enough:
+        yield (
+            f'has a law that still falls at its highest measured speed, {last:g} m/s'
+            f' ({rpm:.3g} rpm), by {fall:.3g} s/m, and {enough:.3g} s/m are enough for stick-slip'
+            ' at this load: can friction be measured at higher speeds?'
+        )
+        return
+    # The relative speed in a cycle reaches twice the shaft's, and the end has to be still falling.
+    reach = 2.0 * float(fold_speed(bearing, load))
+    if last < reach < math.inf and fall > 0.0:
+        yield (
+            f'has a law whose highest measured speed is {last:g} m/s ({rpm:.3g} rpm), and cycles'
+            f' at the fold slide at up to {reach:.3g} m/s: can friction be measured there?'
+        )
+
+
+def note_on_table(bearing: Bearing) -> str:
+    """A clause on a measured curve that ends in the midst of its fall; '' of any other."""
+    law = bearing.friction
+    if not isinstance(law, Tabulated) or bearing.damping == 0.0:
+        return ''
+    fall = _last_fall(law)
+    if not fall > ENDS_EARLY * scalar_law(law).plain.fall:
+        return ''
+    return (
+        f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g}'
+        f' m/s: above {bearing.damping / fall:.3g} N verdicts at higher speeds rest on nothing'
+        ' measured'
+    )
+
+
+def _last_fall(law: Tabulated) -> float:
+    """How fast a measured curve falls at its end, by its last two points or its slope [s/m]."""
+    chord = (law.values[-2] - law.values[-1]) / (law.speed[-1] - law.speed[-2])
+    return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
+
+
+def _fold(config: BearingConfig, load: float) -> float:
+    """Fold speed [m/s]; inf where there is none, which asks nothing."""
+    fold = float(fold_speed(config.bearing, load)) if load > 0.0 else math.nan
+    return fold if math.isfinite(fold) else math.inf

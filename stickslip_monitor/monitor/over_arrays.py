@@ -7,9 +7,10 @@ same verdicts, and memory does not grow with the recording. A long one runs comp
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, MutableSequence, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,116 @@ from numpy.typing import NDArray
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor import rule, rule_level
+from stickslip_monitor.monitor import rule, vibration_rule
 from stickslip_monitor.monitor.assessment import Assessment, assess
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, Unknown
-from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, RuleSettings, State, settings_of
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule import (
+    ACCEPTED,
+    LEVEL,
+    LOAD,
+    SPEED,
+    Model,
+    Numbers,
+    Rows,
+    amplitude_due,
+    arrive,
+    condition,
+    measured_now,
+    standing_until,
+    take,
+)
+from stickslip_monitor.monitor.rule_state import (
+    NEVER,
+    STATE_TYPE,
+    RuleNumbers,
+    RuleSettings,
+    State,
+    settings_of,
+)
+from stickslip_monitor.monitor.severity import LADDER, Unknown
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, assessed, size_cycle
 from stickslip_monitor.physics import boundary_table, probability, scalar_law
+
+STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)
+"""What is noted of each sample: the columns of the table that :func:`run` fills."""
+SAMPLE, TIME, BEFORE, AFTER, ONSET = range(5)
+"""What is noted of each change of the alarm."""
+
+
+def run(
+    states: Sequence[State],
+    numbers: Sequence[RuleNumbers],
+    model: Model,
+    samples: tuple[Sequence[int], Sequence[int], Sequence[int], Numbers],
+    begin: int,
+    end: int,
+    notes: Rows,
+    points: Rows,
+    changes: Rows,
+    kept: MutableSequence[State],
+) -> tuple[int, int]:
+    """Take samples of a recording until there is no more room, or an amplitude is due.
+
+    Args:
+        states: The memory, of one row.
+        numbers: Those of the configuration, of one row.
+        model: As everywhere.
+        samples: Which input each is of, its stamp [ns], its arrival [ns] and its number, each
+            of shape (n,).
+        begin: The first sample to take.
+        end: The one after the last.
+        notes: What is noted of each sample, shape (n, 7).
+        points: Speed and load at each point, shape (n, 2); with a belief the three probabilities,
+            too, shape (n, 5).
+        changes: What is noted of each change, shape (m, 5).
+        kept: The memory at each change, shape (m,).
+
+    Returns:
+        The sample after the last one taken, and how many changes there were.
+    """
+    places, stamps, arrivals, values = samples
+    s, c = states[0], numbers[0]
+    count = 0
+    for k in range(begin, end):
+        if count + 2 > len(kept) or (k > begin and amplitude_due(s, c)):
+            return k, count
+        place = places[k]
+        before, lost, onsets, point = condition(s), s.lost, s.onsets, False
+        status, time, si = arrive(s, c, place, stamps[k], arrivals[k], values[k])
+        if s.lost != lost:
+            note = k, s.lost_since, before, condition(s), s.onsets - onsets
+            count = keep(states, changes, kept, count, note)
+            before = condition(s)
+        if status == ACCEPTED and place != LEVEL:
+            point = take(s, c, model, place, time, si)
+            if s.onsets > onsets or condition(s) != before:
+                note = k, s.now, before, condition(s), s.onsets - onsets
+                count = keep(states, changes, kept, count, note)
+        row = notes[k]
+        row[STATUS], row[NOW], row[POINT] = status, s.now - s.shift, int(point)
+        row[CONDITION], row[STICKING] = condition(s), s.sticking
+        if point:
+            row[UNTIL], row[MEASURED] = standing_until(s, c) - s.shift, measured_now(s, c)
+            points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
+            if c.has_belief:
+                points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
+    return end, count
+
+
+def keep(
+    states: Sequence[State],
+    changes: Rows,
+    kept: MutableSequence[State],
+    count: int,
+    note: tuple[int, int, int, int, int],
+) -> int:
+    """Note a change of the alarm, with the memory as it is then; how many there are now."""
+    for column in range(len(note)):
+        changes[count][column] = note[column]
+    kept[count] = states[0]
+    return count + 1
+
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
@@ -169,36 +272,36 @@ class BearingScan:
         size, has_level = stream.time_ns.size, self.config.level is not None
         notes, points = self._room(stream)
         changes = self._run(stream, notes, points)
-        made = np.flatnonzero(notes[:, rule.POINT])
+        made = np.flatnonzero(notes[:, POINT])
         events, at = [], []
         for row, state in changes:
             # A loss comes before the sample that showed it.
-            lost = int(row[rule.AFTER]) == len(LADDER)
-            last = int(np.searchsorted(made, row[rule.SAMPLE], 'left' if lost else 'right')) - 1
+            lost = int(row[AFTER]) == len(LADDER)
+            last = int(np.searchsorted(made, row[SAMPLE], 'left' if lost else 'right')) - 1
             standing = self._standing(state, points[made[last]] if last >= 0 else self._last)
-            before, time_ns, onset = row[[rule.BEFORE, rule.TIME, rule.ONSET]].tolist()
+            before, time_ns, onset = row[[BEFORE, TIME, ONSET]].tolist()
             events.append(standing.event(before, time_ns, bool(onset)))
-            at.append(int(row[rule.SAMPLE]) + self._taken)
+            at.append(int(row[SAMPLE]) + self._taken)
         if made.size:
             self._last = points[made[-1]].copy()
         if final and end_ns is not None and self.state.now != NEVER:
             end = self._standing(self.state, self._last)
             events += end.advance(max(end_ns, self.state.now - self.state.shift))
             at += [self._taken + size - 1] * (len(events) - len(at))
-        status = notes[:, rule.STATUS].astype(np.int8)
-        now = notes[:, rule.NOW]
+        status = notes[:, STATUS].astype(np.int8)
+        now = notes[:, NOW]
         jumps = self._jumps + np.cumsum(np.diff(now, prepend=self._now) < 0)
         if size:
             self._jumps, self._now = int(jumps[-1]), int(now[-1])
         columns: dict[str, Any] = {
             'time_ns': now[made],
-            'until_ns': notes[made, rule.UNTIL],
+            'until_ns': notes[made, UNTIL],
             'speed': points[made, 0],
             'load': points[made, 1],
             'chances': points[made, 2:],
-            'rung': notes[made, rule.CONDITION].astype(np.int8),
-            'sticking': notes[made, rule.STICKING] > 0,
-            'measured': notes[made, rule.MEASURED].astype(np.int8),
+            'rung': notes[made, CONDITION].astype(np.int8),
+            'sticking': notes[made, STICKING] > 0,
+            'measured': notes[made, MEASURED].astype(np.int8),
             'sample': made + self._taken,
             'stretch': jumps[made],
         }
@@ -237,7 +340,7 @@ class BearingScan:
         kept: list[State] = []
         self._run(stream, notes, points, ends, kept)
         self._taken += stream.time_ns.size
-        made = np.flatnonzero(notes[:, rule.POINT])
+        made = np.flatnonzero(notes[:, POINT])
         latest = np.searchsorted(made, ends) - 1
         before = self._last
         if made.size:
@@ -274,12 +377,12 @@ class BearingScan:
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
         given: tuple[Any, ...]
         if compiled:
-            modules = (rule, rule_level, boundary_table, probability, scalar_law)
+            modules = (import_module(__name__), rule, vibration_rule, boundary_table, probability, scalar_law)
             loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
             states = self.state.row()
             given = settings.row, (compiled.own, settings.boundaries.pieces, settings.chances)
         else:
-            loop, states = rule.run, [self.state]
+            loop, states = run, [self.state]
             given = [settings.live], settings.model
             columns = tuple(column.tolist() for column in columns)
         changes, begin, count = list[tuple[IntArray, State]](), 0, 1

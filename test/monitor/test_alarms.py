@@ -7,7 +7,7 @@ from itertools import product
 
 import pytest
 
-from stickslip_monitor.monitor.alarms.alarm import ALWAYS, TABLE, AlarmState, Facts, Trigger, follow
+from stickslip_monitor.monitor.alarms import ALWAYS, TABLE, AlarmState, Facts, Trigger, follow
 
 EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
 CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)

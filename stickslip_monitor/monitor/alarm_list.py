@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-from stickslip_monitor.monitor.alarms.alarm import (
+from stickslip_monitor.monitor.alarms import (
     LATCHING,
     RUNG_OF,
     AlarmKind,
@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.alarms.alarm import (
     follow,
     kinds_of,
 )
-from stickslip_monitor.monitor.config import MonitorConfig
+from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 

@@ -16,8 +16,8 @@ from collections.abc import Set
 from enum import IntEnum
 from typing import NamedTuple
 
-from stickslip_monitor.monitor.config import BearingConfig
-from stickslip_monitor.monitor.ladder import LADDER, Condition, SentenceEnum
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.severity import LADDER, Condition, SentenceEnum
 from stickslip_monitor.monitor.signals import INPUTS, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.verdict import Event
 

@@ -12,10 +12,10 @@ import pytest
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
-from stickslip_monitor.monitor.alarms.alarm import AlarmKind
-from stickslip_monitor.monitor.alarms.alarm_records import alarms_record, recall_state, state_record
-from stickslip_monitor.monitor.alarms.annunciator import Action, Annunciator
-from stickslip_monitor.monitor.ladder import Condition
+from stickslip_monitor.monitor.alarm_list import Action, Annunciator
+from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
+from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.verdict import Event
 
 SECOND = 10**9

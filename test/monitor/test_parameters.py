@@ -5,13 +5,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from shared import REFERENCE
 
 from stickslip_monitor import MonitorConfig, Stribeck, Tabulated, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.config import BEARING_PARAMETERS
-from stickslip_monitor.monitor.parameter import REQUIRED
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS, REQUIRED, Parameter
+from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.physics.friction import Stretched
 
 Configure = Callable[..., MonitorConfig]
@@ -198,3 +199,43 @@ def test_a_retired_parameter_has_no_effect_and_a_sentence(configure: Configure) 
     (note,) = config.notes
     assert note.startswith('aft.alarm.trend_window has no effect and will be refused')
     assert configure().notes == ()
+
+
+ROWS = {p.name: p for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS)}
+
+
+def test_every_default_keeps_its_own_rule() -> None:
+    for row in ROWS.values():
+        if row.default is not REQUIRED and not row.optional:
+            assert row.checked(row.name, {row.name: row.default}) == row.default
+
+
+def test_only_thresholds_scales_and_timeouts_are_live() -> None:
+    live = {p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS) if p.live}
+    inputs = {f'{q}.{x}' for q in INPUTS for x in ('scale', 'offset', 'timeout', 'maximum')} | {
+        'load.minimum',
+        'level.threshold',
+        'level.hysteresis',
+    }
+    alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
+    assert live == inputs | alarm | {'publish_period', 'shelve_time', 'silence_time'}
+
+
+@pytest.mark.parametrize(
+    ('kind', 'value', 'plain'),
+    [
+        ('float', np.int64(3), 3.0),
+        ('float[]', np.array([0.0, 1.5]), (0.0, 1.5)),
+        ('int', 10**400, 10**400),
+        ('float', np.bool_(True), None),
+        ('int', 3.0, None),
+    ],
+)
+def test_a_number_of_numpy_becomes_a_plain_one(kind: str, value: Any, plain: Any) -> None:
+    row = Parameter('x', kind, 1, '')
+    if plain is None:
+        with pytest.raises(ConfigurationError, match=r'^x = '):
+            row.checked('x', {'x': value})
+    else:
+        found = row.checked('x', {'x': value})
+        assert (found, type(found)) == (plain, type(plain))

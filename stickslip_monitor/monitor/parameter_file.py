@@ -13,8 +13,8 @@ import yaml
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import near_name, read_file
-from stickslip_monitor.monitor.config import MonitorConfig
-from stickslip_monitor.monitor.configure import build_config
+from stickslip_monitor.monitor.configuration import build_config
+from stickslip_monitor.monitor.parameters import MonitorConfig
 
 # A fleet's bearings have some hundred kilobytes [bytes].
 _LARGEST = 1 << 20

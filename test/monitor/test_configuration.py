@@ -6,11 +6,15 @@ import copy
 import json
 import os
 import random
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import CONFIG
 
+from stickslip_monitor import MonitorConfig
+from stickslip_monitor.cli import main
 from stickslip_monitor.errors import ConfigurationError, StickslipError
 from stickslip_monitor.lab.calibration import (
     known_recordings,
@@ -18,7 +22,12 @@ from stickslip_monitor.lab.calibration import (
     prior_from,
     prior_with_bench,
 )
-from stickslip_monitor.monitor.configure import belief_of, load_calibration, require_same_sensors
+from stickslip_monitor.monitor.configuration import (
+    belief_of,
+    load_calibration,
+    questions,
+    require_same_sensors,
+)
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.probability import EXACT
@@ -92,3 +101,69 @@ def test_what_is_no_file_of_results_is_not_read_for_ever(tmp_path: Path, kind: s
         path.write_text('[' * 100_000)
     with pytest.raises(ConfigurationError, match=r'it is a pipe|it is a device|nested too deeply'):
         load_calibration(path)
+
+
+Configure = Callable[..., MonitorConfig]
+
+
+def asked(configure: Configure, load: float = 1000.0, **changes: object) -> list[str]:
+    (bearing,) = configure(**changes).bearings
+    found = questions(bearing, load)
+    return [f'{name} {clause}' for name, own in found.items() for clause in own]
+
+
+def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
+    assert asked(configure) == []
+    assert asked(configure, load=0.0) == []
+    assert asked(configure, alarm__minimum_speed=0.02) == []
+
+
+@pytest.mark.parametrize(
+    ('changes', 'clause'),
+    [
+        (
+            {'alarm__minimum_speed': 0.5},
+            # 0.5/0.2132 = 2.3; 0.5 m/s on a journal of 0.1 m are 95.5 rpm.
+            'speed counts as rest up to 0.5 m/s (95.5 rpm), 2.3 times the fold speed',
+        ),
+        ({'journal_diameter': 100.0}, 'speed turns a journal of 100 m'),
+        ({'stiffness': 2.0, 'damping': 0.0}, 'at 0.0318 Hz: are mass and stiffness'),
+        # sqrt(2000/50) rad/s = 6.32: 0.2132/6.32 m.
+        ({'stiffness': 2000.0, 'mass': 50.0}, 'would move the lining by 0.0337 m'),
+        # sqrt(2e6/1e-5)/(2 pi) Hz.
+        ({'mass': 1.0e-5, 'damping': 1.0}, 'at 7.12e+04 Hz'),
+        ({'alarm__amplitude_limit': 0.9}, 'load may move the lining by 0.9 m'),
+        ({'friction__static': 0.1, 'friction__kinetic': 0.3}, 'are static and kinetic swapped?'),
+        (
+            {
+                'friction__law': 'tabulated',
+                'friction__speed': [0.0, 0.01, 0.1],
+                'friction__coefficient': [0.01, 0.25, 0.1],
+            },
+            'begins with 0.01, far below its next value 0.25',
+        ),
+        (
+            {
+                'friction__law': 'tabulated',
+                'friction__speed': [0.0, 0.05, 0.1],
+                'friction__coefficient': [0.3, 0.25, 0.2],
+            },
+            # 0.05/0.05 s/m; c/N = 400/1000 s/m; 0.1 m/s of a 0.1 m journal are 19.1 rpm.
+            'highest measured speed, 0.1 m/s (19.1 rpm), by 1 s/m, and 0.4 s/m are enough',
+        ),
+    ],
+)
+def test_a_slip_is_asked_about(configure: Configure, changes: dict[str, object], clause: str) -> None:
+    assert any(clause in text for text in asked(configure, **changes)), asked(configure, **changes)
+
+
+def test_assess_asks_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = CONFIG.read_text(encoding='utf-8').replace('0.9e-3', '0.9')
+    path = tmp_path / 'ship.yaml'
+    path.write_text(text, encoding='utf-8')
+    point = ['assess', '-c', str(path), '--speed', '50rpm', '--load', '1kN']
+    assert main(point) == 0
+    assert 'question: aft_stern: load may move the lining by 0.9 m' in capsys.readouterr().out
+    assert main([*point, '--json']) == 0
+    (question,) = json.loads(capsys.readouterr().out)['questions']
+    assert question.endswith('in metres?')
