@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.vibration_rule import (
     measured,
     take_level,
 )
-from stickslip_monitor.physics.boundary_table import boundary_at, lower_end_at
+from stickslip_monitor.physics.boundary_table import boundary_at, lower_end_at, place_at
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
 
@@ -245,8 +245,9 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
         # Of fewer than three speeds there is no median that could bear a growth out.
         s.median_rate = min(s.median_rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
-    lower = lower_end_at(model[1][2], c.table_first, c.table_step, load)
-    limit, near, wide, inside, held, exists = reach(s, c, model, abs(speed), load)
+    place = place_at(c.table_first, c.table_step, load)
+    lower = lower_end_at(model[1][2], c.table_step, place)
+    limit, near, wide, inside, held, exists = reach(s, c, model, abs(speed), place)
     below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
     if below:
         inside = held = exists = False
@@ -301,9 +302,11 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
 
 
 def reach(
-    s: State, c: RuleNumbers, model: Model, size: float, load: float
+    s: State, c: RuleNumbers, model: Model, size: float, place: float
 ) -> tuple[float, bool, bool, bool, bool, bool]:
     """What the boundaries, or the probabilities where there is a belief, say of a point.
+
+    ``place`` is where its load lies in the table of the boundaries.
 
     Returns:
         The greater fold; then whether the point is so near that caution is asked for, is within
@@ -311,8 +314,8 @@ def reach(
         exists.
     """
     _, table, belief = model
-    averaged = boundary_at(table[0], c.table_first, c.table_step, load)
-    limit = max(averaged, boundary_at(table[1], c.table_first, c.table_step, load))
+    averaged = boundary_at(table[0], c.table_step, place)
+    limit = max(averaged, boundary_at(table[1], c.table_step, place))
     if not c.has_belief:
         inside = size < limit
         near, wide = size < limit * c.caution_on, size <= limit * c.caution_off

@@ -72,42 +72,40 @@ class BoundaryTable:
         """The lower end of stick-slip at loads [N]; 0 for none [m/s]."""
         shape, (n,) = flatten(load)
         rows = self.pieces[2].tolist()
-        found = [lower_end_at(rows, self.first, self.step, each) for each in n.tolist()]
+        places = (place_at(self.first, self.step, each) for each in n.tolist())
+        found = [lower_end_at(rows, self.step, place) for place in places]
         return restore(np.array(found), shape)
 
 
-def lower_end_at(pieces: Any, first: float, step: float, load: float) -> float:
-    """The lower end of stick-slip at a load [m/s], args as of :func:`boundary_at`; 0 for none.
+def place_at(first: float, step: float, load: float) -> float:
+    """Where a load [N] lies in a table: steps from its ``first`` point, negative below it."""
+    return (math.log(load) - first) / step if load > 0.0 else -1.0
+
+
+def lower_end_at(pieces: Any, step: float, place: float) -> float:
+    """The lower end of stick-slip at a place [m/s], args as of :func:`boundary_at`; 0 for none.
 
     Beyond the last point it stays where it is.
     """
-    return boundary_at(pieces, first, step, min(load, math.exp(first + step * len(pieces))))
+    return boundary_at(pieces, step, min(place, float(len(pieces))))
 
 
-def boundary_at(pieces: Any, first: float, step: float, load: float) -> float:
-    """One boundary at a load [m/s]: 0 where there is none, ``inf`` where it has no end.
+def boundary_at(pieces: Any, step: float, place: float) -> float:
+    """One boundary [m/s]: 0 where there is none, ``inf`` where it has no end.
 
     Args:
         pieces: Coefficients, (points - 1) rows of four.
-        first: ``ln N`` of the first point.
-        step: Distance of two points.
-        load: ``N`` [N].
+        step: Distance of two points in ``ln N``.
+        place: Where the load lies, by :func:`place_at`.
     """
-    if not load > 0.0:
-        return 0.0
-    place = (math.log(load) - first) / step
     if place < 0.0:
         return 0.0
     most = len(pieces)
-    if place >= most:
-        beyond, place = (place - most) * step, float(most)
-        k = most - 1
-    else:
-        beyond, k = 0.0, int(place)
-    share = place - k
+    k = min(int(place), most - 1)
+    share = min(place, float(most)) - k
     row = pieces[k]
     speed: float = row[0] + share * (row[1] + share * (row[2] + share * row[3]))
-    return speed * math.exp(beyond) if beyond > 0.0 else speed
+    return speed if place <= most else speed * math.exp((place - most) * step)
 
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
