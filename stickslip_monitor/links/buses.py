@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 from urllib.parse import SplitResult, urlsplit
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
@@ -35,6 +35,8 @@ SECTION = '/stickslip_links'
 SIGNALK, NMEA = 'signalk', 'nmea'
 _PATH = re.compile(r'[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)+')
 _PORTS = {'udp': 'udp://127.0.0.1:10110', 'tcp': 'tcp://127.0.0.1:10110', 'serial': 'serial:///'}
+_NOTHING_SENT = 'false without signalk.prefix: nothing is sent that somebody could act on'
+_SHAFT = 'S for a shaft or E for an engine'
 BAUD_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
 
 
@@ -84,38 +86,45 @@ INPUT_PARAMETERS = (
 """The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
 
 
-@dataclass(frozen=True, slots=True)
-class NmeaInput:
-    """One number of a sentence that is an input of a bearing."""
+@dataclass(frozen=True, kw_only=True)
+class BusInput:
+    """One number on a bus that is an input of a bearing."""
 
     bearing: str
     place: Input
-    sentence: str  # ``RPM`` or ``XDR``
-    talker: str = ''  # its talker; empty to stay with the first that sends
-    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
-    number: int = 0  # number of the shaft or engine of RPM
-    name: str = ''  # name of the transducer of XDR
+    source: str = ''  # the only source to use, in NMEA a talker; empty to stay with the first that sends
     timeout: float = 5.0  # time-out of the input [s]
 
     @property
     def label(self) -> str:
         """What it is, for a person."""
-        return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
+        raise NotImplementedError
 
 
-@dataclass(frozen=True, slots=True)
-class SignalKInput:
-    """A path that is an input of a bearing."""
+@dataclass(frozen=True, kw_only=True)
+class NmeaInput(BusInput):
+    """One number of a sentence."""
 
-    bearing: str
-    place: Input
-    path: str
-    source: str  # the only source to use; empty to stay with the first that sends
-    timeout: float  # time-out of the input [s]
+    sentence: str  # ``RPM`` or ``XDR``
+    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
+    number: int = 0  # number of the shaft or engine of RPM
+    name: str = ''  # name of the transducer of XDR
 
     @property
     def label(self) -> str:
-        """What it is, for a person."""
+        """Sentence and transducer, or shaft."""
+        return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalKInput(BusInput):
+    """The number at a path."""
+
+    path: str
+
+    @property
+    def label(self) -> str:
+        """The path."""
         return f'Signal K {self.path}'
 
 
@@ -182,45 +191,49 @@ def _require(fits: object, name: str, value: object, rule: str) -> None:
 
 
 def _split(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
-    rule = f'an address such as {example}'
     try:
         url = urlsplit(value)
         fits = url.scheme in schemes and url.port != 0
     except ValueError:
         fits = False
-    _require(fits, name, value, rule)
+    _require(fits, name, value, f'an address such as {example}')
     return url
 
 
 def _signalk(own: Mapping[str, Any], used: bool) -> SignalKLink | None:
-    value, prefix = own['signalk.url'], own['signalk.prefix']
-    if not value:
-        _require(not (used or prefix), 'signalk.url', value, 'given: Signal K is used')
+    link, example = filled(SignalKLink, 'signalk.', own), 'http://127.0.0.1:3000'
+    if not link.url:
+        _require(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
         return None
-    url = _split('signalk.url', value, 'http://127.0.0.1:3000', ('http', 'https'))
+    url = _split('signalk.url', link.url, example, ('http', 'https'))
     plain = url.hostname and url.path in ('', '/') and not (url.query or url.username)
-    _require(plain, 'signalk.url', value, 'an address such as http://127.0.0.1:3000')
-    safe = url.scheme == 'https' or is_loopback(url.hostname) or not own['signalk.token_file']
-    _require(safe, 'signalk.url', value, 'https://: a token would be sent for all to read')
-    _require(not prefix or _PATH.fullmatch(prefix), 'signalk.prefix', prefix, 'a Signal K path')
-    actions = own['signalk.accept_actions']
-    rule = 'false without signalk.prefix: nothing is sent that somebody could act on'
-    _require(prefix or not actions, 'signalk.accept_actions', actions, rule)
-    return replace(filled(SignalKLink, 'signalk.', own), url=value.rstrip('/'))
+    safe = url.scheme == 'https' or is_loopback(url.hostname) or not link.token_file
+    for fits, name, rule in (
+        (plain, 'url', f'an address such as {example}'),
+        (safe, 'url', 'https://: a token would be sent for all to read'),
+        (not link.prefix or _PATH.fullmatch(link.prefix), 'prefix', 'a Signal K path'),
+        (link.prefix or not link.accept_actions, 'accept_actions', _NOTHING_SENT),
+    ):
+        _require(fits, f'signalk.{name}', own[f'signalk.{name}'], rule)
+    return replace(link, url=link.url.rstrip('/'))
 
 
 def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
-    listen, alerts = own['nmea.listen'], own['nmea.alerts']
-    _require(listen or not used, 'nmea.listen', listen, 'given: inputs come from it')
+    link = filled(NmeaLink, 'nmea.', own)
+    for fits, name, rule in (
+        (link.listen or not used, 'listen', 'given: inputs come from it'),
+        (re.fullmatch('[A-Z][A-Z0-9]', link.talker), 'talker', 'two upper-case letters'),
+        (
+            re.fullmatch('([A-Z]{3})?', link.manufacturer),
+            'manufacturer',
+            'three upper-case letters, or empty',
+        ),
+    ):
+        _require(fits, f'nmea.{name}', own[f'nmea.{name}'], rule)
     for name in ('nmea.listen', 'nmea.alerts'):
         if own[name]:
             check_port(name, own[name])
-    for name, pattern, rule in (
-        ('nmea.talker', '[A-Z][A-Z0-9]', 'two upper-case letters'),
-        ('nmea.manufacturer', '([A-Z]{3})?', 'three upper-case letters, or empty'),
-    ):
-        _require(re.fullmatch(pattern, own[name]), name, own[name], rule)
-    return filled(NmeaLink, 'nmea.', own) if listen or alerts else None
+    return link if link.listen or link.alerts else None
 
 
 def check_port(name: str, value: str) -> SplitResult:
@@ -250,35 +263,34 @@ def _input(
     _require(not assumed, name, own['from'], 'left out, as the load is a constant')
     timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
     if own['from'] == SIGNALK:
-        _check_unit(bearing, place, name, 'N' if load else 'Hz', 'Signal K')
-        path = own['path']
-        _require(_PATH.fullmatch(path), f'{name}.path', path, 'a Signal K path, without *')
-        return SignalKInput(bearing.name, place, path, own['source'], timeout)
-    sentence = 'XDR' if load else 'RPM'
-    kinds = ('N',) if load else ('S', 'E')
-    _require(own['sentence'] == sentence, f'{name}.sentence', own['sentence'], sentence)
-    rule = 'N, a force' if load else 'S for a shaft or E for an engine'
-    _require(own['kind'] in kinds, f'{name}.kind', own['kind'], rule)
-    rule = 'given: the name of the transducer'
-    _require(own['name'] or not load, f'{name}.name', own['name'], rule)
-    _check_unit(bearing, place, name, 'N' if load else 'rpm', sentence)
-    fields = {key: own[key] for key in ('sentence', 'talker', 'kind', 'number', 'name')}
-    return NmeaInput(bearing.name, place, timeout=timeout, **fields)
+        _check_unit(bearing, load, name, 'N' if load else 'Hz', 'Signal K')
+        _require(_PATH.fullmatch(own['path']), f'{name}.path', own['path'], 'a Signal K path, without *')
+        return SignalKInput(
+            bearing=bearing.name, place=place, source=own['source'], timeout=timeout, path=own['path']
+        )
+    sentence, kinds, kind = ('XDR', 'N', 'N, a force') if load else ('RPM', 'SE', _SHAFT)
+    for fits, key, rule in (
+        (own['sentence'] == sentence, 'sentence', sentence),
+        (own['kind'] in list(kinds), 'kind', kind),
+        (own['name'] or not load, 'name', 'given: the name of the transducer'),
+    ):
+        _require(fits, f'{name}.{key}', own[key], rule)
+    _check_unit(bearing, load, name, 'N' if load else 'rpm', sentence)
+    fields = {key: own[key] for key in ('sentence', 'kind', 'number', 'name')}
+    return NmeaInput(bearing=bearing.name, place=place, source=own['talker'], timeout=timeout, **fields)
 
 
-def _check_unit(bearing: BearingConfig, place: Input, name: str, unit: str, who: str) -> None:
+def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: str) -> None:
     """The number goes to the monitor as it comes, so the monitor must know its unit."""
-    if place is Input.LOAD:
-        fits, actual = bearing.load.factor == 1.0, 'kN'
+    if load:
+        units = ['N' if bearing.load.factor == 1.0 else 'kN']
     else:
-        factor = bearing.speed.factor
-        units = [u for u in SPEED_UNITS if bearing.bearing.speed.factor(u) == factor]
-        fits, actual = unit in units, units[0]
-    if not fits:
-        raise ConfigurationError(f"{name}.unit = '{actual}' must be {unit}, in which {who} gives it")
+        factors = {each: bearing.bearing.speed.factor(each) for each in SPEED_UNITS}
+        units = [each for each, factor in factors.items() if factor == bearing.speed.factor]
+    if unit not in units:
+        raise ConfigurationError(f"{name}.unit = '{units[0]}' must be {unit}, in which {who} gives it")
 
 
-Own = TypeVar('Own')
 SHARE = 0.5
 """Of the time-out: a source that is silent for longer is given up, before the input is lost."""
 
@@ -287,45 +299,80 @@ class SourceAdmission:
     """Admits one source of an input; the others are named, and so is a change.
 
     Args:
-        what: The input, for the log.
-        chosen: The only source to use; empty to stay with the first one that sends.
-        timeout: Time-out of the input [s].
+        item: The input.
         log: Given a line for each source that is left out, once, and for each change.
     """
 
-    def __init__(self, what: str, chosen: str, timeout: float, log: Callable[[str], object]) -> None:
-        self._what, self._chosen, self._timeout, self._log = what, chosen, timeout, log
-        self._used, self._heard = chosen, 0.0
+    def __init__(self, item: BusInput, log: Callable[[str], object]) -> None:
+        self._item, self._log = item, log
+        self._used, self._heard = item.source, 0.0
         self._left_out: set[str] = set()
 
     def admits(self, source: str, now: float) -> bool:
         """Whether a value of a source is used; ``now`` is of a steady clock [s]."""
-        if self._chosen or source == self._used:
-            self._heard = now if source == self._used else self._heard
-        elif not self._used or now - self._heard > SHARE * self._timeout:
+        silent = now - self._heard
+        gone = not self._used or silent > SHARE * self._item.timeout
+        if source != self._used and gone and not self._item.source:
             if self._used:
-                silent = now - self._heard
                 self._say(f"'{source}' is used; '{self._used}' has been silent for {silent:.3g} s")
                 self._left_out.clear()
-            self._used, self._heard = source, now
+            self._used = source
         if source == self._used:
+            self._heard = now
             return True
         if source not in self._left_out:
             self._left_out.add(source)
-            why = 'is chosen' if self._chosen else 'sends'
+            why = 'is chosen' if self._item.source else 'sends'
             self._say(f"'{source}' is left out: '{self._used}' {why}")
         return False
 
     def _say(self, text: str) -> None:
-        self._log(f'{self._what}: source {text}')
+        self._log(f'{self._item.label}: source {text}')
 
 
-def grouped(inputs: Iterable[Own], key: Callable[[Own], Hashable]) -> list[list[Own]]:
-    """The inputs that are one value of a bus, as the speed of a shaft with several bearings."""
-    found: dict[Hashable, list[Own]] = {}
-    for item in inputs:
-        found.setdefault(key(item), []).append(item)
-    return list(found.values())
+Own = TypeVar('Own', bound=BusInput)
+UNHEARD = 5.0
+"""An input without a value for so long is asked after [s]."""
+
+
+class BusInputs(Generic[Own]):
+    """The inputs that come from a bus.
+
+    Args:
+        log: Given a line for what becomes of sources, and for each input that has values again.
+
+    Attributes:
+        groups: Inputs that are one value of the bus, as the speed of a shaft with several bearings,
+            and what admits its sources.
+    """
+
+    def __init__(self, inputs: Iterable[Own], log: Callable[[str], object]) -> None:
+        found: dict[Own, list[Own]] = {}
+        for item in inputs:
+            found.setdefault(replace(item, bearing='', timeout=0.0), []).append(item)
+        self.groups = [(items, SourceAdmission(items[0], log)) for items in found.values()]
+        self.log, self._told = log, set[Own]()
+        self._heard: dict[Own, float] = {}
+
+    def wait(self, now: float) -> None:
+        """All inputs are waited for from now on [s]."""
+        self._heard = {items[0]: now for items, _ in self.groups}
+
+    def brought(self, item: Own, now: float) -> bool:
+        """Note that an input has a value; whether it was said to have none."""
+        self._heard[item], again = now, item in self._told
+        if again:
+            self._told.discard(item)
+            self.log(f'{item.label}: values again')
+        return again
+
+    def silent(self, now: float) -> list[Own]:
+        """The inputs that bring nothing, each once."""
+        if not self._heard:
+            self.wait(now)
+        new = [item for item, at in self._heard.items() if now - at >= UNHEARD and item not in self._told]
+        self._told.update(new)
+        return new
 
 
 TICK = 0.1

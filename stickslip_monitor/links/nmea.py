@@ -10,13 +10,13 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import reduce
 from operator import xor
 from typing import Any
 
-from stickslip_monitor.links.buses import NmeaInput, SourceAdmission, grouped
+from stickslip_monitor.links.buses import UNHEARD, BusInputs, NmeaInput
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
@@ -28,8 +28,6 @@ LONGEST = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!]*)\*([0-9A-Fa-f]{2})')
 _LONGEST_KEPT = 1024
-UNHEARD = 5.0
-"""An input without a number for so long is asked after [s]."""
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _UNFIT = re.compile(r'[^A-Z0-9 .+\-%]')
 _TITLE = 16
@@ -45,8 +43,8 @@ _TITLES = {
     AlarmKind.VIBRATION: 'VIBRATION',
 }
 _TEXT = 48
-_ON_THE_FOLD = (AlarmKind.STICK_SLIP, AlarmKind.AMPLITUDE_LIMIT, AlarmKind.BISTABLE, AlarmKind.MARGIN_LOW)
-"""Alarms that end above the fold."""
+_ORDER = re.compile(r'above ([\d.]+ rpm(?: astern)?).* Now (\S+ rpm)[^,]*, (\S+ kN)')
+"""What to do and where the bearing is, in the text of an alarm."""
 _PRIORITIES = {Priority.ALARM: 'A', Priority.WARNING: 'W', Priority.CAUTION: 'C'}
 _LETTERS = {
     AlarmState.UNACKNOWLEDGED.value: 'V',
@@ -143,22 +141,12 @@ def _number(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else math.nan
 
 
-class NmeaInputs:
-    """Samples out of sentences, and what is heard in their place.
-
-    Args:
-        log: Given a line for each talker that is left out, and for an input that brings nothing.
-    """
+class NmeaInputs(BusInputs[NmeaInput]):
+    """Samples out of sentences, and what is heard in their place."""
 
     def __init__(self, inputs: Sequence[NmeaInput], log: Callable[[str], object]) -> None:
-        self._log = log
-        self._inputs = [
-            (items, SourceAdmission(items[0].label, items[0].talker, items[0].timeout, log))
-            for items in grouped(inputs, lambda item: replace(item, bearing='', timeout=0.0))
-        ]
-        self._heard: dict[NmeaInput, Counter[str]] = {items[0]: Counter() for items, _ in self._inputs}
-        self._brought: dict[NmeaInput, float] = {}
-        self._asked: set[NmeaInput] = set()
+        super().__init__(inputs, log)
+        self._others: dict[NmeaInput, Counter[str]] = {items[0]: Counter() for items, _ in self.groups}
 
     def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
         """Bearing, input and number of every input that a sentence brings."""
@@ -166,11 +154,11 @@ class NmeaInputs:
         if parsed is None:
             return
         talker, formatter, fields = parsed
-        for items, admission in self._inputs:
+        for items, admission in self.groups:
             first = items[0]
             values = numbers(first, fields) if first.sentence == formatter else []
             if not values:
-                self._heard[first][passed_over(first, formatter, fields)] += 1
+                self._others[first][passed_over(first, formatter, fields)] += 1
             elif admission.admits(talker, now):
                 for value in values:
                     self._note(first, value, now)
@@ -178,13 +166,9 @@ class NmeaInputs:
 
     def _note(self, item: NmeaInput, value: float, now: float) -> None:
         if math.isnan(value):
-            self._heard[item]['invalid by its talker'] += 1
-            return
-        self._brought[item] = now
-        if item in self._asked:
-            self._asked.discard(item)
-            self._heard[item].clear()
-            self._log(f'{item.label}: values again')
+            self._others[item]['invalid by its talker'] += 1
+        elif self.brought(item, now):
+            self._others[item].clear()
 
     def look(self, now: float, unused: Mapping[str, int]) -> None:
         """Say once of each input that brings nothing what is heard in its place.
@@ -193,15 +177,11 @@ class NmeaInputs:
             now: Of a steady clock [s].
             unused: What the port could not use, by reason.
         """
-        for item in self._heard:
-            silent = now - self._brought.setdefault(item, now)
-            if silent < UNHEARD or item in self._asked:
-                continue
-            self._asked.add(item)
-            own = Counter({text: n for text, n in self._heard[item].items() if text})
-            named = [f'{count} x {text}' for text, count in (own + Counter(unused)).most_common(4)]
-            heard = f'heard: {", ".join(named)}' if named else 'nothing is heard'
-            self._log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {heard}')
+        for item in self.silent(now):
+            own = Counter({text: n for text, n in self._others[item].items() if text}) + Counter(unused)
+            named = ', '.join(f'{count} x {text}' for text, count in own.most_common(4))
+            heard = f'heard: {named}' if named else 'nothing is heard'
+            self.log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {heard}')
 
 
 @dataclass(slots=True)
@@ -231,7 +211,6 @@ class Alerts:
     ) -> None:
         self._talker, self._manufacturer = talker, manufacturer
         self._accept_actions = accept_actions
-        self._records: dict[str, Mapping[str, Any]] = {}
         names = zip(bearings, short_names(bearings), strict=True)
         self._alerts = {
             (name, kind.value): _Alert(
@@ -245,10 +224,6 @@ class Alerts:
         }
         self._sequence = self._list_sequence = self._beat_sequence = 0
 
-    def take_record(self, record: Mapping[str, Any]) -> None:
-        """Remember where a bearing is, for the texts of its alerts."""
-        self._records[record['bearing']] = record
-
     def take_alarms(self, record: dict[str, Any]) -> list[str]:
         """ALF sentences for what has changed in a list of alarms."""
         times = {(c['bearing'], c['alarm']): c['time'] for c in record['changes']}
@@ -259,7 +234,7 @@ class Alerts:
             if alert is None or (letter := _letter(alarm, alert.priority)) == alert.letter:
                 continue
             raised = alert.letter == 'N'
-            alert.letter, alert.text = letter, self._text(alarm)
+            alert.letter, alert.text = letter, _text(alarm['text'])
             alert.utc = _utc(times.get(key, alarm['changed'] or record['time']))
             alert.revision = alert.revision % 99 + 1
             lines += self._alf(alert, with_text=raised)
@@ -325,19 +300,15 @@ class Alerts:
             lines.append(self._say(start + _whole(clean(alert.text), min(room, _TEXT))))
         return lines
 
-    def _text(self, alarm: Mapping[str, Any]) -> str:
-        """What to do and where the bearing is; of other alarms as much of their text as fits."""
-        known = self._records.get(alarm['bearing'], {})
-        fold = max(known.get('fold_speed') or 0.0, known.get('exact_fold_speed') or 0.0)
-        speed, load, rpm = (known.get(key) for key in ('speed', 'load', 'rpm'))
-        if alarm['alarm'] not in _ON_THE_FOLD or not (fold and speed and load and rpm):
-            return str(alarm['text']).partition(': ')[2] or str(alarm['text'])
-        # Rounded up: at the speed that is asked for the alarm has to end.
-        above = math.ceil(fold * rpm / speed)
-        return f'ABOVE {above} RPM OR STOP. NOW {abs(rpm):.0f} RPM {load / 1e3:.3g} KN'
-
     def _say(self, body: str) -> str:
         return sentence(self._talker + body)
+
+
+def _text(text: str) -> str:
+    """What to do and where the bearing is; of other alarms as much of their text as fits."""
+    if order := _ORDER.search(text):
+        return 'ABOVE {} OR STOP. NOW {} {}'.format(*order.groups())
+    return text.partition(': ')[2] or text
 
 
 def short_names(bearings: Sequence[str]) -> list[str]:

@@ -275,8 +275,7 @@ class NmeaClient:
         await asyncio.gather(*(port.run() for port in self._ports))
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """The state of a bearing has no sentence, but is in the texts of its alerts."""
-        self._alerts.take_record(record)
+        """The state of a bearing has no sentence."""
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
-from stickslip_monitor.links.buses import SignalKInput, SourceAdmission, grouped
+from stickslip_monitor.links.buses import BusInputs, SignalKInput
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
@@ -70,49 +70,34 @@ def _dicts(items: object) -> list[dict[str, Any]]:
     return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
 
 
-class SignalKInputs:
-    """Samples out of deltas.
+class SignalKInputs(BusInputs[SignalKInput]):
+    """Samples out of deltas."""
 
-    Args:
-        log: Given a line for each source that is left out, once, and for each change of source.
-    """
-
-    def __init__(self, inputs: Sequence[SignalKInput], log: Callable[[str], object]) -> None:
-        self._inputs = [
-            (items, SourceAdmission(items[0].label, items[0].source, items[0].timeout, log))
-            for items in grouped(inputs, lambda item: (item.path, item.source))
-        ]
-        self._own = ''
-        self._server_ahead = 0.0
-        self._begun: set[tuple[str, str]] = set()
-        self.brought: dict[str, float] = {}
+    _own = ''
+    _server_ahead = 0.0
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
         """A connection begins: what comes first of each source may be old."""
         self._own = hello['self']
         self._server_ahead = _seconds(hello.get('timestamp')) - now
-        self._begun.clear()
-        self.brought = {items[0].path: now for items, _ in self._inputs}
-
-    def silent(self, now: float, limit: float) -> list[str]:
-        """The paths without a value for a time [s], of a connection or within it."""
-        return [path for path, heard in self.brought.items() if now - heard >= limit]
+        self._begun: set[tuple[str, str]] = set()
+        self.wait(now)
 
     def subscription(self, extra: Iterable[str] = ()) -> dict[str, Any]:
         """The frame that asks for our paths. No period: it would count per path, not source."""
-        paths = dict.fromkeys([*(items[0].path for items, _ in self._inputs), *extra])
+        paths = dict.fromkeys([*(items[0].path for items, _ in self.groups), *extra])
         return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
 
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
         """Bearing, input, number (NaN for what is none) and stamp [ns] of every sample."""
         for update, source, path, value in _values(frame, self._own):
-            groups = [pair for pair in self._inputs if pair[0][0].path == path]
+            groups = [pair for pair in self.groups if pair[0][0].path == path]
             stamp = _seconds(update.get('timestamp'))
             if not groups or not self._fresh((path, source), stamp, groups[0][0][0].timeout, now):
                 continue
-            self.brought[path] = now
             stamp_ns = round(stamp * 1e9) if stamp == stamp else None
             for items, admission in groups:
+                self.brought(items[0], now)
                 for item in items if admission.admits(source, now) else ():
                     yield item.bearing, item.place, _number(value), stamp_ns
 

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.buses import MonitorSide, SignalKLink, is_loopback
+from stickslip_monitor.links.buses import UNHEARD, MonitorSide, SignalKLink, is_loopback
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
     Notifications,
@@ -32,8 +32,6 @@ from stickslip_monitor.links.signalk import (
 IN, OUT = 'signalk_in', 'signalk_out'
 HEARTBEAT = 10.0
 """A server that answers no ping for half as long again is gone [s]."""
-UNHEARD = 5.0
-"""What has not come back for so long was not taken [s]."""
 REPEAT = 60.0
 """All alarms are sent again after so long [s]: a server forgets, and others overwrite."""
 BACK_OFF = (0.5, 5.0)
@@ -94,7 +92,6 @@ class SignalKClient:
         self._known_once = False
         self._repeated = self._sent_values = 0.0
         self._waiting_since: float | None = None
-        self._asked: set[str] = set()
         self._looks: set[asyncio.Task[None]] = set()
         self._session: aiohttp.ClientSession | None = None
 
@@ -281,14 +278,10 @@ class SignalKClient:
 
     def _look(self, now: float) -> None:
         """Ask the server once about each path that brings nothing."""
-        silent = set(self._inputs.silent(now, UNHEARD))
-        for path in silent - self._asked:
-            task = asyncio.create_task(self._look_at(path))
+        for item in self._inputs.silent(now):
+            task = asyncio.create_task(self._look_at(item.path))
             self._looks.add(task)
             task.add_done_callback(self._looks.discard)
-        for path in self._asked - silent:
-            self._side.log.warning(f'Signal K {path}: values again')
-        self._asked = silent
 
     async def _look_at(self, path: str) -> None:
         """Say why a path brings nothing, by one look at the server's present value of it."""

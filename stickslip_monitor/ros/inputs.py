@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import heapq
 import importlib
 import math
 import re
 import time
-from collections import deque
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Container, Iterable, Iterator
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from rclpy.exceptions import NameValidationException
@@ -83,15 +83,8 @@ class Waiting(NamedTuple):
 
     came_ns: int  # on the middleware's clock [ns]
     arrival_ns: int  # in ROS time [ns]; 0 where that is unknown
+    lane: Lane
     data: bytes  # still encoded
-
-
-class InputReader(NamedTuple):
-    """One number that a message brings for one bearing."""
-
-    bearing: str
-    place: int
-    number: Callable[[Any], float]
 
 
 def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
@@ -135,6 +128,9 @@ class Inputs:
         simulated: Whether a message came when ROS time says so, not the middleware.
         graph: Is given the topics whose messages cannot be decoded.
         tap: Called with topic, type, encoded message and time before the numbers of it, if given.
+
+    Attributes:
+        piled: Whether more waits than is answered message by message.
     """
 
     def __init__(
@@ -152,15 +148,17 @@ class Inputs:
             for place, source in enumerate(bearing.inputs.values()):
                 key = source.topic, source.type
                 lane = lanes[key] = lanes.get(key) or Lane(node, *key, graph.undecodable)
-                lane.readings.append(InputReader(bearing.name, place, number_reader(source.field)))
+                lane.readings.append((bearing.name, place, number_reader(source.field)))
         self.lanes = list(lanes.values())
+        self.piled = False
+        self._waiting: deque[Waiting] = deque()
         self._turned = 0, 0  # of the middleware, and ROS time
 
     def subscribe(self) -> None:
         """Listen from now on.
 
         Raises:
-            Exception: One of :data:`.ROS_FAULTS`: a subscription cannot be made.
+            Exception: One of :data:`ROS_FAULTS`: a subscription cannot be made.
         """
         for lane in self.lanes:
             lane.subscribe()
@@ -178,11 +176,13 @@ class Inputs:
         """
         now = self._clock()
         arrival = self._arrival(now.time_ns) if self._simulated else None
-        for lane in self.lanes:
-            lane.fetch(arrival, late)
-        if sum(len(lane.waiting) for lane in self.lanes) > MOST_WAITING:
-            for lane in self.lanes:
-                lane.thin(MOST_WAITING // len(self.lanes) + 1)
+        new = [one for lane in self.lanes for one in lane.fetch(arrival, late)]
+        if len(self._waiting) + len(new) > MOST_WAITING:
+            new = [one for lane in self.lanes for one in self._thinned(lane, [*self._waiting, *new])]
+            self._waiting.clear()
+        # Across topics the middleware's clock says what was first.
+        self._waiting = deque(sorted([*self._waiting, *new], key=itemgetter(0)))
+        self.piled = max(Counter(one.lane for one in self._waiting).values(), default=0) > MOST_ANSWERED
 
     def numbers(self) -> Iterator[Number]:
         """The numbers of what has come, in the order in which it came.
@@ -190,21 +190,16 @@ class Inputs:
         For :data:`TURN_NS` at most: what waits then waits for the next turn.
         """
         begun = self._clock().steady_ns
-        # Across topics the middleware's clock says what was first.
-        order = [(one.waiting[0].came_ns, k) for k, one in enumerate(self.lanes) if one.waiting]
-        heapq.heapify(order)
-        while order and self._clock().steady_ns - begun < TURN_NS:
-            lane = self.lanes[order[0][1]]
-            yield from self._numbers(lane, lane.waiting.popleft())
-            if lane.waiting:
-                heapq.heapreplace(order, (lane.waiting[0].came_ns, order[0][1]))
-            else:
-                heapq.heappop(order)
+        while self._waiting and self._clock().steady_ns - begun < TURN_NS:
+            yield from self._numbers(self._waiting.popleft())
 
-    @property
-    def piled(self) -> bool:
-        """Whether more waits than is answered message by message."""
-        return any(len(lane.waiting) > MOST_ANSWERED for lane in self.lanes)
+    def _thinned(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
+        """Every so many of what waits on a topic; the last is the one that counts."""
+        own = [one for one in waiting if one.lane is lane]
+        most = MOST_WAITING // len(self.lanes) + 1
+        kept = own[:: -(-(-len(own) // most) or 1)][::-1]
+        lane.left_out += len(own) - len(kept)
+        return kept
 
     def _arrival(self, ros_ns: int) -> Callable[[int], int]:
         """Simulated time by that of the middleware, between the last turn and this one [ns].
@@ -218,15 +213,15 @@ class Inputs:
         pace = (ros_ns - before) / (end - begin)
         return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
 
-    def _numbers(self, lane: Lane, waiting: Waiting) -> Iterator[Number]:
-        arrival_ns = waiting.arrival_ns
+    def _numbers(self, waiting: Waiting) -> Iterator[Number]:
+        _, arrival_ns, lane, data = waiting
         # What comes before the first /clock has no time and is not used.
-        message = lane.decoded(waiting.data) if arrival_ns else None
+        message = lane.decoded(data) if arrival_ns else None
         if message is None:
             return
         time_ns = lane.stamp(message) or arrival_ns
         if self._tap is not None:
-            self._tap(lane.name, lane.type, waiting.data, time_ns)
+            self._tap(lane.name, lane.type, data, time_ns)
         for bearing, place, read in lane.readings:
             yield Number(bearing, place, time_ns, arrival_ns, read(message))
 
@@ -240,8 +235,7 @@ class Lane:
     Attributes:
         name: The full name of the topic.
         type: The message type.
-        readings: What is read from a message.
-        waiting: What has come and is not worked off, oldest first.
+        readings: Bearing, place of the input and reader of each number that a message brings.
         stamp: Reads the time of measurement from a message [ns]; 0 for none.
         lost: Messages that never came, by the numbers of their publishers.
         left_out: Messages that were left out because too many waited, or the node was held up.
@@ -251,13 +245,14 @@ class Lane:
     def __init__(self, node: LifecycleNode, topic: str, kind: str, undecodable: set[str]) -> None:
         self._node, self._topic, self.type, self._undecodable = node, topic, kind, undecodable
         self.name = node.resolve_topic_name(topic)
-        self.readings: list[InputReader] = []
-        self.waiting: deque[Waiting] = deque()
+        self.readings: list[tuple[str, int, Callable[[Any], float]]] = []
         self.stamp = stamp_reader(kind)
         self.lost = self.left_out = 0
         self.subscription: Any = None
         self._class = message_type(kind)
         self._numbers: dict[bytes, int] = {}
+        # Publishers that have sent nothing since the node was held up.
+        self._excused: set[bytes] = set()
 
     def subscribe(self) -> None:
         """Listen from now on."""
@@ -275,7 +270,7 @@ class Lane:
         if self.subscription is not None:
             self._node.destroy_subscription(self.subscription)
 
-    def fetch(self, arrival: Callable[[int], int] | None, late: bool) -> None:
+    def fetch(self, arrival: Callable[[int], int] | None, late: bool) -> Iterator[Waiting]:
         """Take what waits in the middleware, still encoded, as rclpy's executors do.
 
         Args:
@@ -283,23 +278,17 @@ class Lane:
             late: Whether the node was held up.
         """
         handle = self.subscription.handle
+        if late:
+            self._excused.update(self._numbers)
         with handle:
             for _ in range(_DEPTH):
                 taken = handle.take_message(self._class, True)
                 if taken is None:
                     return
-                self._count_missing(taken[1], late)
-                came_ns = taken[1].get('received_timestamp') or time.time_ns()
-                arrival_ns = came_ns if arrival is None else arrival(came_ns)
-                self.waiting.append(Waiting(came_ns, arrival_ns, taken[0]))
-
-    def thin(self, most: int) -> None:
-        """Leave out all but every so many of what waits; the last is the one that counts."""
-        step = -(-len(self.waiting) // most)
-        if step > 1:
-            kept = list(self.waiting)[::-step][::-1]
-            self.left_out += len(self.waiting) - len(kept)
-            self.waiting = deque(kept)
+                data, info = taken
+                self._count_missing(info, late)
+                came_ns = info.get('received_timestamp') or time.time_ns()
+                yield Waiting(came_ns, came_ns if arrival is None else arrival(came_ns), self, data)
 
     def decoded(self, data: bytes) -> Any:
         """The message; ``None`` where it cannot be decoded."""
@@ -314,8 +303,8 @@ class Lane:
     def _count_missing(self, info: Any, late: bool) -> None:
         """Count what lies between a message and the one before of its publisher.
 
-        Some ROS 2 have no numbers. (The event of a lost message does not count those for which
-        the queue had no room.)
+        What is missing since the node was held up was not lost on the way. Some ROS 2 have no
+        numbers. (The event of a lost message does not count those for which the queue had no room.)
         """
         publisher, number = info.get('publisher_gid'), info.get('publication_sequence_number')
         if publisher is None or number is None:
@@ -325,33 +314,34 @@ class Lane:
         self._numbers[name] = number
         if len(self._numbers) > _PUBLISHERS_KNOWN:
             del self._numbers[next(iter(self._numbers))]
-        if late:
+        if name in self._excused:
             self.left_out += missing
         else:
             self.lost += missing
+        if not late:
+            self._excused.discard(name)
 
 
 class RosGraph(Graph):
     """The graph as a node sees it.
 
     Args:
-        names: Topics as they are given, by their full names: what is resolved twice is remapped
-            twice.
+        topics: Topics of inputs as they are given: what is resolved twice is remapped twice.
 
     Attributes:
         undecodable: Topics whose latest message could not be decoded.
     """
 
-    def __init__(self, node: Node, names: Mapping[str, str]) -> None:
-        self._node, self._names = node, names
+    def __init__(self, node: Node, topics: Iterable[str]) -> None:
+        self._node = node
+        self._given = {node.resolve_topic_name(topic): topic for topic in topics}
         self.undecodable: set[str] = set()
 
     def publishers(self, topic: str) -> tuple[Publisher, ...]:
         """Who publishes on a topic, with what speaks against its quality of service."""
-        name = self._names.get(topic, topic)
+        name = self._given.get(topic, topic)
         asked = self._quality(name)
-        infos = self._node.get_publishers_info_by_topic(name)
-        return tuple(_publisher(info, asked) for info in infos)
+        return tuple(_publisher(info, asked) for info in self._node.get_publishers_info_by_topic(name))
 
     def is_undecodable(self, topic: str) -> bool:
         """Whether the latest message could not be decoded."""

@@ -35,6 +35,8 @@ from stickslip_monitor.ros.running import Running, node_clock
 from stickslip_monitor.state_file import StateFile
 
 USE_SIM_TIME = 'use_sim_time'
+_FIXED = 'cannot be set: a running node keeps it; restart it with another parameter file'
+_READ_ONLY = 'cannot be set: it is read-only while the node is active; deactivate it first'
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:
@@ -54,16 +56,6 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     )
 
 
-def check_time_source(value: Any) -> None:
-    """Check use_sim_time, of which ROS itself only logs that it is wrong.
-
-    Raises:
-        ConfigurationError: It is not a boolean.
-    """
-    if not isinstance(value, bool):
-        raise ConfigurationError(f'{USE_SIM_TIME} = {value!r} must be true or false')
-
-
 def declare(node: Node) -> None:
     """Give every parameter its descriptor, and those without a value their default.
 
@@ -73,14 +65,12 @@ def declare(node: Node) -> None:
         ConfigurationError: The list of bearings breaks its rule.
     """
     for name, row in parameters_of(bearing_names(values(node))).items():
+        value = None if row.default is REQUIRED or row.optional else row.default
         if node.has_parameter(name):
-            value = _as_written(name, node.get_parameter(name).value)
+            given = _as_written(name, node.get_parameter(name).value)
+            value = value if given is None else given
             node.undeclare_parameter(name)
-            if value is not None:
-                node.declare_parameter(name, value, descriptor(row), ignore_override=True)
-                continue
-        missing = row.default is REQUIRED or row.optional
-        node.declare_parameter(name, None if missing else row.default, descriptor(row), ignore_override=True)
+        node.declare_parameter(name, value, descriptor(row), ignore_override=True)
 
 
 def _as_written(name: str, value: Any) -> Any:
@@ -104,62 +94,41 @@ def values(node: Node) -> dict[str, Any]:
     return {name: value for name, value in written.items() if value is not None}
 
 
+Changed = dict[str, tuple[Any, Any]]
+"""Value before and after, by parameter."""
+
+
 def changed_config(
     node: Node, changes: Iterable[RosParameter[Any]], active: bool
-) -> tuple[MonitorConfig, bool]:
+) -> tuple[MonitorConfig, bool, Changed]:
     """The configuration that a set of changes would make.
 
     Returns:
-        The configuration, and whether more than live parameters changed.
+        The configuration, whether more than live parameters changed, and what changed.
 
     Raises:
         ConfigurationError: A value breaks its rule, or may not change while the node is active.
     """
-    proposed = values(node)
-    rows = parameters_of(bearing_names(proposed))
-    rebuilt = False
+    known, rebuilt, changed = values(node), False, Changed()
+    rows = parameters_of(bearing_names(known))
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
-        has_value = _as_written(name, node.get_parameter(name).value) is not None
+        before = _as_written(name, node.get_parameter(name).value)
         # What is deleted is not declared any more, whether it had a value or not.
-        if change.type_ == RosParameter.Type.NOT_SET or (value is None and has_value):
+        if change.type_ == RosParameter.Type.NOT_SET or (value is None and before is not None):
             raise ConfigurationError(f'{name} cannot be deleted: set it to a value')
-        if name == USE_SIM_TIME and active and value != node.get_parameter(name).value:
-            raise _read_only(name, value)
-        if is_ros_parameter(name) or value is None:
+        if value == before:
             continue
         row = rows.get(name)
-        if row is not None and not row.live and value != proposed.get(name):
-            if row.fixed:
-                raise ConfigurationError(
-                    f'{name} = {value!r} cannot be set: a running node keeps it; restart it'
-                    ' with another parameter file'
-                )
-            if active:
-                raise _read_only(name, value)
-            rebuilt = True
-        proposed[name] = value
-    return build_config(proposed), rebuilt
-
-
-def changed_values(node: Node, changes: Iterable[RosParameter[Any]]) -> dict[str, tuple[Any, Any]]:
-    """Value before and after, of each parameter that a set of changes gives another value."""
-    found = {}
-    for change in changes:
-        before = _as_written(change.name, node.get_parameter(change.name).value)
-        after = _as_written(change.name, change.value)
-        if before != after:
-            found[change.name] = before, after
-    return found
-
-
-def _read_only(name: str, value: Any) -> ConfigurationError:
-    return ConfigurationError(
-        f'{name} = {value!r} cannot be set: it is read-only while the node is active; deactivate it first'
-    )
-
-
-FAILURE_PERIOD = 5.0
+        live = name != USE_SIM_TIME if row is None else row.live
+        if row is not None and row.fixed:
+            raise ConfigurationError(f'{name} = {value!r} {_FIXED}')
+        if active and not live:
+            raise ConfigurationError(f'{name} = {value!r} {_READ_ONLY}')
+        rebuilt |= row is not None and not live
+        changed[name] = before, value
+    known |= {name: after for name, (_, after) in changed.items() if not is_ros_parameter(name)}
+    return build_config(known), rebuilt, changed
 
 
 class MonitorNode(LifecycleNode):
@@ -186,7 +155,9 @@ class MonitorNode(LifecycleNode):
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._store, self._failure = store, ''
         self.health = NodeHealth()
-        check_time_source(self.get_parameter(USE_SIM_TIME).value)
+        simulated = self.get_parameter(USE_SIM_TIME).value
+        if not isinstance(simulated, bool):  # of which ROS itself only logs that it is wrong
+            raise ConfigurationError(f'{USE_SIM_TIME} = {simulated!r} must be true or false')
         self.config = build_config(values(self))
         for note in self.config.notes:
             self.get_logger().warning(note)
@@ -234,9 +205,7 @@ class MonitorNode(LifecycleNode):
         self.health.failures += 1
         at = datetime.now(timezone.utc)
         self.health.last_failure, self.health.failing = f'at {at:%H:%M:%S} UTC: {text}', True
-        self.get_logger().error(
-            f'a callback failed and is survived: {text}', throttle_duration_sec=FAILURE_PERIOD
-        )
+        self.get_logger().error(f'a callback failed and is survived: {text}', throttle_duration_sec=5.0)
         if self.health.failures == 1:
             self._note('node', f'a callback failed: {text}')
 
@@ -361,16 +330,11 @@ class MonitorNode(LifecycleNode):
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
         try:
-            active, configured = self._running is not None, self._configured
-            config, rebuilt = changed_config(self, changes, active)
+            config, rebuilt, changed = changed_config(self, changes, self._running is not None)
             self._check(config)
-            changed = changed_values(self, changes)
-            if configured is None:
-                pass
-            elif rebuilt:
-                configured.rebuild(config)
-            else:
-                configured.retune(config)
+            if self._configured is not None:
+                take = self._configured.rebuild if rebuilt else self._configured.retune
+                take(config)
             self.config = config
         except StickslipError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -395,7 +359,6 @@ class MonitorNode(LifecycleNode):
                 return serve(request, response)
             kind = unknown[0].value.type
             reason = f'{unknown[0].name}: there is no type of parameter {kind}; nothing is set'
-            self.get_logger().warning(reason, throttle_duration_sec=FAILURE_PERIOD)
             refusal = SetParametersResult(successful=False, reason=reason)
             if isinstance(response, SetParametersAtomically.Response):
                 response.result = refusal

@@ -67,15 +67,6 @@ def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
     return replace(config, bearings=tuple(map(named, config.bearings)))
 
 
-def _given_names(config: MonitorConfig, full: MonitorConfig) -> dict[str, str]:
-    """Topics as they are given, by their full names."""
-    return {
-        named.topic: given.topic
-        for one, other in zip(config.bearings, full.bearings, strict=True)
-        for given, named in zip(one.inputs.values(), other.inputs.values(), strict=True)
-    }
-
-
 class Configured:
     """What a configured node has, and keeps while it is not active.
 
@@ -116,10 +107,10 @@ class Configured:
         self.outputs = Outputs(self._node, config, self.health, self.clips)
 
     def _session(self) -> Session:
-        node, config = self._node, resolved(self._node, self.config)
-        self.graph = RosGraph(node, _given_names(self.config, config))
+        node, given = self._node, self.config.bearings
+        self.graph = RosGraph(node, [each.topic for b in given for each in b.inputs.values()])
         return Session(
-            config,
+            resolved(node, self.config),
             self.outputs,
             node.get_logger(),
             lambda: node.get_clock().now().nanoseconds,

@@ -80,18 +80,14 @@ class Player:
         Returns:
             The number of messages published.
         """
-        begin, first, now, played = time.monotonic(), None, None, 0
+        begin, first, played = time.monotonic(), None, 0
         for topic, time_ns, data in messages:
             if topic not in self._publishers:
                 continue
-            if first is None:
-                first = time_ns
+            first = time_ns if first is None else first
             self._run_clock(begin, first, time_ns, rate)
-            if time_ns != now:
-                now = time_ns
-                self._publish_clock(now)
-                if progress is not None:
-                    progress(now)
+            if progress is not None:
+                progress(time_ns)
             self._publish(self._publishers[topic], data)
             played += 1
         for publisher in self._publishers.values():
@@ -103,8 +99,9 @@ class Player:
         due = begin + (target - first) * 1e-9 / rate
         while (left := due - time.monotonic()) > 0.0:
             time.sleep(min(left, CLOCK_PERIOD))
-            if left > CLOCK_PERIOD:
-                self._publish_clock(first + int((time.monotonic() - begin) * rate * 1e9))
+            now = first + int((time.monotonic() - begin) * rate * 1e9)
+            self._publish_clock(min(now, target))
+        self._publish_clock(target)
 
     def _publish_clock(self, time_ns: int) -> None:
         message = Clock()

@@ -15,8 +15,6 @@ import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import pairwise
-from pathlib import Path
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -33,11 +31,8 @@ from stickslip_monitor.ros.node import MonitorNode, sentence
 from stickslip_monitor.ros.other_nodes import without_log_files
 
 LONGEST_WAIT = 0.2
-# Of UDP ports, of which DDS takes 250 for each domain.
-HIGHEST_DOMAIN = 232
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end the node."""
-KEYSTORE = 'ROS_SECURITY_KEYSTORE'
 EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
 """The environment variable that chooses the executor: ``events`` or ``single``."""
 
@@ -46,8 +41,14 @@ def make_executor() -> Executor:
     """The executor that wakes for work only, where this ROS 2 has it (from Kilted on).
 
     It is experimental there: ``STICKSLIP_MONITOR_EXECUTOR=single`` chooses rclpy's common one.
+
+    Raises:
+        RosError: It has another value.
     """
-    if os.environ.get(EXECUTOR) == 'single':
+    choice = os.environ.get(EXECUTOR, 'events')
+    if choice not in ('events', 'single'):
+        raise RosError(f"{EXECUTOR} = '{choice}' must be events or single")
+    if choice == 'single':
         return SingleThreadedExecutor()
     try:
         from rclpy.experimental.events_executor import EventsExecutor
@@ -88,10 +89,7 @@ class ServiceManager:
 def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
     """Spin until a signal has been noted, or somebody shuts ROS down.
 
-    Args:
-        node: The node.
-        signals: Those noted.
-        errors: Where Python writes the frames of a crash.
+    ``errors`` is where Python writes the frames of a crash.
     """
     executor, manager = make_executor(), ServiceManager()
     faulthandler.enable(errors)  # the executor has it write where nobody hands on what is left
@@ -115,33 +113,16 @@ def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
         executor.shutdown()
 
 
-def _check_environment(args: Sequence[str]) -> None:
-    """Check what ROS 2 itself would ignore, or die of without a reason.
+def _require_security() -> None:
+    """Where security is asked for it is enforced: without keys ROS 2 would go on without any.
 
     Raises:
-        RosError: An environment variable breaks its rule.
+        RosError: No keystore is named.
     """
-    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
-        raise RosError(f"ROS_DOMAIN_ID = '{domain}' must be 0 to {HIGHEST_DOMAIN}")
-    executor = os.environ.get(EXECUTOR, 'events')
-    if executor not in ('events', 'single'):
-        raise RosError(f"{EXECUTOR} = '{executor}' must be events or single")
     if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
-        _check_enclave(os.environ.get(KEYSTORE, ''), args)
-
-
-def _check_enclave(keystore: str, args: Sequence[str]) -> None:
-    """Check that the keys are there: without them ROS 2 goes on without any security."""
-    if not keystore:
-        raise RosError('ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore')
-    given = [value for name, value in pairwise(args) if name in ('-e', '--enclave')]
-    enclave = os.environ.get('ROS_SECURITY_ENCLAVE_OVERRIDE') or (given or ['/'])[-1]
-    folder = Path(keystore) / 'enclaves' / enclave.strip('/')
-    if not (folder / 'cert.pem').is_file():
-        raise RosError(
-            f"ROS_SECURITY_ENABLE is true, but the keystore '{keystore}' has no enclave '{enclave}'"
-        )
+        if not os.environ.get('ROS_SECURITY_KEYSTORE'):
+            raise RosError('ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore')
+        os.environ.setdefault('ROS_SECURITY_STRATEGY', 'Enforce')
 
 
 def _start(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
@@ -172,7 +153,7 @@ def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, e
     ends = [one for one in ENDS if signal.getsignal(one) is not signal.SIG_IGN]  # nohup
     for number in ends:
         signal.signal(number, lambda number, _: signals.append(number))
-    _check_environment(args)
+    _require_security()
     node = None
     try:
         node = _start(args, store)

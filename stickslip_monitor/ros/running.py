@@ -43,6 +43,7 @@ HELD_UP_NS = 10**9
 STILL_NS = 10**9
 """A simulated clock that stands for less [ns] may be a slow one."""
 _DOUBLE_LOOKS = 5
+"""Every so many seconds the graph is asked for doubles."""
 TRIGGERS = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
 """Services of type std_srvs/Trigger."""
 SWITCHES = {
@@ -68,6 +69,7 @@ class Running:
 
     Args:
         configured: What it has: session, publishers, clips.
+        survived: Guards the callback of the timer.
         clock: Now.
         simulated: Whether ROS time follows /clock.
 
@@ -93,12 +95,10 @@ class Running:
             raise
         now = clock()
         self._watchdog, self._passing = Watchdog(self._session), PassingTime(simulated, now)
-        self._running_ns = self._looks = self._lost_told = self._lost_seen = 0
+        self._running_ns = self._looks = self._lost = 0
         self._turned_ns = self._ticked_ns = now.steady_ns
-        self._late = False
-        self._set_ns = now.set_ns
-        self._shown_ns = -SHOW_NS
-        self._lost_told_at = self._lost_at = -math.inf
+        self._late, self._latest = False, True
+        self._set_ns, self._shown_ns, self._lost_at = now.set_ns, -SHOW_NS, -math.inf
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
             TURN_PERIOD, survived(self.turn), clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -129,8 +129,8 @@ class Running:
         if self._ticker is None:
             return  # a call that waited while the node was deactivated
         now = self._now()
-        held_ns, self._turned_ns = now.steady_ns - self._turned_ns, now.steady_ns
         begun_ns = now.steady_ns
+        held_ns, self._turned_ns = begun_ns - self._turned_ns, begun_ns
         self._late = late = held_ns > LATE_NS
         if late:
             self._excuse(held_ns, now)
@@ -171,7 +171,7 @@ class Running:
         self._own.tick_clips()
         if now.steady_ns - self._shown_ns >= SHOW_NS:
             self._shown_ns = now.steady_ns
-            self._look(now)
+            self._look(now.steady_ns * 1e-9)
             self._session.show(now)
         self._session.flush(now)
 
@@ -195,33 +195,36 @@ class Running:
             self._health.changed.clear()
         return self._session.act(request)
 
-    def _look(self, now: Moment) -> None:
+    def _look(self, steady: float) -> None:
         """Look after the node's own health, once a second."""
+        self._health.age(steady)
+        self._own.look_at_files()
+        self._look_at_losses(steady)
+        if self._looks % _DOUBLE_LOOKS == 0:
+            self._look_for_doubles()
+        self._looks += 1
+
+    def _look_at_losses(self, steady: float) -> None:
         health, lanes = self._health, self.inputs.lanes
         health.lost = sum(lane.lost for lane in lanes)
         health.left_out = sum(lane.left_out for lane in lanes)
-        health.age(now.steady_ns * 1e-9)
-        if self._looks % _DOUBLE_LOOKS == 0:
-            self._look_for_double()
-        self._looks += 1
-        self._own.look_at_files()
-        self._look_at_losses(now.steady_ns * 1e-9)
+        lost = health.lost + health.left_out
+        if lost > self._lost:
+            self._lost, self._lost_at = lost, steady
+            text = f'since the node was configured: {health.losses}'
+            self._log.warning(text, throttle_duration_sec=LOSS_PERIOD)
+        health.losing = steady - self._lost_at < LOSS_PERIOD
 
-    def _look_at_losses(self, steady: float) -> None:
-        lost = self._health.lost + self._health.left_out
-        if lost > self._lost_seen:
-            self._lost_seen, self._lost_at = lost, steady
-        self._health.losing = steady - self._lost_at < LOSS_PERIOD
-        if lost > self._lost_told and steady - self._lost_told_at >= LOSS_PERIOD:
-            self._log.warning(f'since the node was configured: {self._health.losses}')
-            self._lost_told, self._lost_told_at = lost, steady
-
-    def _look_for_double(self) -> None:
+    def _look_for_doubles(self) -> None:
+        """Look for another node of the same name, and another publisher of simulated time."""
         node, health = self._node, self._health
-        own = (node.get_name(), node.get_namespace())
-        double, clocks = node.get_node_names_and_namespaces().count(own) > 1, self._clocks()
+        own, clocks = (node.get_name(), node.get_namespace()), ''
+        double = node.get_node_names_and_namespaces().count(own) > 1
         if double and not health.double:
             self._tell(f'another node is called {node.get_fully_qualified_name()}, too')
+        infos = node.get_publishers_info_by_topic('/clock') if self._simulated else ()
+        if len(infos) > 1:
+            clocks = ', '.join(sorted(map(node_name, infos)))
         if clocks and clocks != health.clocks:
             self._tell(f'{CLOCKS} {clocks}')
         health.double, health.clocks = double, clocks
@@ -229,13 +232,6 @@ class Running:
     def _tell(self, text: str) -> None:
         self._log.error(text)
         self._session.note('node', text)
-
-    def _clocks(self) -> str:
-        """Who publishes simulated time, where it is more than one."""
-        if not self._simulated:
-            return ''
-        infos = self._node.get_publishers_info_by_topic('/clock')
-        return ', '.join(sorted(map(node_name, infos))) if len(infos) > 1 else ''
 
 
 class Actions:
@@ -273,12 +269,10 @@ class Actions:
         try:
             request = parse_request(json.loads(message.data), self._bearings)
         except (ConfigurationError, ValueError, RecursionError) as error:
-            text = f'a request on ~/actions is refused: {error}'
-            log.warning(text, throttle_duration_sec=1.0)
+            log.warning(f'a request on ~/actions is refused: {error}', throttle_duration_sec=1.0)
             return
-        topic = self._node.resolve_topic_name('~/actions')
-        senders = {node_name(info) for info in self._node.get_publishers_info_by_topic(topic)}
-        who = ', '.join(sorted(senders)) or 'a node that has gone'
+        infos = self._node.get_publishers_info_by_topic(self._requests.topic_name)
+        who = ', '.join(sorted(set(map(node_name, infos)))) or 'a node that has gone'
         what = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
         log.info(f'{request.action} of {what} asked for by {request.by} over {who}')
         self._act(request)
@@ -288,8 +282,7 @@ class Actions:
 
         def serve(request: Any, response: Any) -> Any:
             action = on if getattr(request, 'data', True) else off
-            log = self._node.get_logger()
-            log.info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
+            self._node.get_logger().info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
             changes = self._act(ActionRequest(action, ROS_SERVICE))
             names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
             nothing = f'there is nothing to {action}' if on is off else 'it is so already'
@@ -304,38 +297,28 @@ class PassingTime:
     """The time that passes, on clocks that may stop or step.
 
     While ROS time follows a simulated clock that moves, that clock is the measure. One that has
-    stood still for three times its own period, and a second at least (the player has gone), cannot
-    say that an input is lost, so then the steady clock does; what that has counted is not counted
-    again. A step back, and the first step from zero, count as no time.
+    stood still for a second (the player has gone) cannot say that an input is lost, so then the
+    steady clock does; what that has counted is not counted again. A step back, and the first step
+    from zero, count as no time.
     """
 
     def __init__(self, simulated: bool, now: Moment) -> None:
-        self._simulated, self._last, self._moved_ns = simulated, now, now.steady_ns
-        self._patience_ns, self._counted_ns = STILL_NS, 0
+        self._simulated, self._last, self._moved_ns, self._counted_ns = simulated, now, now.steady_ns, 0
 
     def passed(self, now: Moment) -> int:
         """The time since the last call [ns]."""
         last, self._last = self._last, now
-        steady = now.steady_ns - last.steady_ns
         if not self._simulated or not now.time_ns:
-            return steady
-        step = now.time_ns - last.time_ns
-        if step and last.time_ns:
-            return self._moved(now.steady_ns, step)
+            return now.steady_ns - last.steady_ns
+        counted, step = self._counted_ns, now.time_ns - last.time_ns
+        if step:
+            self._moved_ns, self._counted_ns = now.steady_ns, 0
+            return max(step - counted, 0) if last.time_ns else now.steady_ns - last.steady_ns
         stood = now.steady_ns - self._moved_ns
-        if not last.time_ns:
-            self._moved_ns = now.steady_ns
-            return steady
-        if stood <= self._patience_ns:
+        if stood <= STILL_NS:
             return 0
-        counted, self._counted_ns = self._counted_ns, stood
+        self._counted_ns = stood
         return stood - counted
-
-    def _moved(self, steady_ns: int, step_ns: int) -> int:
-        if not self._counted_ns:  # else it did not tick, it stood
-            self._patience_ns = max(STILL_NS, 3 * (steady_ns - self._moved_ns))
-        counted, self._counted_ns, self._moved_ns = self._counted_ns, 0, steady_ns
-        return max(step_ns - counted, 0)
 
 
 class Watchdog:
@@ -343,12 +326,10 @@ class Watchdog:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        # For how long each has had none, and from when it waits for them, on their clock [ns]; 0
-        # for not yet.
-        self._silent = dict.fromkeys(session.monitor.bearings, 0)
-        self._bases = dict(self._silent)
+        self._silent = dict.fromkeys(session.monitor.bearings, 0)  # for how long [ns]
         self._heard: set[str] = set()
-        self._set_ns = 0
+        # Those whose inputs were lost before ROS time was known.
+        self._timeless: set[str] = set()
 
     def note(self, name: str) -> None:
         """A valid sample of a bearing has come."""
@@ -357,34 +338,32 @@ class Watchdog:
     def tick(self, now: Moment, passed_ns: int) -> None:
         """Pass on the time that has passed without samples, so much since the last call [ns]."""
         self._session.follow(now)
-        step_ns, self._set_ns = now.set_ns - self._set_ns, now.set_ns
         for name, bearing in self._session.monitor.bearings.items():
-            if name in self._heard:
-                self._silent[name], self._bases[name] = 0, bearing.now_ns or 0
-                continue
-            self._silent[name] += passed_ns
-            self._bases[name] += step_ns if self._bases[name] > 1 else 0
-            elapsed = max(self._silent[name] - LAG_NS, 0)
-            base = self._bases[name] = self._base(name, bearing, now, elapsed)
-            if base:
-                self._session.pass_time(name, base + elapsed, now)
+            before = self._silent[name]
+            silent = self._silent[name] = 0 if name in self._heard else before + passed_ns
+            elapsed = max(silent - LAG_NS, 0)
+            time_ns = self._time(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
+            if silent and time_ns:
+                self._session.pass_time(name, time_ns, now)
         self._heard.clear()
 
-    def _base(self, name: str, bearing: BearingMonitor, now: Moment, elapsed: int) -> int:
-        """The time from which a bearing waits for samples [ns]; 0 for not yet.
+    def _time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
+        """The time of a bearing, of whose wait so much has passed, and so much since the last look.
 
         Inputs are waited for from the first instant that ROS time knows. Where it knows none for
-        longer than a timeout, they are lost all the same.
+        longer than a timeout, they are lost all the same. 0 where there is no time yet.
         """
-        base = self._bases[name]
-        if base > 1:
-            return base
-        if now.time_ns:
-            if base:
-                bearing.follow(now.time_ns - base - elapsed)  # the step into ROS time is no wait
-            return now.time_ns - elapsed
-        timeouts = (bearing.config.speed.timeout_ns, bearing.config.load.timeout_ns)
-        if not base and elapsed > min(timeouts):
-            self._session.pass_time(name, 1, now)  # the wait began before
-            return 1
-        return base
+        config = bearing.config
+        if bearing.now_ns is None:
+            if now.time_ns:
+                return now.time_ns - elapsed
+            if elapsed > min(config.speed.timeout_ns, config.load.timeout_ns):
+                self._timeless.add(config.name)
+                self._session.pass_time(config.name, 1, now)  # the wait began before
+                return 1 + elapsed
+            return 0
+        if now.time_ns and config.name in self._timeless:
+            self._timeless.discard(config.name)
+            bearing.follow(now.time_ns - bearing.now_ns)  # the step into ROS time is no wait
+            return now.time_ns
+        return bearing.now_ns + more

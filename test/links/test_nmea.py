@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sending import Ship
+from shared import CONFIG
 
 from stickslip_monitor.links.buses import NmeaInput
 from stickslip_monitor.links.nmea import (
@@ -25,10 +28,11 @@ from stickslip_monitor.links.nmea import (
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.signals import Input
 
-SPEED = NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)
-LOAD = NmeaInput('aft', Input.LOAD, 'XDR', kind='N', name='AFTLOAD')
+SPEED = NmeaInput(bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)
+LOAD = NmeaInput(bearing='aft', place=Input.LOAD, sentence='XDR', kind='N', name='AFTLOAD')
 NAN = math.nan
 
 
@@ -73,7 +77,7 @@ def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
 
 
 def test_a_talker_is_chosen() -> None:
-    port = NmeaInput('aft', Input.SPEED, 'RPM', talker='RC', kind='S', number=1)
+    port = replace(SPEED, source='RC')
     assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
     assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
 
@@ -164,13 +168,30 @@ def test_titles_tell_bearings_apart() -> None:
     assert max(map(len, titles)) <= 16
 
 
-def test_the_text_of_an_alert_says_what_to_do() -> None:
-    """A fold at 0.26 m/s of a journal whose 0.1 m/s are 19.1 rpm: 49.7 rpm, rounded up."""
+@pytest.mark.parametrize(
+    ('rpm', 'kind'),
+    [(20.0, AlarmKind.STICK_SLIP), (-20.0, AlarmKind.STICK_SLIP), (42.0, AlarmKind.MARGIN_LOW)],
+)
+def test_the_text_of_an_alert_says_what_to_do(rpm: float, kind: AlarmKind) -> None:
+    """The speed is that of the alarm's own text: at it the caution is over, too."""
+    ship = Ship(load_config(CONFIG))
+    ship.sail(20.0)
+    ship.sail(20.0, rpm)
+    (alarm,) = [each for each in ship.published[-1]['alarms'] if each['alarm'] == kind]
     panel = Panel()
-    point = {'speed': 0.1, 'rpm': 19.1, 'load': 1000.0, 'fold_speed': 0.25}
-    panel.alerts.take_record({'bearing': 'aft', **point, 'exact_fold_speed': 0.26})
-    lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
-    assert parse(lines[1])[2][-1] == 'ABOVE 50 RPM OR STOP. NOW 19 RPM 1 KN'
+    lines = panel.show(kind, 'unacknowledged', '06:00:55.50', text=alarm['text'])
+    astern = ' ASTERN' if rpm < 0.0 else ''
+    # The fold at 40.7231 rpm (docs/accuracy.md), the margin and the hysteresis of the file.
+    alarms = ship.config.bearings[0].alarm
+    clear = math.ceil(40.7231 * (1.0 + alarms.caution_margin + alarms.hysteresis))
+    assert f'above {clear} rpm' in alarm['text']
+    expected = f'ABOVE {clear} RPM{astern} OR STOP. NOW {abs(rpm):.0f} RPM 1 KN'
+    assert parse(lines[1])[2][-1] == expected
+    assert len(expected) <= 48
+
+
+def test_the_text_of_another_alert_is_cut_at_a_word() -> None:
+    panel = Panel()
     lost = 'aft: No valid value on /a/very/long/topic/name/indeed for 5 s: is its sensor connected?'
     lines = panel.show(AlarmKind.INPUT_LOST, 'unacknowledged', '06:00:55.50', text=lost)
     text = parse(lines[1])[2][-1]

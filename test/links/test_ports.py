@@ -227,7 +227,7 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
     port = f'tcp://127.0.0.1:{await display.open()}'
     client = NmeaClient(
         NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
-        [NmeaInput('aft', Input.SPEED, 'RPM', kind='S', number=1)],
+        [NmeaInput(bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)],
         MonitorSide(
             ['aft'],
             lambda *sample: samples.append(sample),

@@ -38,8 +38,8 @@ class Reader:
 
     def __init__(self, source: str = '') -> None:
         self.said: list[str] = []
-        speed = SignalKInput('aft', Input.SPEED, PATH, source, 5.0)
-        other = SignalKInput('fwd', Input.SPEED, PATH, '', 5.0)
+        speed = SignalKInput(bearing='aft', place=Input.SPEED, path=PATH, source=source)
+        other = SignalKInput(bearing='fwd', place=Input.SPEED, path=PATH)
         self.inputs = SignalKInputs([speed, other], self.said.append)
         self.inputs.greet(HELLO, 100.0)
 

@@ -59,7 +59,7 @@ class Ship:
         self.client = SignalKClient(
             link,
             token,
-            SignalKInputs([SignalKInput('aft', Input.SPEED, PATH, '', 5.0)], lambda text: None),
+            SignalKInputs([SignalKInput(bearing='aft', place=Input.SPEED, path=PATH)], lambda text: None),
             [],
             MonitorSide(
                 ['aft'],

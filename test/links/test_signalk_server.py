@@ -68,7 +68,10 @@ class Ship:
         log = logging.getLogger('ship')
         self.live = LiveMonitor(config, self, log)
         paths = {Input.SPEED: SPEED, Input.LOAD: LOAD}
-        inputs = [SignalKInput(BEARING, place, path, '', 2.0) for place, path in paths.items()]
+        inputs = [
+            SignalKInput(bearing=BEARING, place=place, path=path, timeout=2.0)
+            for place, path in paths.items()
+        ]
         self.client = SignalKClient(
             SignalKLink(server.url, '', '', PREFIX, True),
             token,
