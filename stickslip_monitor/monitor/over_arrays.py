@@ -131,8 +131,6 @@ def keep(
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
-MANY_CYCLES = 2000
-"""Cycles from which on it pays to compile them."""
 # Room for changes of the alarm; the loop is left and entered again where they are more.
 _CHANGES = 256
 
@@ -248,7 +246,7 @@ class BearingScan:
         self.settings = settings_of(config)
         self.state = State()
         self._long = long
-        self._taken = self._jumps = self._sized = 0
+        self._taken = self._jumps = 0
         self._now = NEVER
         self._held: dict[str, NDArray[Any]] = {}
         self._last: FloatArray | None = None
@@ -394,8 +392,7 @@ class BearingScan:
                 begin, count = loop(states, *given, columns, begin, end, notes, points, rows, room)
                 state = states.view(np.recarray)[0] if long else self.state
                 if rule.amplitude_due(state, settings.live):
-                    self._sized += 1
-                    size_cycle(self.config, state, long and self._sized > MANY_CYCLES)
+                    size_cycle(self.config, state)
                 for k in range(count):
                     changes.append((rows[k], State.of_row(room[k]) if long else room[k]))
             if kept is not None and len(kept) < len(ends):

@@ -37,10 +37,10 @@ def assessed(
     return point
 
 
-def size_cycle(config: BearingConfig, s: State, many: bool = False) -> None:
-    """Work out the amplitude of the exact cycle, into the memory ``s``; compiled if many are."""
+def size_cycle(config: BearingConfig, s: State) -> None:
+    """Work out the amplitude of the exact cycle, into the memory ``s``."""
     speed, load = rule.median_point(s)
-    amplitude = exact_amplitude(config.bearing, float(speed), float(load), many)
+    amplitude = exact_amplitude(config.bearing, float(speed), float(load))
     s.amplitude, s.sized = s.amplitude if math.isnan(amplitude) else amplitude, s.now
 
 

@@ -9,8 +9,10 @@ breaks away at ``x_0 = (mu_s N - c V)/k`` and slips by
 until ``x' = V`` again. There the set-valued law decides: it sticks while the belt can hold it,
 ``|k x + c V| <= mu_s N``, and overtakes the belt otherwise. Every stick-slip cycle passes through
 ``x_0``, so there is one at most, and whether there is one takes one slip phase. The fold is where
-that slip phase only grazes the belt. A pure-slip cycle is a fixed point of the return map on
-``x' = 0``; its Floquet multiplier is ``exp`` of the integral of the flow's divergence.
+that slip phase only grazes the belt. A lining that overtakes the belt closes where its round has a
+fixed point. A cycle about steady sliding is a balance of energy over a turn, followed back in time,
+where an unstable cycle attracts; its Floquet multiplier is ``exp`` of the integral of the flow's
+divergence.
 
 Conventions of every function: inputs broadcast; a 0-d result comes back as a number; ``nan`` says
 that there is no such cycle, and the kind says why. Speeds astern mirror speeds ahead.
@@ -22,28 +24,29 @@ import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stickslip_monitor import jit
-from stickslip_monitor.arrays import BoolArray, FloatArray, flatten, mapped, restore
-from stickslip_monitor.physics import roots, scalar_law, slip, slip_step
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, flatten, mapped, restore
+from stickslip_monitor.physics.averaging import averaged
+from stickslip_monitor.physics.averaging_by_scan import slope_surface
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import exact_fold
+from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
-from stickslip_monitor.physics.many_cycles import (
-    FoundCycles,
-    amplitudes_together,
-    cycles_together,
-    may_vibrate,
-    put_cycles,
-    reach_belt,
-    slides_steadily,
-    why_no_cycles,
+from stickslip_monitor.physics.orbits import (
+    EXHAUSTED,
+    LANDED,
+    TURNED,
+    Route,
+    SlipField,
+    follow,
+    law_in_use,
+    slip_field,
 )
-from stickslip_monitor.physics.orbits import slip_field
+from stickslip_monitor.physics.roots import root_on_bracket
 
 
 class CycleKind(IntEnum):
@@ -77,16 +80,59 @@ class CycleKind(IntEnum):
         return self.name.lower()
 
 
-# Points from which arrays cost less than one point after another: those cost 0.5 ms for a stable
-# cycle and 13 ms for an unstable one, arrays 12 and 75 ms whatever they hold.
-_MANY_STABLE, _MANY_UNSTABLE = 24, 8
-# Modules that are compiled together.
-_MODULES = (scalar_law, roots, slip_step, slip)
 # Share of a speed within which rounding decides on which side of the fold it is: independent
 # codes part there. And the logarithm of a multiplier that leaves four of sixteen digits in a turn.
 _AT_FOLD, _UNSTABLE = 1e-9, math.log(1e12)
 # Exponent beyond which a Floquet multiplier is as good as infinite.
 _LARGEST = 700.0
+# Error of a step of a cycle, and of one whose amplitude alone is wanted: that errs by 1e-9.
+_ERROR, _OF_AMPLITUDES = 1e-13, 1e-10
+# How roughly a cubic knows the place of a contact: measured 0.011 at 40,000 points.
+_ROUGHLY = 0.03
+# Panels in which a sign change of the energy gain is looked for, a gain that is rounding, and
+# fourfold increases in search of the far side of an overtaking cycle.
+_PANELS, _BALANCED, _QUADRUPLINGS = 24, 1e-13, 40
+# Beyond this friction force, in units of m omega V, the numbers run out.
+_GREATEST_FORCE = 1e150
+# How much less than the least load with a cycle by averaging a vibration that never sticks may
+# need: averaging is right to a tenth up to eta = 20.
+_LESS = 0.9
+# How much lower, as a share, rho has to be at the sliding limit than at its highest.
+_SAME = 1e-4
+# Orbits that are followed together, in some 10 MB: 4,096 take a third longer.
+_BLOCK = 16384
+
+
+class FoundCycles(NamedTuple):
+    """What is found at points, in units of ``V/omega`` and ``1/omega``, each of shape (n,).
+
+    Attributes:
+        kind: Numbers of :class:`CycleKind`.
+        crest: Highest displacement beyond breakaway.
+        trough: Lowest one.
+        slipping: Time slipping.
+        sticking: Time sticking.
+        start: The place at which the lining falls behind the belt.
+        exponent: Logarithm of the Floquet multiplier.
+    """
+
+    kind: FloatArray
+    crest: FloatArray
+    trough: FloatArray
+    slipping: FloatArray
+    sticking: FloatArray
+    start: FloatArray
+    exponent: FloatArray
+
+    @classmethod
+    def none(cls, kind: IndexArray) -> FoundCycles:
+        """What is found where there are no cycles, for a reason each."""
+        return cls(kind.astype(float), *np.full((6, kind.size), np.nan))
+
+    def put(self, rows: IndexArray, part: FoundCycles) -> None:
+        """Write what is found of some points to their places."""
+        for column, values in zip(self, part, strict=True):
+            column[rows] = values
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,85 +186,13 @@ class Cycle:
 
 
 def _beginning(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
-    """The state in which a cycle begins, from the place in :class:`.FoundCycles`."""
+    """The state in which a cycle begins, from the place in :class:`FoundCycles`."""
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
-    place = float(field.force[0]) * scalar_law.highest_static(bearing.friction) - field.damping
+    place = float(field.force[0]) * law_in_use(bearing.friction).hold - field.damping
     place += float(field.rest()[0]) - start if slips else start
     displacement = math.copysign(1.0, speed) * place * abs(speed) / bearing.natural_frequency
     phase = Phase(int(math.copysign(1.0, speed)))
     return MotionState(displacement, float(speed) if slips else 0.0, phase)
-
-
-def _found(bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool) -> FoundCycles:
-    """What is found at points, each shape (n,): one after another where there are few."""
-    if speed.size >= (_MANY_STABLE if stable else _MANY_UNSTABLE):
-        return cycles_together(bearing, speed, load, stable)
-    wanted = slip.LARGEST_STABLE if stable else slip.SMALLEST_UNSTABLE
-    found = _one_by_one(bearing, speed, load, wanted)
-    rows = np.flatnonzero(stable & (found.kind == CycleKind.NONE))
-    rows = rows[may_vibrate(bearing, speed[rows], load[rows])]
-    put_cycles(found, rows, _one_by_one(bearing, speed[rows], load[rows], slip.BESIDE_STABLE))
-    return found
-
-
-def _one_by_one(bearing: Bearing, speed: FloatArray, load: FloatArray, wanted: float) -> FoundCycles:
-    law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
-    columns = np.full((7, speed.size), np.nan).tolist()
-    slip.cycles_of_points(law.plain, body, speed.tolist(), load.tolist(), wanted, columns)
-    return FoundCycles(*np.array(columns).reshape(7, -1))
-
-
-def _decided(
-    bearing: Bearing, speed: FloatArray, load: FloatArray, found: FoundCycles, stable: bool
-) -> FloatArray:
-    """The kinds of what is found, with those that double precision does not decide."""
-    kind = found.kind.copy()
-    kind[(kind == CycleKind.PURE_SLIP) & (found.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
-    rows = np.flatnonzero(why_no_cycles(bearing, speed, load) == CycleKind.STICK_SLIP)
-    rows = rows[kind[rows] != CycleKind.UNRESOLVED]
-    below, above = (
-        _reaches_belt(bearing, speed[rows] * share, load[rows]) for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
-    )
-    if not stable:  # something has to part stable sliding from stick-slip (Poincare and Bendixson)
-        parts = rows[below & above & (kind[rows] == CycleKind.NONE)]
-        steady = slides_steadily(slip_field(bearing, np.abs(speed[parts]), load[parts]))
-        kind[parts[steady]] = CycleKind.TOO_UNSTABLE
-    kind[rows[below != above]] = CycleKind.AT_FOLD
-    return kind
-
-
-def _reaches_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    if speed.size >= _MANY_STABLE:
-        return reach_belt(bearing, speed, load)
-    law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
-    points = zip(speed.tolist(), load.tolist(), strict=True)
-    return np.array([slip.reaches_belt(law.plain, body, *point) for point in points], bool)
-
-
-def _body(bearing: Bearing) -> slip.Oscillator:
-    return slip.Oscillator(float(bearing.mass), float(bearing.damping), float(bearing.stiffness))
-
-
-def _amplitudes(bearing: Bearing, speed: FloatArray, found: FoundCycles) -> FloatArray:
-    amplitude: FloatArray = 0.5 * (found.crest - found.trough) * np.abs(speed)
-    return amplitude / bearing.natural_frequency
-
-
-def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
-    shape, (v, n) = flatten(speed, load)
-    found = _found(bearing, v, n, stable)
-    omega, period = bearing.natural_frequency, found.slipping + found.sticking
-    kinds = restore(_decided(bearing, v, n, found, stable).astype(np.int8), shape)
-    return Cycle(
-        amplitude=restore(_amplitudes(bearing, v, found), shape),
-        period=restore(period / omega, shape),
-        stick_fraction=restore(found.sticking / period, shape),
-        multiplier=restore(np.exp(np.minimum(found.exponent, _LARGEST)), shape),
-        kind=kinds if shape else tuple(CycleKind)[kinds],
-        _bearing=bearing,
-        _points=(v, n),
-        _start=found.start,
-    )
 
 
 def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
@@ -253,33 +227,34 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return _cycle(bearing, speed, load, stable=False)
 
 
-def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike, many: bool = False) -> Any:
-    """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle`; ``nan`` without one.
+def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
+    """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle` to 1e-9 at half the price.
 
-    Of many points it is right to 1e-9, at half the price.
+    Of a measured table it is right to 1e-7.
 
     Args:
         bearing: The bearing.
         speed: Surface speed ``V`` [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
-        many: Whether many more numbers follow, so that it pays to compile.
+
+    Returns:
+        ``nan`` where there is no cycle.
+
+    >>> bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+    >>> round(exact_amplitude(bearing, 0.1, 1000.0) * 1e3, 3)
+    0.534
     """
-    if isinstance(speed, float) and isinstance(load, float):
-        law, body = scalar_law.scalar_law(bearing.friction), _body(bearing)
-        loop: Any = slip.amplitude_of_cycle
-        own: Any = law.plain
-        if many and law.module and jit.has_compiler():
-            own = law.compiled
-            loop = jit.compiled('amplitude_of_cycle', *_MODULES, law=law.module, inline=False)
-        amplitude = loop(own, body, speed, load, slip.LARGEST_STABLE)
-        none = amplitude != amplitude
-        if none and may_vibrate(bearing, np.array([speed]), np.array([load]))[0]:
-            return loop(own, body, speed, load, slip.BESIDE_STABLE)
-        return amplitude
     shape, (v, n) = flatten(speed, load)
-    if v.size >= _MANY_STABLE:
-        return restore(amplitudes_together(bearing, v, n), shape)
-    return restore(_amplitudes(bearing, v, _found(bearing, v, n, stable=True)), shape)
+    stroke = np.full(v.size, np.nan)
+    rows = np.flatnonzero(_why_none(bearing, v, n) == CycleKind.STICK_SLIP)
+    for first in range(0, rows.size, _BLOCK):
+        part = rows[first : first + _BLOCK]
+        with np.errstate(all='ignore'):
+            stroke[part] = _sticking_strokes(slip_field(bearing, np.abs(v[part]), n[part]))
+    rest = rows[np.isnan(stroke[rows])]
+    found = _found(bearing, v[rest], n[rest], stable=True, weigh=False)
+    stroke[rest] = found.crest - found.trough
+    return restore(0.5 * stroke * np.abs(v) / bearing.natural_frequency, shape)
 
 
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
@@ -309,3 +284,289 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
 def _fold(bearing: Bearing, load: float) -> float:
     """The exact fold; points one by one come at the load of the one before as a rule."""
     return float(exact_fold(bearing, np.array([load]))[0])
+
+
+def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
+    shape, (v, n) = flatten(speed, load)
+    found = _found(bearing, v, n, stable)
+    omega, period = bearing.natural_frequency, found.slipping + found.sticking
+    kinds = restore(_decided(bearing, v, n, found, stable).astype(np.int8), shape)
+    amplitude = 0.5 * (found.crest - found.trough) * np.abs(v) / omega
+    return Cycle(
+        amplitude=restore(amplitude, shape),
+        period=restore(period / omega, shape),
+        stick_fraction=restore(found.sticking / period, shape),
+        multiplier=restore(np.exp(np.minimum(found.exponent, _LARGEST)), shape),
+        kind=kinds if shape else tuple(CycleKind)[kinds],
+        _bearing=bearing,
+        _points=(v, n),
+        _start=found.start,
+    )
+
+
+def _decided(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, found: FoundCycles, stable: bool
+) -> FloatArray:
+    """The kinds of what is found, with those that double precision does not decide."""
+    kind = found.kind.copy()
+    kind[(kind == CycleKind.PURE_SLIP) & (found.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
+    rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
+    rows = rows[kind[rows] != CycleKind.UNRESOLVED]
+    below, above = (
+        _reach_belt(bearing, speed[rows] * share, load[rows]) for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
+    )
+    if not stable:  # something has to part stable sliding from stick-slip (Poincare and Bendixson)
+        parts = rows[below & above & (kind[rows] == CycleKind.NONE)]
+        steady = _slides_steadily(slip_field(bearing, np.abs(speed[parts]), load[parts]))
+        kind[parts[steady]] = CycleKind.TOO_UNSTABLE
+    kind[rows[below != above]] = CycleKind.AT_FOLD
+    return kind
+
+
+def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArray:
+    """Why there is certainly no cycle; ``CycleKind.STICK_SLIP`` where there may be one."""
+    kind = np.full(speed.size, CycleKind.STICK_SLIP)
+    momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
+    with np.errstate(all='ignore'):
+        kind[~(load / np.abs(speed) < _GREATEST_FORCE * momentum)] = CycleKind.UNRESOLVED
+        # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
+        kind[~(load * law_in_use(bearing.friction).fall > bearing.damping)] = CycleKind.NONE
+    kind[load <= 0.0] = CycleKind.NO_CONTACT
+    kind[speed == 0.0] = CycleKind.AT_REST
+    kind[~(np.isfinite(speed) & np.isfinite(load))] = CycleKind.NOT_FINITE
+    return kind
+
+
+def _found(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool, weigh: bool = True
+) -> FoundCycles:
+    """The stable cycles, or the smallest unstable ones, and whether multipliers are wanted."""
+    found = FoundCycles.none(_why_none(bearing, speed, load))
+    rows = np.flatnonzero(found.kind == CycleKind.STICK_SLIP)
+    for first in range(0, rows.size, _BLOCK):
+        part = rows[first : first + _BLOCK]
+        with np.errstate(all='ignore'):
+            field = slip_field(bearing, np.abs(speed[part]), load[part])
+            found.put(part, (_stable if stable else _unstable)(bearing, field, load[part], weigh))
+    return found
+
+
+def _stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
+    """Cycles that reach the belt's speed and, without one, the largest that stay slower."""
+    found = _through_belt(field, weigh)
+    rest = np.flatnonzero(found.kind == CycleKind.NONE)
+    asked = ~_slides_steadily(field.take(rest))
+    asked |= _may_vibrate(bearing, field.speed[rest], load[rest])
+    found.put(rest[asked], _pure_slip(field.take(rest[asked]), True, weigh))
+    return found
+
+
+def _unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
+    """The smallest unstable cycles about a stable steady sliding."""
+    rows = np.flatnonzero(_slides_steadily(field))
+    found = FoundCycles.none(np.full(load.size, CycleKind.NONE))
+    found.put(rows, _pure_slip(field.take(rows), False, weigh))
+    return found
+
+
+def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
+    """Where a vibration that never sticks may go on beside stable sliding.
+
+    Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
+    it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere.
+
+    Args:
+        bearing: The bearing.
+        speed: Shape (n,) [m/s].
+        load: Shape (n,) [N].
+    """
+    law, size = bearing.friction, np.abs(speed)
+    result = np.zeros(size.shape, bool)
+    if computes_as(law, Stribeck):
+        return result
+    with np.errstate(all='ignore'):
+        rows = np.flatnonzero((load > 0.0) & (size > 0.0) & np.isfinite(size + load))
+        peak = np.asarray(averaged(law).peak_slope(law, size[rows]))
+        near = load[rows] * peak > _LESS * bearing.damping
+        rows, peak = rows[near], peak[near]
+        cusp = slope_surface(law, np.ones(rows.size), size[rows])
+        result[rows] = cusp < (1.0 - _SAME) * peak
+    return result
+
+
+def _slides_steadily(field: SlipField) -> BoolArray:
+    """Where a small disturbance of steady sliding dies out."""
+    growth = -field.force * field.speed * np.asarray(field.law.slope(field.speed))
+    return np.asarray(growth < field.damping)
+
+
+class _Round(NamedTuple):
+    """One slip phase behind the belt and, where the lining overtakes it, one ahead of it.
+
+    Attributes:
+        end: How it ended.
+        place: Displacement as the lining falls behind the belt again.
+        turns: Displacement at the turns behind the belt.
+        time: How long it took.
+        over: Displacement at which the lining overtook the belt; ``nan``: it did not.
+        divergence: Integral of the flow's divergence.
+    """
+
+    end: IndexArray
+    place: FloatArray
+    turns: FloatArray
+    time: FloatArray
+    over: FloatArray
+    divergence: FloatArray
+
+
+def _stroke(field: SlipField) -> FloatArray:
+    """From one stick limit to the other."""
+    return -2.0 * field.force * law_in_use(field.law).hold
+
+
+def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> _Round:
+    route = Route(3, _ERROR, contact=True, weigh=weigh)
+    behind = follow(field, start, np.zeros(start.size), route)
+    end, place, time = behind.end.copy(), behind.place.copy(), behind.time.copy()
+    divergence, stroke = behind.divergence.copy(), _stroke(field)
+    over = np.full(start.size, np.nan)
+    rows = np.flatnonzero((end == LANDED) & (place < stroke))
+    if rows.size:
+        over[rows] = place[rows]
+        # Ahead of the belt the motion is the mirror image about the middle of the stick limits.
+        begin = stroke[rows] - place[rows]
+        route = Route(0, _ERROR, contact=True, weigh=weigh)
+        ahead = follow(field.take(rows).ahead_of_belt(), begin, np.zeros(rows.size), route)
+        end[rows], place[rows] = ahead.end, stroke[rows] - ahead.place
+        time[rows] += ahead.time
+        divergence[rows] += ahead.divergence
+    return _Round(end, place, behind.turns, time, over, divergence)
+
+
+def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
+    """The stable cycles that reach the belt's speed."""
+    one = _rounds(field, np.zeros(field.speed.size), False)
+    found = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
+    landed = one.end == LANDED
+    sticks = landed & ((one.place <= 0.0) | np.isnan(one.over))
+    rows = np.flatnonzero(sticks)
+    nothing, sticking = np.zeros(rows.size), np.maximum(-one.place[rows], 0.0)
+    (crest, trough), time = one.turns[:, rows], one.time[rows]
+    kind, endless = nothing + CycleKind.STICK_SLIP, nothing - np.inf
+    stuck = FoundCycles(kind, crest, trough, time, sticking, nothing, endless)
+    found.put(rows, stuck)
+    rows = np.flatnonzero(landed & ~sticks)
+    if rows.size:
+        found.put(rows, _overtaking(field.take(rows), one.place[rows], weigh))
+    return found
+
+
+def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
+    """Where the slip phase from breakaway meets the belt, whatever comes then.
+
+    Args:
+        bearing: The bearing.
+        speed: ``|V|`` > 0, shape (n,) [m/s].
+        load: ``N`` > 0, shape (n,) [N].
+    """
+    nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True, locate=False)
+    with np.errstate(all='ignore'):
+        field = slip_field(bearing, np.abs(speed), load)
+        return np.asarray(follow(field, nothing, nothing, route).end == LANDED)
+
+
+def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:
+    """Cycles that pass the belt's speed twice and are never held: fixed points of a round.
+
+    The round that started at breakaway ended beyond it, at ``first`` > 0; orbits do not cross, so
+    the fixed point lies beyond that.
+    """
+
+    def gain(start: FloatArray, rows: IndexArray) -> FloatArray:
+        return _rounds(field.take(rows), start, False).place - start
+
+    rows, high, jump = np.arange(first.size), 2.0 * first, field.offset
+    top = gain(high, rows)
+    for _ in range(_QUADRUPLINGS):
+        more = np.flatnonzero(top > 0.0)
+        if not more.size:
+            break
+        high[more] *= 4.0
+        top[more] = gain(high[more], more)
+    start = root_on_bracket(gain, first, high, (gain(first, rows), top), (rows,))
+    one, stroke = _rounds(field, start, weigh), _stroke(field)
+    # The flow jumps where friction reverses.
+    jumps = (one.over - stroke - jump) / (one.over + jump)
+    jumps *= (start + jump) / (start - stroke - jump)
+    nothing = np.zeros(first.size)
+    exponent = one.divergence + np.log(np.abs(jumps))
+    kind, (crest, trough) = nothing + CycleKind.OVERTAKING, one.turns
+    found = FoundCycles(kind, crest, trough, one.time, nothing, start, exponent)
+    lost = np.flatnonzero((one.end != LANDED) | np.isnan(one.over))
+    found.put(lost, FoundCycles.none(np.full(lost.size, CycleKind.UNRESOLVED)))
+    return found
+
+
+def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
+    """Cycles about steady sliding whose lining never reaches the belt's speed.
+
+    The largest stable one, or the smallest unstable one.
+    """
+    found = FoundCycles.none(np.full(field.speed.size, CycleKind.NONE))
+    # The amplitude of the orbit that grazes the belt, by going back in time from there.
+    outer = follow(field, -field.offset, np.zeros(field.speed.size), Route(1, _ERROR, -1.0))
+    found.kind[outer.end == EXHAUSTED] = CycleKind.UNRESOLVED
+    largest = field.rest() - outer.turns[0]
+    rows = np.flatnonzero((outer.end == TURNED) & (largest > 0.0))
+    if not rows.size:
+        return found
+    around, largest = field.take(rows).about_steady_sliding(), largest[rows]
+
+    def gain(a: FloatArray, which: IndexArray) -> FloatArray:
+        """Relative gain of energy in a turn, > 0 outward."""
+        turn = follow(around.take(which), -a, np.zeros(a.size), Route(2, _ERROR, -1.0))
+        # An orbit that came from far outside has lost energy on the way.
+        change = (1.0 + turn.place / a) * (1.0 - turn.place / a)
+        return np.where(turn.end == TURNED, change, -1.0)
+
+    shares = np.append(1e-3 / _PANELS, np.arange(1, _PANELS + 1) / _PANELS)
+    grid = largest[:, None] * shares
+    gains = gain(grid.ravel(), np.repeat(np.arange(rows.size), shares.size)).reshape(grid.shape)
+    changes = _changes(gains, stable)
+    some = np.flatnonzero(changes.any(axis=1))
+    if not some.size:
+        return found
+    # The outermost change of a stable cycle, the innermost of an unstable one.
+    first = np.argmax(changes[some], axis=1)
+    last = _PANELS - 1 - np.argmax(changes[some, ::-1], axis=1)
+    k = last if stable else first
+    ends = gains[some, k], gains[some, k + 1]
+    a = root_on_bracket(gain, grid[some, k], grid[some, k + 1], ends, (some,))
+    route, nothing = Route(2, _ERROR, -1.0, weigh=weigh), np.zeros(a.size)
+    turn = follow(around.take(some), -a, nothing, route)
+    kind = np.where(turn.end == TURNED, float(CycleKind.PURE_SLIP), float(CycleKind.UNRESOLVED))
+    cycles = FoundCycles(kind, turn.turns[0], -a, -turn.time, nothing, a, -turn.divergence)
+    found.put(rows[some], cycles)
+    return found
+
+
+def _changes(gains: FloatArray, stable: bool) -> BoolArray:
+    """Panels in which a gain of energy becomes a loss, or a loss a gain."""
+    wanted = 1.0 if stable else -1.0
+    changes = (wanted * gains[:, :-1] > 0.0) & (wanted * gains[:, 1:] <= 0.0)
+    if not stable:  # close to the fold of a stiff law the cycle is the grazing orbit itself
+        grazes = (gains[:, -2] < 0.0) & (np.abs(gains[:, -1]) < _BALANCED)
+        changes[:, -1] |= grazes
+        gains[grazes, -1] = 0.0
+    return changes
+
+
+def _sticking_strokes(field: SlipField) -> FloatArray:
+    """From turn to turn of the cycles that certainly stick; ``nan`` for all others."""
+    nothing = np.zeros(field.speed.size)
+    route = Route(3, _OF_AMPLITUDES, contact=True, locate=False)
+    one = follow(field, nothing, nothing, route)
+    stroke = _stroke(field)
+    sticks = (one.end == LANDED) & (one.place >= stroke + _ROUGHLY * (1.0 - stroke))
+    return np.where(sticks, one.turns[0] - one.turns[1], np.nan)

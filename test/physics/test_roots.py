@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stickslip_monitor.physics.roots import (
-    begun_bracket,
-    best_of,
-    is_found,
-    narrowed,
-    newton_on_bracket,
-    next_trial,
-    root_on_bracket,
-)
+from stickslip_monitor.physics.roots import newton_on_bracket, root_on_bracket
 
 Array = NDArray[np.float64]
 
@@ -79,18 +71,3 @@ def test_a_root_never_depends_on_its_neighbours() -> None:
         assert _between(lambda x, k: x**3 - k, l1, h1, c1) == between[i]
     np.testing.assert_allclose(newton, np.cbrt(c), rtol=1e-14)
     np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ('function', 'root'),
-    [(lambda x: x**3 - 0.1, 0.1 ** (1 / 3)), (lambda x: 1.0 if x > 0.3 else -1e-9, 0.3)],
-    ids=['smooth', 'jump'],
-)
-def test_one_root_a_trial_at_a_time(function: Callable[[float], float], root: float) -> None:
-    trials, bracket = 0, begun_bracket(0.0, function(0.0), 1.0, function(1.0))
-    while not is_found(bracket, 1e-14):
-        x = next_trial(bracket, 1e-14)
-        bracket = narrowed(bracket, x, function(x))
-        trials += 1
-    assert best_of(bracket) == pytest.approx(root, rel=3e-14)
-    assert trials < 60
