@@ -117,8 +117,6 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).symlink_to(ROOT / name)
     for name in OWN_CONFIGURATIONS:
         shutil.copy(ROOT / 'launch_configs' / 'reference_bearing.yaml', folder / name)
-    log = 'time,speed [rpm],load [N]\n0,60,1000\n1,59,1000\n2,58,1000\n'
-    (folder / 'voyage.csv').write_text(log)
     for name in ('coast_down', 'history_above'):
         shutil.copytree(ROOT / 'bags' / name, folder / 'archive' / name)
     scene = ROOT / 'launch_configs' / 'scenes' / 'bistable_knock.yaml'
@@ -126,8 +124,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / 'launch_configs' / 'examples' / 'slow_down.yaml', folder)
     rows = ''.join(f'{second},{60 - second / 10},1.0\n' for second in range(500))
     (folder / 'voyage.csv').write_text(f'time [s],shaft speed [rpm],load [kN]\n{rows}')
-    program = start('stickslip simulate slow_down.yaml -o slow_down', folder)
-    assert program.wait(timeout=300.0) == 0
+    assert start('stickslip simulate slow_down.yaml -o slow_down', folder).wait(timeout=300.0) == 0
     (folder / 'token').write_text('abcdefghijklmnopqrstuvwxyz0123456789\n')
     (folder / 'token').chmod(0o600)
     return folder
@@ -147,34 +144,32 @@ def start(line: str, folder: Path) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('line', RUN)
-def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
-    program = start(line, scratch)
+def finish(line: str, folder: Path) -> tuple[int, str]:
+    """The exit code and the output of a command line; a page is left as soon as it is there."""
+    program = start(line, folder)
     printed = ''
     if ' dashboard ' in line:
         printed = program.stdout.readline()
         assert printed.startswith('Dashboard on http://'), printed + program.stdout.read()
         program.send_signal(signal.SIGINT)
     printed += program.communicate(timeout=300.0)[0]
+    return program.returncode, printed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('line', RUN)
+def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
+    code, printed = finish(line, scratch)
     # 1 says that warnings were found.
-    assert program.returncode in (0, 1), printed
+    assert code in (0, 1), printed
     assert 'Traceback' not in printed
 
 
 @pytest.mark.slow
 def test_the_quick_page_leads_to_the_first_alarm(tmp_path: Path) -> None:
     (tmp_path / 'launch_configs').symlink_to(ROOT / 'launch_configs')
-    block = QUICK.read_text('utf-8').partition('```\n')[2].partition('```')[0]
-    lines = [re.sub(r'\s+#\s.*', '', line) for line in block.splitlines()]
-    for line in lines:
-        if line.startswith('stickslip '):
-            program = start(line, tmp_path)
-            if ' dashboard ' in line:
-                assert program.stdout.readline().startswith('Dashboard on http://')
-                program.send_signal(signal.SIGINT)
-            printed = program.communicate(timeout=300.0)[0]
-            # The voyage has warnings.
-            assert program.returncode == int(' check ' in line), printed
-            if ' check ' in line:
-                assert re.search(r'bistable +stick_slip +Stick-slip predicted\.', printed)
+    lines = [line for line in lines_of(QUICK) if line.startswith('stickslip ')]
+    # The voyage has warnings.
+    codes, printed = zip(*(finish(line, tmp_path) for line in lines), strict=True)
+    assert codes == tuple(int(' check ' in line) for line in lines), printed
+    assert re.search(r'bistable +stick_slip +Stick-slip predicted\.', ''.join(printed))

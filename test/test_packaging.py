@@ -9,7 +9,6 @@ import json
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import sysconfig
@@ -22,7 +21,7 @@ from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
-from shared import ROOT
+from shared import ROOT, Program
 
 from stickslip_monitor import cli
 
@@ -30,20 +29,7 @@ NAME = 'stickslip_monitor'
 SHARE = Path('share') / NAME
 MARKER = Path('share/ament_index/resource_index/packages') / NAME
 PIP = (sys.executable, '-m', 'pip', '--quiet', '--disable-pip-version-check')
-WAIT_FOR_DIAGNOSTICS = """
-import time
-import rclpy
-rclpy.init()
-node = rclpy.create_node('onlooker')
-limit = time.monotonic() + 30.0
-while not node.get_publishers_info_by_topic('/diagnostics'):
-    assert time.monotonic() < limit, 'nothing publishes /diagnostics'
-    time.sleep(0.05)
-"""
-LEFT_BEHIND = shutil.ignore_patterns(
-    *('.git', '.venv', 'build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'),
-    'node_modules',
-)
+MADE = ('build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache', 'node_modules')
 
 
 def environment(extra: dict[str, str] | None = None) -> dict[str, str]:
@@ -61,16 +47,17 @@ def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
     return done.stdout
 
 
-def launch_configs() -> set[Path]:
-    files = (path.relative_to(ROOT) for path in (ROOT / 'launch_configs').rglob('*'))
-    return {path for path in files if (ROOT / path).is_file() and '__pycache__' not in path.parts}
+def files(folder: str) -> set[Path]:
+    """All of a folder of the repository, but what Python compiled."""
+    own = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*') if path.is_file()}
+    return {path for path in own if '__pycache__' not in path.parts}
 
 
 @pytest.fixture(scope='module')
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Copy the package, so that building leaves no trace in the tree."""
     target = tmp_path_factory.mktemp('workspace') / 'src' / NAME
-    shutil.copytree(ROOT, target, ignore=LEFT_BEHIND)
+    shutil.copytree(ROOT, target, ignore=shutil.ignore_patterns('.git', '.venv', *MADE))
     return target
 
 
@@ -156,15 +143,9 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
-    modules = {path.relative_to(ROOT) for path in (ROOT / NAME).rglob('*.py')}
-    pages = {Path(NAME, 'report', name) for name in ('page.html', 'page.css')}
-    for folder in ('dashboard/page', 'schemas'):
-        own = (ROOT / NAME / folder).rglob('*')
-        pages |= {path.relative_to(ROOT) for path in own if path.is_file()}
-    pages |= {Path(NAME, 'bags', 'definitions.txt'), Path(NAME, 'py.typed')}
-    assert modules | pages == {p for p in inside if p.parts[0] == NAME}
+    assert {p for p in inside if p.parts[0] == NAME} == files(NAME)
     shared = {Path(*p.parts[2:]) for p in inside if p.parts[0].endswith('.data')}
-    assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in launch_configs()}
+    assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in files('launch_configs')}
     assert any(path.name == 'LICENSE' for path in inside)
     tops = {path.parts[0].rpartition('.')[2] for path in inside}
     assert tops == {NAME, 'data', 'dist-info'}
@@ -229,7 +210,7 @@ def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Path) -> N
     for executable in ('monitor', 'stickslip'):
         assert os.access(prefix / 'lib' / NAME / executable, os.X_OK)
     assert (prefix / MARKER).is_file()
-    for path in {Path('package.xml')} | launch_configs():
+    for path in {Path('package.xml')} | files('launch_configs'):
         assert (prefix / SHARE / path).read_bytes() == (ROOT / path).read_bytes()
     # `ros2 launch` searches the share by name, and refuses a name that it finds twice.
     assert len(list((prefix / SHARE).rglob('monitor.launch.py'))) == 1
@@ -247,24 +228,19 @@ def test_installed_command_runs_in_the_sourced_workspace(workspace: Path) -> Non
 
 
 @pytest.mark.slow
-def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Path) -> None:
+def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Path, tmp_path: Path) -> None:
     pytest.importorskip('rclpy')
     # Domains above 100 would need ports that the system may have lent to others.
-    domain = str(1 + os.getpid() % 100)
-    apart = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    apart = {'ROS_DOMAIN_ID': str(1 + os.getpid() % 100), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     prefix = Path('install') / NAME
     config = prefix / SHARE / 'launch_configs' / 'reference_bearing.yaml'
-    node = f'{prefix}/lib/{NAME}/monitor --ros-args --params-file {config}'
-    started = subprocess.Popen(
-        ['sh', '-c', f'. install/setup.sh && exec {node}'], cwd=workspace, env=environment(apart)
-    )
+    node = f'. install/setup.sh && exec {prefix}/lib/{NAME}/monitor --ros-args --params-file {config}'
+    program = Program(['sh', '-c', node], tmp_path / 'log', cwd=workspace, env=environment(apart))
     try:
-        run(sys.executable, '-c', WAIT_FOR_DIAGNOSTICS, cwd=workspace, env=apart)
-        started.send_signal(signal.SIGINT)
-        assert started.wait(20.0) == 0
+        program.until(lambda: 'the monitor is active' in program.output)
+        assert program.stop() == 0
     finally:
-        started.kill()
-        started.wait()
+        program.end()
 
 
 # --- the launch file ---------------------------------------------------------------------------
@@ -311,7 +287,7 @@ def test_launch_starts_the_installed_node_with_the_arguments_it_declares(launch_
     # By default a parameter file that is installed.
     launch_file.FindPackageShare.assert_called_with(NAME)
     _, *inside = launch_file.PathJoinSubstitution.call_args.args[0]
-    assert Path(*inside) in launch_configs()
+    assert Path(*inside) in files('launch_configs')
 
 
 def test_launch_starts_the_program_of_a_wheel(launch_file: Any, tmp_path: Path) -> None:
