@@ -24,6 +24,11 @@ COARSE = 10.0
 _TIMEOUT_LINES = 3.0
 _NEWTONS = {'N': 1.0, 'kN': 1e3}
 _MOST_NAMED = 10
+# In the unit of an input, but named as another quantity: never guessed.
+_OTHERS = {
+    'speed': {'turbo', 'turbocharger', 'tc', 'pump', 'fan', 'generator', 'genset', 'wind'},
+    'load': {'thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'},
+}
 
 
 def _measured(config: MonitorConfig) -> Iterator[tuple[BearingConfig, str, InputConfig]]:
@@ -163,7 +168,12 @@ class ColumnBinding:
         units = _units_of(quantity, source)
         # One that says another unit is another quantity: 'Speed (kn)' is the ship's own.
         able = [c for c in self._all if c.unit in units or not c.has_unit]
-        of_topic = [c for c in able if topic and c.heading.strip('/') == topic]
+        # PlotJuggler writes the field behind the topic.
+        of_topic = [
+            c for c in able if topic and c.heading.strip('/') in (topic, f'{topic}/{source.field_text}')
+        ]
+        others = _OTHERS.get(quantity, set())
+        able = [c for c in able if not others & set(parse_heading(c.heading).name.split())]
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
         by_unit = [c for c in able if c.unit in units]

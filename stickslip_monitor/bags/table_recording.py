@@ -37,8 +37,10 @@ from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.tables.dialect import parse_heading, with_unit
 from stickslip_monitor.tables.table import Rows, open_table, some_cells, texts_of
 
-_NAME = re.compile(r'tag|tag ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id')
-_VALUE = re.compile(r'value|wert|val')
+_NAME = re.compile(
+    r'tag|tag ?name|var ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id'
+)
+_VALUE = re.compile(r'(?:var ?)?value|wert|val')
 _UNIT = re.compile(r'unit|units|einheit')
 _MOST_WORDS, _MOST_KINDS = 6, 200
 # Numbers that are handed on at a time of a table that was sorted.

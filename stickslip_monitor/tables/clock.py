@@ -20,34 +20,14 @@ from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.errors import BagError
 
 Cells = Sequence[str]
-
 SECOND, DAY = 10**9, 86_400 * 10**9
 Times = tuple[IntArray, BoolArray]
 """Times [ns] and which cells hold one, shape (n,)."""
 ReadTimes = Callable[[Sequence[Cells]], Times]
 """Reads the times of some columns of cells."""
 
-_MONTHS = {
-    name: number
-    for number, names in enumerate(
-        (
-            'jan',
-            'feb',
-            'mar mär mrz',
-            'apr',
-            'may mai',
-            'jun',
-            'jul',
-            'aug',
-            'sep',
-            'oct okt',
-            'nov',
-            'dec dez',
-        ),
-        1,
-    )
-    for name in names.split()
-}
+_MONTHS = 'jan feb mar/mär/mrz apr may/mai jun jul aug sep oct/okt nov dec/dez'
+_MONTH = {name: k for k, names in enumerate(_MONTHS.split(), 1) for name in names.split('/')}
 _CLOCK = (
     r'(?P<H>\d{1,2}):(?P<M>\d\d)(?::(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?'
     r'\s*(?P<half>[AaPp]\.?[Mm]\.?)?'
@@ -66,199 +46,9 @@ _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
 # Whole numbers of 64 bits, in nanoseconds.
 _MOST = 9_200_000_000_000_000_000
-
-
-def is_stamp(cell: str) -> bool:
-    """Whether a cell is a date with a time."""
-    return any(pattern.fullmatch(cell.strip()) for pattern in _STAMPS)
-
-
-def is_day(cell: str) -> bool:
-    """Whether a cell is a date alone."""
-    return any(pattern.fullmatch(cell.strip()) for pattern in _DAYS)
-
-
-def is_time(cell: str) -> bool:
-    """Whether a cell is a time of the day."""
-    return bool(_TIME.fullmatch(cell.strip()))
-
-
-class StampLayout:
-    """The layout of the dates with times of a table, found by some of them.
-
-    Attributes:
-        has_zone: Whether they say their distance from UTC.
-        question: A date that may be read day first or month first, and which of them it is here;
-            empty where the dates tell.
-    """
-
-    def __init__(self, seen: Sequence[str]) -> None:
-        self._pattern = max(_STAMPS, key=lambda own: sum(bool(own.fullmatch(text.strip())) for text in seen))
-        found = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
-        self.has_zone = any(match['z'] for match in found)
-        self.question, self._day_first = '', True
-        if 'a' not in self._pattern.groupindex or not found:
-            return
-        first, second = ([int(match[name]) for match in found] for name in 'ab')
-        self._day_first = max(second) <= 12
-        if max(*first, *second) <= 12:
-            # Of a stretch of days the part that changes more is the day.
-            self._day_first = len(set(first)) >= len(set(second))
-            if len(set(first)) == len(set(second)) and found[0]['sep'] != '.':
-                self.question = found[0].group()
-
-    def read(self, columns: Sequence[Cells]) -> Times:
-        """The times of a column, or of one of dates and one of times of the day."""
-        texts = columns[0]
-        if len(columns) > 1:
-            pairs = zip(*columns, strict=True)
-            texts = [f'{day.strip()} {clock.strip()}' for day, clock in pairs]
-        time_ns, good = self._alike(texts)
-        for k in np.flatnonzero(~good).tolist():
-            if match := self._pattern.fullmatch(texts[k].strip()):
-                moment = self._moment(match)
-                good[k] = moment is not None
-                time_ns[k] = moment or 0
-        return time_ns, good
-
-    def _moment(self, match: re.Match[str]) -> int | None:
-        """One time [ns]; None where there is no such day or hour."""
-        part = match.groupdict()
-        month, day = self._month_and_day(part)
-        year, hour = int(part['Y']), int(part['H'])
-        if part['half']:
-            hour = hour % 12 + 12 * (part['half'][0] in 'pP')
-        minute, second = int(part['M']), int(part['S'] or 0)
-        try:
-            days = date(year + 2000 * (year < 100), month, day).toordinal() - _EPOCH
-        except ValueError:
-            return None
-        if hour > 24 or minute > 59 or second > 60:
-            return None
-        fraction = int((part['f'] or '0').ljust(9, '0'))
-        clock = (hour * 60 + minute) * 60 + second - _shift(part)
-        time_ns = days * DAY + clock * SECOND + fraction
-        return time_ns if abs(time_ns) < _MOST else None
-
-    def _month_and_day(self, part: dict[str, str | None]) -> tuple[int, int]:
-        if part.get('name'):
-            return _MONTHS.get(str(part['name']).lower(), 0), int(part['d'] or 0)
-        if 'm' in part:
-            return int(part['m'] or 0), int(part['d'] or 0)
-        first, second = int(part['a'] or 0), int(part['b'] or 0)
-        return (second, first) if self._day_first else (first, second)
-
-    def _alike(self, texts: Cells) -> Times:
-        """The times of cells that are written as the first one, by arithmetic on columns."""
-        time_ns, good = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
-        first = texts[0] if texts else ''
-        match = self._pattern.fullmatch(first)
-        if match is None or not first.isascii() or match['half'] or 'name' in match.groupdict():
-            return time_ns, good
-        width, like = len(first), np.frombuffer(first.encode(), np.uint8)
-        try:
-            raw = np.array(texts, f'S{width + 1}')
-        except UnicodeEncodeError:
-            return time_ns, good
-        letters = raw.view(np.uint8).reshape(len(texts), width + 1)
-        digit = (like >= ord('0')) & (like <= ord('9'))
-        digit[match.start('z') if match['z'] else width :] = False
-        own = letters[:, :width]
-        good = (letters[:, width] == 0) & (own[:, ~digit] == like[~digit]).all(1)
-        numbers = own - np.uint8(ord('0'))
-        good &= (numbers[:, digit] < 10).all(1)
-
-        def part(name: str) -> IntArray:
-            begin, end = match.span(name)
-            tens = 10 ** np.arange(end - begin - 1, -1, -1)
-            total: IntArray = numbers[:, begin:end].astype(np.int64) @ tens
-            return total
-
-        names = ('m', 'd') if 'm' in self._pattern.groupindex else self._names()
-        year, month, day = part('Y'), part(names[0]), part(names[1])
-        year += 2000 * (match.end('Y') - match.start('Y') < 4)
-        good &= (month >= 1) & (month <= 12) & (day >= 1) & (day <= 28) & (part('H') < 24)
-        # What 64 bits of nanoseconds hold.
-        good &= (year > 1678) & (year < 2261)
-        months = np.where(good, (year - 1970) * 12 + month - 1, 0)
-        days = months.astype('M8[M]').astype('M8[D]').astype(np.int64) + day - 1
-        seconds = part('S') if match['S'] else 0
-        good &= (part('M') < 60) & (np.asarray(seconds) < 60)
-        clock = (part('H') * 60 + part('M')) * 60 + seconds - _shift(match.groupdict())
-        time_ns = days * DAY + clock * SECOND
-        if match['f']:
-            time_ns = time_ns + part('f') * 10 ** (9 - len(match['f']))
-        return time_ns, good
-
-    def _names(self) -> tuple[str, str]:
-        return ('b', 'a') if self._day_first else ('a', 'b')
-
-
 _EPOCH = date(1970, 1, 1).toordinal()
-
-
-def _shift(part: dict[str, str | None]) -> int:
-    """The distance from UTC [s]."""
-    zone = part['z'] or ''
-    if zone[:1] not in ('+', '-'):
-        return 0
-    digits = zone[1:].replace(':', '').ljust(4, '0')
-    return (int(digits[:2]) * 60 + int(digits[2:])) * (60 if zone[0] == '+' else -60)
-
-
-def read_time_of_day(columns: Sequence[Cells]) -> Times:
-    """Times of the day on one day without a date [ns]."""
-    layout = StampLayout(['1970-01-01 00:00:00'])
-    return layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
-
-
-def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
-    """What reads numbers of a unit as times.
-
-    Args:
-        factor: The unit [ns].
-        zero: Added before the factor.
-        decimal: The decimal sign.
-    """
-
-    def read(columns: Sequence[Cells]) -> Times:
-        cells = columns[0]
-        if decimal == ',':
-            cells = [cell.replace(',', '.') for cell in cells]
-        try:
-            parts = [cell.partition('.') for cell in cells]
-            whole = np.fromiter((int(part[0]) for part in parts), np.int64, len(cells))
-            digits = [part[2].strip() for part in parts]
-            longest = max(map(len, digits), default=0)
-            is_plain = longest < 16 and not any('-' in cell or '_' in cell for cell in cells)
-            if is_plain and int(np.abs(whole).max(initial=0) + abs(zero) + 1) * factor < _MOST:
-                tenths = [int(text.ljust(longest, '0')) if text else 0 for text in digits]
-                rest = np.array([_rounded(t * factor, 10**longest) for t in tenths], np.int64)
-                return (whole + zero) * factor + rest, np.ones(len(cells), np.bool_)
-        except (ValueError, OverflowError):
-            pass
-        found = [_exact(cell, factor, zero) for cell in cells]
-        return (
-            np.array([time_ns or 0 for time_ns in found], np.int64),
-            np.array([time_ns is not None for time_ns in found], np.bool_),
-        )
-
-    return read
-
-
-def _rounded(above: int, below: int) -> int:
-    return (2 * above + below) // (2 * below)
-
-
-def _exact(cell: str, factor: int, zero: int) -> int | None:
-    try:
-        time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * factor
-        return round(time_ns) if abs(time_ns) < _MOST else None
-    except (ArithmeticError, ValueError):
-        return None
-
-
 _NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch)\b')
+_HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
 # Numbers since 1970 by their size: the least, the unit [ns] and its name.
 _SINCE_1970 = ((1e17, 1, 'ns'), (1e14, 10**3, 'us'), (1e11, 10**6, 'ms'), (1e8, SECOND, 's'))
 _UNITS = {
@@ -321,13 +111,9 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     width = len(table.names)
     rows = [row for row in table.rows[:_MOST_ROWS] if len(row) >= width - 1]
 
-    def which(is_kind: object) -> list[int]:
-        assert callable(is_kind)
-        return [
-            k
-            for k in range(width)
-            if sum(k < len(row) and is_kind(row[k]) for row in rows) > _MOSTLY * len(rows)
-        ]
+    def which(is_kind: Callable[[str], bool]) -> list[int]:
+        counts = [sum(k < len(row) and is_kind(row[k]) for row in rows) for k in range(width)]
+        return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
     named = [k for k, (words, _) in enumerate(table.headings) if _NAMED.search(words)]
     stamps = which(is_stamp)
@@ -340,23 +126,21 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
         said = f"times in '{table.names[times[0]]}' are of the day, without a date"
         return Clock((times[0],), read_time_of_day, (said,))
     for k in (*named, 0):
-        if (found := _of_numbers(table, rows, k, k in named)) is not None:
+        if (found := _of_numbers(table, rows, k, is_named=k in named)) is not None:
             return found
+    listed = ', '.join(f"'{name}'" for name in table.names[:10])
     raise BagError(
-        f"log '{path}': no column is a time among {_listed(table.names)}: the first must be, or"
-        " one headed 'time'"
+        f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time'"
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ', '.join(f"'{name}'" for name in names[:10])
 
 
 def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
     """Dates with times in one column, or in two."""
     most = max(columns)
     known = [*rows, *(row for row in table.tail if len(row) > most)]
-    layout = StampLayout([' '.join(row[k].strip() for k in columns) for row in known])
+    zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
+    seen = [' '.join(row[k].strip() for k in columns) for row in known]
+    layout = StampLayout(seen, zone[1] if zone else '')
     said = []
     if layout.question:
         said.append(f"'{layout.question}' is read day first: nothing in the file tells")
@@ -365,7 +149,7 @@ def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, .
     return Clock(columns, layout.read, tuple(said))
 
 
-def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, is_named: bool) -> Clock | None:
+def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named: bool) -> Clock | None:
     """Numbers of a column as times; None where it does not look like one."""
     found = [_number(row[k], table.decimal) for row in rows if k < len(row)]
     values = [value for value in found if math.isfinite(value)]
@@ -375,8 +159,7 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, is_named: bo
     fits = is_named or (not has_unit and is_rising and len(set(values)) > 0.5 * len(values))
     if not values or not fits or len(values) <= _MOSTLY * len(found):
         return None
-    unit = (written or '').lower()
-    size = max(map(abs, values))
+    unit, size = (written or '').lower(), max(map(abs, values))
 
     def clock(factor: int, said: str, zero: int = 0) -> Clock:
         read = scaled_reader(factor, zero, table.decimal)
@@ -385,15 +168,180 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, is_named: bo
     for least, factor, name in _SINCE_1970:
         if size >= least:
             return clock(factor, f'{name} since 1970')
-    is_date = re.search(r'date|datum|time ?stamp', words)
-    if unit == '' and is_date and _SHEET[0] < size < _SHEET[1]:
-        said = 'days of a spreadsheet, without a zone: taken as UTC'
-        return clock(DAY, said, _SHEET_ZERO)
+    if not unit and re.search(r'date|datum|time ?stamp', words) and _SHEET[0] < size < _SHEET[1]:
+        return clock(DAY, 'days of a spreadsheet, without a zone: taken as UTC', _SHEET_ZERO)
     return clock(_UNITS.get(unit, SECOND), f'{unit if unit in _UNITS else "s"} since the start')
 
 
 def _number(cell: str, decimal: str) -> float:
+    """The number that a cell begins with; a unit may follow."""
     try:
-        return float(cell.replace(decimal, '.'))
-    except ValueError:
+        return float(cell.split()[0].replace(decimal, '.'))
+    except (ValueError, IndexError):
         return math.nan
+
+
+def is_stamp(cell: str) -> bool:
+    """Whether a cell is a date with a time."""
+    return any(pattern.fullmatch(cell.strip()) for pattern in _STAMPS)
+
+
+def is_day(cell: str) -> bool:
+    """Whether a cell is a date alone."""
+    return any(pattern.fullmatch(cell.strip()) for pattern in _DAYS)
+
+
+def is_time(cell: str) -> bool:
+    """Whether a cell is a time of the day."""
+    return bool(_TIME.fullmatch(cell.strip()))
+
+
+class StampLayout:
+    """The layout of the dates with times of a table, found by some of them.
+
+    Args:
+        seen: The dates with times.
+        zone: The distance from UTC of those that say none, as +02:00; empty for none.
+
+    Attributes:
+        has_zone: Whether their distance from UTC is known.
+        question: A date that may be read day first or month first, and which of them it is here;
+            empty where the dates tell.
+    """
+
+    def __init__(self, seen: Sequence[str], zone: str = '') -> None:
+        self._pattern = max(_STAMPS, key=lambda own: sum(bool(own.fullmatch(text.strip())) for text in seen))
+        found = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
+        self._zone = zone
+        self.has_zone = bool(zone) or any(match['z'] for match in found)
+        self.question, self._day_first = '', True
+        if 'a' not in self._pattern.groupindex or not found:
+            return
+        first, second = ([int(match[name]) for match in found] for name in 'ab')
+        self._day_first = max(second) <= 12
+        if max(*first, *second) <= 12:
+            # Of a stretch of days the part that changes more is the day.
+            self._day_first = len(set(first)) >= len(set(second))
+            if len(set(first)) == len(set(second)) and found[0]['sep'] != '.':
+                self.question = found[0].group()
+
+    def read(self, columns: Sequence[Cells]) -> Times:
+        """The times of a column, or of one of dates and one of times of the day."""
+        texts = columns[0]
+        if len(columns) > 1:
+            texts = [f'{day.strip()} {clock.strip()}' for day, clock in zip(*columns, strict=True)]
+        time_ns, good = self._alike(texts)
+        for k in np.flatnonzero(~good).tolist():
+            moment = self._moment(texts[k])
+            good[k], time_ns[k] = moment is not None, moment or 0
+        return time_ns, good
+
+    def _moment(self, text: str) -> int | None:
+        """One time [ns]; None where there is none, or no such day or hour."""
+        match = self._pattern.fullmatch(text.strip())
+        if match is None:
+            return None
+        part = match.groupdict('')
+        first, second = ('b', 'a') if self._day_first else ('a', 'b')
+        month = _MONTH.get(part['name'].lower(), 0) if 'name' in part else int(part.get('m') or part[first])
+        year, day, hour = int(part['Y']), int(part.get('d') or part[second]), int(part['H'])
+        if part['half']:
+            hour = hour % 12 + 12 * (part['half'][0] in 'pP')
+        minute, second_ = int(part['M']), int(part['S'] or 0)
+        if hour > 24 or minute > 59 or second_ > 60:
+            return None
+        try:
+            days = date(year + 2000 * (year < 100), month, day).toordinal() - _EPOCH
+        except ValueError:
+            return None
+        seconds = (hour * 60 + minute) * 60 + second_ - self._shift(part['z'])
+        time_ns = days * DAY + seconds * SECOND + int(part['f'].ljust(9, '0'))
+        return time_ns if abs(time_ns) < _MOST else None
+
+    def _alike(self, texts: Cells) -> Times:
+        """The times of cells if all are written as the first one, by arithmetic on columns."""
+        none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
+        match = self._pattern.fullmatch(texts[0]) if texts else None
+        if (
+            match is None
+            or match['half']
+            or 'name' in match.groupdict()
+            or set(map(len, texts)) != {len(match[0])}
+        ):
+            return none
+        try:
+            letters = np.array(texts, f'S{len(match[0])}').view(np.uint8).reshape(len(texts), -1)
+        except UnicodeEncodeError:
+            return none
+        month, day = ('m', 'd') if 'm' in match.groupdict() else ('b', 'a') if self._day_first else ('a', 'b')
+        iso = np.tile(np.frombuffer(b'2000-00-00T00:00:00', np.uint8), (len(texts), 1))
+        rest = np.ones(letters.shape[1], np.bool_)
+        for name, end in (('Y', 4), (month, 7), (day, 10), ('H', 13), ('M', 16), ('S', 19), ('f', 0)):
+            begin, stop = match.span(name)
+            rest[max(begin, 0) : max(stop, 0)] = False
+            if end and begin >= 0:
+                iso[:, end - (stop - begin) : end] = letters[:, begin:stop]
+        # Separators and zone are those of the first; numpy refuses what is no digit or no date.
+        if (letters[:, rest] != letters[0, rest]).any():
+            return none
+        try:
+            seconds = iso.view('S19')[:, 0].astype('M8[s]').astype(np.int64) - self._shift(match['z'])
+            below = np.array([int(text[slice(*match.span('f'))]) for text in texts]) if match['f'] else 0
+        except ValueError:
+            return none
+        if np.abs(seconds).max() >= _MOST // SECOND:
+            return none
+        return seconds * SECOND + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
+
+    def _shift(self, zone: str | None) -> int:
+        """The distance from UTC [s]."""
+        zone = zone or self._zone
+        if zone[:1] not in ('+', '-'):
+            return 0
+        digits = zone[1:].replace(':', '').ljust(4, '0')
+        return (int(digits[:2]) * 60 + int(digits[2:])) * (60 if zone[0] == '+' else -60)
+
+
+def read_time_of_day(columns: Sequence[Cells]) -> Times:
+    """Times of the day on one day without a date [ns]."""
+    layout = StampLayout(['1970-01-01 00:00:00'])
+    return layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
+
+
+def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
+    """What reads numbers of a unit as times.
+
+    Args:
+        factor: The unit [ns].
+        zero: Added before the factor.
+        decimal: The decimal sign.
+    """
+
+    def read(columns: Sequence[Cells]) -> Times:
+        cells = columns[0]
+        if decimal == ',':
+            cells = [cell.replace(',', '.') for cell in cells]
+        try:
+            parts = [cell.partition('.') for cell in cells]
+            whole = np.array([int(each[0]) for each in parts], np.int64)
+            # Fifteen digits of a fraction of a day are exact to the nanosecond.
+            below = np.array([float(f'0.{each[2]}') for each in parts])
+            is_plain = not any('-' in cell or '_' in cell or 'e' in cell for cell in cells)
+            if is_plain and int(np.abs(whole).max(initial=0) + abs(zero) + 1) * factor < _MOST:
+                rest = np.rint(below * factor).astype(np.int64)
+                return (whole + zero) * factor + rest, np.ones(len(cells), np.bool_)
+        except (ValueError, OverflowError):
+            pass
+        found = [_exact(cell, factor, zero) for cell in cells]
+        known = np.array([time_ns is not None for time_ns in found], np.bool_)
+        return np.array([time_ns or 0 for time_ns in found], np.int64), known
+
+    return read
+
+
+def _exact(cell: str, factor: int, zero: int) -> int | None:
+    try:
+        time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * factor
+        return round(time_ns) if abs(time_ns) < _MOST else None
+    except (ArithmeticError, ValueError):
+        return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a text file of rows is written: encoding, delimiter, decimal sign, headings and units.
+"""How a text file of rows is written: encoding, delimiter, headings, units and numbers.
 
 Nothing of it is asked for; it is found by the head and the tail of the file.
 """
@@ -21,16 +21,116 @@ from typing import IO, Any, NamedTuple
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
-from stickslip_monitor.tables.clock import Cells, TableColumns, is_stamp, is_time
+from stickslip_monitor.tables.clock import Cells, TableColumns, is_day, is_stamp, is_time
 
 # What is looked at of a file: its head, its tail, and lines of the head [bytes, bytes, lines].
 _HEAD, _TAIL, _MOST_LINES = 1 << 18, 1 << 14, 2000
 _PIECE = 1 << 20
 # A line without an end is given in pieces of this length, so that none takes the memory.
 _LONGEST_LINE = 1 << 20
+# More than half of so many rows in turn are numbers where those of a table begin.
+_RUN = 4
 GZIP = b'\x1f\x8b'
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 _BROKEN = (EOFError, OSError, zlib.error)
+# Of a standard's package of JSON, the rows that this program reads.
+_JQ = (
+    'jq -r \'.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
+    " (.DataSet[] | [.TimeStamp] + .Value) | @csv'"
+)
+_SPELLINGS = {
+    'rpm': 'rpm r/min 1/min rev/min min-1 min^-1 u/min',
+    'rad/s': 'rad/s',
+    'Hz': 'hz 1/s s-1',
+    'm/s': 'm/s ms-1',
+    'N': 'n',
+    'kN': 'kn',
+    'm/s^2': 'm/s^2 m/s2',
+    'g': 'g',
+    'mm/s': 'mm/s',
+    'um': 'um µm',
+    'Pa': 'pa',
+    'V': 'v',
+    'dB': 'db',
+}
+_UNITS = {written: unit for unit, all_written in _SPELLINGS.items() for written in all_written.split()}
+# Of a heading without brackets one of its words is its unit only where it can be nothing else.
+_CLEAR = ('rpm', 'kn', 'hz')
+# 'kn' in small letters is knots and 'N' is north, but in the heading of a force.
+_FORCES = {'load', 'force', 'thrust', 'kraft', 'last'}
+_BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
+_NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
+_GROUPED = re.compile(r'[+-]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
+_SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+-])\s+")
+_COMMA = re.compile(r'[+-]?\d*,\d+(?:[eE][+-]?\d+)?')
+_POINTS = re.compile(r'[+-]?[1-9]\d{0,2}(?:\.\d{3})+')
+_WITH_UNIT = re.compile(r'[+-]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
+_SWAP = str.maketrans(',.', '.,')
+
+
+class Heading(NamedTuple):
+    """A heading: its words in lower case, and the unit as it is written, if there is one."""
+
+    name: str
+    unit: str | None
+
+    @property
+    def known_unit(self) -> str | None:
+        """The unit as the configuration calls it; None where it is none of those."""
+        is_knots = self.unit == 'kn' and not _FORCES & set(self.name.split())
+        return None if is_knots else unit_of(self.unit or '')
+
+
+def unit_of(text: str) -> str | None:
+    """A unit as the configuration calls it; None for any other text."""
+    return _UNITS.get(''.join(text.strip(' []()').lower().split()))
+
+
+def parse_heading(text: str) -> Heading:
+    """Split a heading such as ``'Shaft speed [rpm]'``, ``'Load, kN (aft)'`` or ``'n_rpm'``."""
+    match = _BRACKETED.fullmatch(text.strip())
+    name, bracketed = match.groups() if match else (text, None)
+    words = re.sub(r'[_\W]+', ' ', name).split()
+    unit = bracketed
+    if unit is None or unit_of(unit) is None:
+        unit = _bare_unit(name, words) or (text.strip() if unit_of(text) else bracketed)
+    return Heading(' '.join(words).lower(), unit)
+
+
+def _bare_unit(name: str, words: Sequence[str]) -> str | None:
+    """A unit without brackets: behind a comma, or a word that can be nothing else."""
+    behind = name.rpartition(',')[2].strip()
+    if ',' in name and unit_of(behind):
+        return behind
+    is_force = words[-1:] == ['N'] and _FORCES & {word.lower() for word in words}
+    return 'N' if is_force else next((word for word in words if word.lower() in _CLEAR), None)
+
+
+def with_unit(name: str, unit: str) -> tuple[str, str | None]:
+    """A heading with a unit that stands apart from it, and the unit as the configuration calls it.
+
+    A unit that is none of those becomes a part of the heading.
+    """
+    name, unit = name.strip(), unit.strip(' []()')
+    if unit in ('', '-'):
+        return name, parse_heading(name).known_unit
+    whole = f'{name} [{unit}]'
+    known = parse_heading(whole).known_unit
+    return (name, known) if known else (whole, None)
+
+
+def parse_number(cell: str, decimal: str = '.') -> float | None:
+    """A cell as a number; None for a word, and for what is beyond a double."""
+    text = cell.strip()
+    if decimal == ',':
+        text = text.translate(_SWAP)
+    text = _SPACES.sub('', text)
+    if _GROUPED.fullmatch(text):
+        text = text.replace(',', '')
+    if not _NUMBER.fullmatch(text):
+        return None
+    value = float(text)
+    return value if abs(value) < float('inf') else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +140,18 @@ class Dialect(TableColumns):
     Attributes:
         encoding: Of its text.
         delimiter: Between cells; the name of a log of a ship's bus where it is one.
-        skip: Rows before the first with numbers.
+        above: The rows before the first with numbers; the headings are one of them.
+        heading: The row of the headings as it stands; empty where there is none.
+        suffixes: Of each column the unit that stands behind every number.
+        said: What was guessed.
     """
 
     encoding: str
     delimiter: str
-    skip: int
+    above: tuple[Cells, ...] = ()
+    heading: Cells = ()
+    suffixes: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +189,7 @@ def extent_of(path: Path) -> Extent:
     Raises:
         BagError: Nothing of it can be read.
     """
-    head, tail, lines, size, zeros, problem = b'', b'', 0, 0, 0, ''
+    head, tail, lines, size, zeros, problem, last = b'', b'', 0, 0, 0, '', b''
     try:
         with opened(path) as file:
             while piece := file.read(_PIECE):
@@ -96,7 +202,7 @@ def extent_of(path: Path) -> Extent:
         problem = str(error) or type(error).__name__
         if not size:
             raise BagError(f"log '{path}' cannot be read: {problem}") from None
-    is_ended = bool(size) and b'\n' in last
+    is_ended = b'\n' in last
     return Extent(head, tail, lines + (not is_ended), size, zeros, is_ended, problem)
 
 
@@ -107,6 +213,11 @@ def text_lines(path: Path, encoding: str) -> Iterator[str]:
         with contextlib.suppress(*_BROKEN):
             for line in iter(lambda: text.readline(_LONGEST_LINE), ''):
                 yield line.replace('\0', '') if '\0' in line else line
+
+
+def reader(lines: Iterator[str], delimiter: str) -> Any:
+    """The rows of lines; those cut by blanks may be cut by several."""
+    return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
 
 
 def sniff(path: Path, extent: Extent) -> Dialect:
@@ -126,24 +237,44 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     last = tail.replace('\0', '').splitlines(keepends=True)[1:] or others[-_MOST_LINES:]
     if kind := bus_log_of(kept):
         return _bus_log(path, encoding, kind, kept, last)
+    if text.lstrip().startswith('{'):
+        raise BagError(f"log '{path}' is JSON: write it as CSV; a package of ISO 19848 with {_JQ}")
     delimiter, rows = _best(kept)
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")
-    decimal = decimal_sign(rows, delimiter)
-    if decimal is None:
-        shown = first_with_comma(rows)
-        raise BagError(
-            f"log '{path}': '{shown}' may be {shown.replace(',', '.')} or"
-            f" {shown.replace(',', '')}: write it with a decimal point, or cells separated by ';'"
-        )
+    return _table(path, encoding, delimiter, rows, _split(last, delimiter))
+
+
+def _table(
+    path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
+) -> Dialect:
+    decimal = _decimal_sign(path, rows, delimiter)
     width = _usual_width(rows)
-    first = next((k for k, row in enumerate(rows) if _is_data(row, decimal, width)), None)
+    first = _first_data(rows, decimal, width)
     if first is None:
         raise BagError(f"log '{path}' has no line with a time and a number")
-    names, units = _headings(rows[:first], width)
-    headings = tuple(map(parse_heading, names))
-    known, ends = tuple(rows[first:]), tuple(_split(last, delimiter))
-    return Dialect(names, headings, units, decimal, known, ends, encoding, delimiter, first)
+    above, below = rows[:first], rows[first:]
+    heading, units = _headings(above, width)
+    suffixes = [_suffix(below, k, heading[k] if heading else '') for k in range(width)]
+    names = heading or [f'#{k + 1}' for k in range(width)]
+    both = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
+    plain, known = tuple(name for name, _ in both), tuple(unit for _, unit in both)
+    shown = _maybe_thousands(below) if decimal == '.' and delimiter == ';' else ''
+    said = f"'{shown}' is read with a decimal point: nothing in the file tells it from thousands"
+    return Dialect(
+        plain,
+        tuple(map(parse_heading, plain)),
+        known,
+        decimal,
+        tuple(below),
+        tuple(tail),
+        encoding,
+        delimiter,
+        tuple(above),
+        tuple(heading),
+        tuple(suffixes),
+        (said,) if shown else (),
+    )
 
 
 def _encoding(head: bytes) -> str:
@@ -166,11 +297,6 @@ def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
         return list(reader(iter(lines), delimiter))
     except csv.Error:
         return []
-
-
-def reader(lines: Iterator[str], delimiter: str) -> Any:
-    """The rows of lines; those cut by blanks may be cut by several."""
-    return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
 
 
 def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
@@ -197,7 +323,49 @@ def _usual_width(rows: Sequence[Cells]) -> int:
 
 def _is_sound(cell: str) -> bool:
     decimals = parse_number(cell, '.') is not None or parse_number(cell, ',') is not None
-    return decimals or is_stamp(cell) or is_time(cell)
+    return decimals or is_stamp(cell) or is_day(cell) or is_time(cell) or bool(_WITH_UNIT.fullmatch(cell))
+
+
+def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
+    """The decimal sign of some cells.
+
+    Raises:
+        BagError: Nothing tells it from a sign of thousands.
+    """
+    cells = [cell.strip() for row in rows for cell in row]
+    comma = [cell for cell in cells if _COMMA.fullmatch(cell)]
+    if not comma:
+        return '.'
+    if delimiter == ';' or not all(_GROUPED.fullmatch(cell) for cell in comma):
+        return ','
+    if any(cell.lstrip('+-').startswith('0,') for cell in comma):
+        return ','
+    if any('.' in cell and _NUMBER.fullmatch(cell.replace(',', '')) for cell in cells):
+        return '.'
+    raise BagError(
+        f"log '{path}': '{comma[0]}' may be {comma[0].replace(',', '.')} or"
+        f" {comma[0].replace(',', '')}: write it with a decimal point, or cells separated by ';'"
+    )
+
+
+def _maybe_thousands(rows: Sequence[Cells]) -> str:
+    """A number whose point may part thousands, where all with a point may; else nothing."""
+    cells = (cell.strip() for row in rows for cell in row)
+    pointed = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell)]
+    return pointed[0] if pointed and all(map(_POINTS.fullmatch, pointed)) else ''
+
+
+def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
+    """The first row of numbers of a table; rows of a preamble may have some, too."""
+    found = None
+    for k, row in enumerate(rows):
+        if not _is_data(row, decimal, width):
+            continue
+        found = k if found is None else found
+        run = [_is_data(each, decimal, width) for each in rows[k : k + 2 * _RUN] if each][:_RUN]
+        if sum(run) > 0.5 * len(run):
+            return k
+    return found
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:
@@ -209,151 +377,48 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
     return times or numbers[0] or sum(numbers) > 1
 
 
-def _headings(above: Sequence[Cells], width: int) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
-    """Headings and units of a table by the rows above its numbers."""
-    named = [row for row in above if len(row) >= max(width - 1, 2)]
-    bare = [row for row in named if not row[0].startswith('#')]
+def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
+    """The row of headings above the numbers, if there is one, and the units of a row of them."""
+    wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
+    bare = [row for row in wide if not (row[0].startswith('#') and row[0].strip('# '))]
     if not bare:
-        # Of cells cut by blanks the mark of a comment may be one.
-        bare = [[row[0].lstrip('# '), *row[1:]] for row in named]
-        bare = [row if row[0] or len(row) <= width else row[1:] for row in bare]
-    if not bare or bare[-1][0].strip().lower().startswith('sep='):
-        return tuple(f'#{k + 1}' for k in range(width)), (None,) * width
-    names = bare[-1]
-    units: Cells = [''] * len(names)
-    if len(bare) > 1 and len(bare[-2]) == len(names) and _is_units(names):
-        units, names = names, bare[-2]
-    both = [with_unit(*pair) for pair in zip(names, units, strict=True)]
-    both += [('', None)] * (width - len(both))
-    return tuple(name for name, _ in both), tuple(unit for _, unit in both)
+        bare = [[row[0].lstrip('# '), *row[1:]] for row in wide]
+    # Of cells cut by blanks the mark of a comment may be one.
+    bare = [row[1:] if row[0].strip('# ') == '' and len(row) > width else row for row in bare]
+    named = [row for row in bare if not any(_is_sound(cell) for cell in row if cell.strip())]
+    if not named or named[-1][0].strip().lower().startswith('sep='):
+        return [], [''] * width
+    units, names = _row_of_units(named)
+    pad = [''] * width
+    return [*names, *pad][: max(width, len(names))], [*units, *pad]
 
 
-def _is_units(row: Cells) -> bool:
-    return any(unit_of(cell) for cell in row) and all(len(cell.strip()) < 12 for cell in row)
+def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
+    """Of some rows of words that with units, which may be empty, and that with headings."""
+    for k in reversed(range(len(named))):
+        row = named[k]
+        is_units = any(unit_of(cell) for cell in row) and all(len(cell.strip()) < 16 for cell in row)
+        beside = [other for other in (*named[:k][-1:], named[-1]) if other is not row]
+        if is_units and beside and len(beside[0]) == len(row):
+            return row, beside[0]
+    return (), named[-1]
+
+
+def _suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
+    """The unit that stands behind the numbers of a column; empty where they have none."""
+    cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
+    counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
+    suffix, count = counts.most_common(1)[0] if counts else ('', 0)
+    is_north = suffix.strip() == 'N' and not _FORCES & set(parse_heading(heading).name.split())
+    return '' if is_north or count <= 0.5 * len(cells) else suffix
 
 
 def _bus_log(path: Path, encoding: str, kind: str, lines: Sequence[str], last: Sequence[str]) -> Dialect:
-    rows = [row for row in BUS_LOGS[kind](iter(lines)) if row]
+    rows = tuple(row for row in BUS_LOGS[kind](iter(lines)) if row)
     if not rows:
         raise BagError(
             f"log '{path}': no line has a time and a number: record it with a time before each line"
         )
     tail = tuple(row for row in BUS_LOGS[kind](iter(last)) if row)
-    units = (None,) * len(NAMES)
-    headings = tuple(map(parse_heading, NAMES))
-    return Dialect(NAMES, headings, units, '.', tuple(rows), tail, encoding, kind, 0)
-
-
-UNITS = {
-    'rpm': 'rpm',
-    'r/min': 'rpm',
-    '1/min': 'rpm',
-    'rev/min': 'rpm',
-    'min-1': 'rpm',
-    'u/min': 'rpm',
-    'min^-1': 'rpm',
-    'rad/s': 'rad/s',
-    'hz': 'Hz',
-    '1/s': 'Hz',
-    's-1': 'Hz',
-    'm/s': 'm/s',
-    'm s-1': 'm/s',
-    'n': 'N',
-    'kn': 'kN',
-    'm/s^2': 'm/s^2',
-    'm/s2': 'm/s^2',
-    'g': 'g',
-    'mm/s': 'mm/s',
-    'um': 'um',
-    'µm': 'um',
-    'pa': 'Pa',
-    'v': 'V',
-    'db': 'dB',
-}
-"""What a unit is called in the configuration, by how it is written in lower case."""
-# Of a heading without brackets the last word is its unit only where it can be nothing else.
-_CLEAR = ('rpm', 'kn', 'hz')
-# 'kn' in small letters is knots, but in the heading of a force.
-_KNOTS, _FORCES = 'kn', {'load', 'force', 'thrust', 'kraft', 'last'}
-_BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
-_NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
-_GROUPED = re.compile(r'[+-]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
-_SPACES = re.compile(r'(?<=\d)[\s\u00a0\u202f](?=\d{3}(?:\D|$))')
-_COMMA = re.compile(r'[+-]?\d*,\d+(?:[eE][+-]?\d+)?')
-_SWAP = str.maketrans(',.', '.,')
-
-
-class Heading(NamedTuple):
-    """A heading: its words in lower case, and the unit as it is written, if there is one."""
-
-    name: str
-    unit: str | None
-
-    @property
-    def known_unit(self) -> str | None:
-        """The unit as the configuration calls it; None where it is none of those."""
-        is_knots = self.unit == _KNOTS and not _FORCES & set(self.name.split())
-        return None if is_knots else unit_of(self.unit or '')
-
-
-def unit_of(text: str) -> str | None:
-    """A unit as the configuration calls it; None for any other text."""
-    return UNITS.get(' '.join(text.strip(' []()').lower().split()))
-
-
-def parse_heading(text: str) -> Heading:
-    """Split a heading such as ``'Shaft speed [rpm]'``, ``'load (kN)'`` or ``'n_rpm'``."""
-    match = _BRACKETED.fullmatch(text.strip())
-    name, unit = match.groups() if match else (text, None)
-    words = re.sub(r'[_\W]+', ' ', name).split()
-    if unit is None:
-        unit = next((word for word in words if word.lower() in _CLEAR), None)
-        if unit is None and unit_of(text):
-            unit = text.strip()
-    return Heading(' '.join(words).lower(), unit)
-
-
-def with_unit(name: str, unit: str) -> tuple[str, str | None]:
-    """A heading with a unit that stands apart from it, and the unit as the configuration calls it.
-
-    A unit that is none of those becomes a part of the heading.
-    """
-    name, unit = name.strip(), unit.strip(' []()')
-    if unit in ('', '-'):
-        return name, parse_heading(name).known_unit
-    whole = f'{name} [{unit}]'
-    known = parse_heading(whole).known_unit
-    return (name, known) if known else (whole, None)
-
-
-def parse_number(cell: str, decimal: str = '.') -> float | None:
-    """A cell as a number; None for a word, and for what is beyond a double."""
-    text = cell.strip()
-    if decimal == ',':
-        text = text.translate(_SWAP)
-    text = _SPACES.sub('', text)
-    if _GROUPED.fullmatch(text):
-        text = text.replace(',', '')
-    if not _NUMBER.fullmatch(text):
-        return None
-    value = float(text)
-    return value if abs(value) < float('inf') else None
-
-
-def decimal_sign(rows: Sequence[Cells], delimiter: str) -> str | None:
-    """The decimal sign of some cells; None where nothing tells it from a sign of thousands."""
-    cells = [cell.strip() for row in rows for cell in row]
-    comma = [cell for cell in cells if _COMMA.fullmatch(cell)]
-    if not comma:
-        return '.'
-    if delimiter == ';' or not all(_GROUPED.fullmatch(cell) for cell in comma):
-        return ','
-    if any(cell.lstrip('+-').startswith('0,') for cell in comma):
-        return ','
-    points = any('.' in cell and _NUMBER.fullmatch(cell.replace(',', '')) for cell in cells)
-    return '.' if points else None
-
-
-def first_with_comma(rows: Sequence[Cells]) -> str:
-    """The first cell that may be a number with a decimal comma."""
-    return next(c.strip() for row in rows for c in row if _COMMA.fullmatch(c.strip()))
+    headings, units = tuple(map(parse_heading, NAMES)), (None,) * len(NAMES)
+    return Dialect(NAMES, headings, units, '.', rows, tail, encoding, kind)

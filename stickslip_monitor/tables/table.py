@@ -6,11 +6,12 @@ from __future__ import annotations
 import contextlib
 import csv
 import itertools
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +20,7 @@ from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS
 from stickslip_monitor.tables.clock import WITHOUT_ZONE, Cells, Clock, TableColumns, Times, find_clock
-from stickslip_monitor.tables.dialect import (
-    Dialect,
-    extent_of,
-    parse_heading,
-    parse_number,
-    reader,
-    sniff,
-    text_lines,
-)
+from stickslip_monitor.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
@@ -55,65 +48,40 @@ class Numbers:
     words: Counter[str] = field(default_factory=Counter)
 
 
-class NumberTable(Protocol):
-    """What every table gives."""
+class NumberTable(ABC):
+    """A table of numbers with times.
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The headings."""
-        ...
+    Attributes:
+        names: The headings.
+        units: The unit of each as the configuration calls it.
+        clock: Its time.
+        head: Rows of the beginning.
+        tail: Rows of the end.
+        line_count: About how many rows there are.
+        said: What was guessed.
+        losses: What cannot be read.
+    """
 
-    @property
-    def units(self) -> tuple[str | None, ...]:
-        """The unit of each as the configuration calls it."""
-        ...
+    names: tuple[str, ...]
+    units: tuple[str | None, ...]
+    clock: Clock
+    head: Sequence[Cells]
+    tail: Sequence[Cells]
+    line_count: int
+    said: tuple[str, ...]
+    losses: tuple[str, ...] = ()
 
-    @property
-    def clock(self) -> Clock:
-        """Its time."""
-        ...
-
-    @property
-    def head(self) -> Sequence[Cells]:
-        """Rows of the beginning."""
-        ...
-
-    @property
-    def tail(self) -> Sequence[Cells]:
-        """Rows of the end."""
-        ...
-
-    @property
-    def line_count(self) -> int:
-        """About how many rows there are."""
-        ...
-
-    @property
-    def kind(self) -> str:
-        """What it is: ``csv``, ``nmea``, ``signalk`` or ``parquet``."""
-        ...
-
-    @property
-    def said(self) -> tuple[str, ...]:
-        """What was guessed."""
-        ...
-
-    @property
-    def losses(self) -> tuple[str, ...]:
-        """What cannot be read."""
-        ...
-
+    @abstractmethod
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Some columns, in the order of the file; told is what was not used, and what is odd."""
-        ...
 
+    @abstractmethod
     def numbers(self, cells: Any) -> Numbers:
         """The numbers of cells of a column."""
-        ...
 
     def known_times(self, columns: Sequence[Sequence[Any]]) -> Times:
         """The times of cells of the head or the tail."""
-        ...
+        return self.clock.read(columns)
 
 
 def texts_of(cells: Any) -> list[str]:
@@ -128,62 +96,58 @@ def some_cells(cells: Any, chosen: BoolArray) -> Any:
     return cells.filter(chosen)
 
 
-class TextTable:
-    """A table of text; see :class:`NumberTable`.
+def open_table(path: Path) -> NumberTable:
+    """Open a table of either kind.
+
+    Raises:
+        BagError: It is none, or cannot be read.
+    """
+    with open_file(path) as file:
+        is_parquet = file.read(len(_PARQUET)) == _PARQUET
+    return ParquetTable(path) if is_parquet else TextTable(path)
+
+
+class TextTable(NumberTable):
+    """A table of text.
 
     Raises:
         BagError: It is no table, or not to be told how it is written.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._extent = path, extent_of(path)
-        self._dialect: Dialect = sniff(path, self._extent)
-        self.clock = find_clock(path, self._dialect)
+        self._path, extent = path, extent_of(path)
+        self._dialect = sniff(path, extent)
+        self._is_ended = extent.is_ended
+        self.clock = _without_unit(find_clock(path, self._dialect), self._dialect.suffixes)
         self.names, self.units = self._dialect.names, self._dialect.units
         self.head, self.tail = self._dialect.rows, self._dialect.tail
-        self.line_count = max(self._extent.lines - self._dialect.skip, 0)
-        self.kind = self._dialect.delimiter if self._dialect.delimiter in BUS_LOGS else 'csv'
-        said = list(self.clock.said)
-        if self._dialect.encoding == 'cp1252':
-            said.append('the text is not UTF-8: read as Windows-1252')
-        self.said = tuple(said)
-        self.losses = tuple(self._lost())
-
-    def _lost(self) -> Iterator[str]:
-        if self._extent.problem:
-            yield f'the file is cut or damaged: {self._extent.problem}'
-        if self._extent.zeros and not self._dialect.encoding.startswith('utf-16'):
-            yield f'the file has {plural(self._extent.zeros, "zero byte")}, which are no text'
-
-    def known_times(self, columns: Sequence[Cells]) -> Times:
-        """The times of cells of the head or the tail."""
-        return self.clock.read(columns)
+        self.line_count = max(extent.lines - len(self._dialect.above), 0)
+        of_encoding = ('the text is not UTF-8: read as Windows-1252',)
+        said = of_encoding if self._dialect.encoding == 'cp1252' else ()
+        self.said = (*self.clock.said, *self._dialect.said, *said)
+        losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
+        if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
+            losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
+        self.losses = tuple(losses)
 
     def numbers(self, cells: Cells) -> Numbers:
         """The numbers of cells."""
-        joined = '\n'.join(cells)
-        if self._dialect.decimal == ',' and '.' not in joined:
-            fast: Cells = joined.replace(',', '.').split('\n') if cells else []
-        else:
-            fast = cells
-        # What Python takes for a number and a table does not have.
-        if self._dialect.decimal == '.' or fast is not cells:
-            try:
+        joined, decimal = '\n'.join(cells), self._dialect.decimal
+        fast = cells
+        if decimal == ',' and '.' not in joined:
+            fast = joined.replace(',', '.').split('\n') if cells else []
+        # What Python takes for a number and a table does not have: 'inf', 'nan' and '1_000'.
+        if decimal == '.' or fast is not cells:
+            with contextlib.suppress(ValueError):
                 value = np.fromiter(map(float, fast), float, len(cells))
                 if '_' not in joined and np.isfinite(value).all():
                     return Numbers(value, np.ones(len(cells), np.bool_))
-            except ValueError:
-                pass
-        return self._mixed(cells)
-
-    def _mixed(self, cells: Cells) -> Numbers:
-        """The numbers of cells some of which are words or empty."""
         result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
         for k, cell in enumerate(cells):
             text = cell.strip()
             if not text:
                 result.is_there[k] = False
-            elif (found := parse_number(text, self._dialect.decimal)) is not None:
+            elif (found := parse_number(text, decimal)) is not None:
                 result.value[k] = found
             else:
                 result.words[text[:20]] += 1
@@ -191,90 +155,156 @@ class TextTable:
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Some columns, in the order of the file."""
-        rest = _Untold(self.names, self.clock)
-        for rows, short in self._rows([*self.clock.columns, *wanted]):
-            rest.short += short
-            times = self.clock.read(rows[: len(self.clock.columns)])
-            rest.see(rows[: len(self.clock.columns)], times[1])
-            yield Rows(*times, rows[len(self.clock.columns) :])
-        rest.tell(lose, note)
-
-    def _rows(self, wanted: Sequence[int]) -> Iterator[tuple[list[list[str]], int]]:
-        """The cells of some columns of some rows, and how many rows had too few."""
-        lines = text_lines(self._path, self._dialect.encoding)
-        if self.kind in BUS_LOGS:
-            found = BUS_LOGS[self.kind](lines)
-            while some := list(itertools.islice(found, BLOCK)):
-                rows = [row for row in some if row]
-                yield [[row[k] for row in rows] for k in wanted], len(some) - len(rows)
+        if self._dialect.delimiter in BUS_LOGS:
+            yield from self._bus_blocks(wanted, lose)
             return
+        reading = _TextReading(self._dialect.heading, self._dialect.above, self.clock, wanted)
+        for batch, lost in self._batches():
+            reading.short += lost
+            yield from (self._without_units(rows, wanted) for rows in reading.parts(batch))
+        reading.tell(lose, note)
+
+    def _without_units(self, rows: Rows, wanted: Sequence[int]) -> Rows:
+        suffixes = [self._dialect.suffixes[k] for k in wanted]
+        if any(suffixes):
+            pairs = zip(rows.columns, suffixes, strict=True)
+            rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
+        return rows
+
+    def _bus_blocks(self, wanted: Sequence[int], lose: Say) -> Iterator[Rows]:
+        found = BUS_LOGS[self._dialect.delimiter](text_lines(self._path, self._dialect.encoding))
+        lost = 0
+        while some := list(itertools.islice(found, BLOCK)):
+            rows = [row for row in some if row]
+            lost += len(some) - len(rows)
+            columns = [[row[k] for row in rows] for k in (*self.clock.columns, *wanted)]
+            begin = len(self.clock.columns)
+            yield Rows(*self.clock.read(columns[:begin]), columns[begin:])
+        if lost:
+            lose(_not_used(lost, 'damaged, or without a time'))
+
+    def _batches(self) -> Iterator[tuple[list[list[str]], int]]:
+        """Rows below the headings, and how many lines were swallowed by open quotation marks."""
+        lines = text_lines(self._path, self._dialect.encoding)
         cells = reader(lines, self._dialect.delimiter)
-        for _ in itertools.islice(cells, self._dialect.skip):
+        for _ in itertools.islice(cells, len(self._dialect.above)):
             pass
-        most, is_over = max(wanted), False
+        is_over = False
         while not is_over:
             before, batch = cells.line_num, list[list[str]]()
             # A cell longer than any is ends a batch.
             with contextlib.suppress(csv.Error):
                 batch.extend(itertools.islice(cells, BLOCK))
-            # Marks of quotation that do not close swallow lines.
-            short = cells.line_num - before - len(batch)
             is_over = cells.line_num == before
-            if min(map(len, batch), default=most + 1) <= most:
-                is_last = len(batch) < BLOCK and not self._extent.is_ended
-                short += self._fill(batch, most, is_last)
-            yield [[row[k] for row in batch] for k in wanted], short
+            lost = cells.line_num - before - len(batch)
+            if len(batch) < BLOCK and batch and not self._is_ended and len(batch[-1]) < len(self.names):
+                batch.pop()
+                lost, self._is_ended = lost + 1, True
+            yield batch, lost
 
-    def _fill(self, batch: list[list[str]], most: int, has_cut_end: bool) -> int:
+
+def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
+    """A clock that reads times with a unit behind each, as '12 sec'."""
+    suffix = suffixes[clock.columns[0]] if suffixes else ''
+    if not suffix:
+        return clock
+    return replace(clock, read=lambda columns: clock.read([[c.removesuffix(suffix) for c in columns[0]]]))
+
+
+class _TextReading:
+    """A pass over the rows of a text: where the columns are, and what was not used.
+
+    A logger that was started again, or a second one behind it in the file, writes its headings in
+    the middle; what comes below them is in their order.
+    """
+
+    def __init__(self, heading: Cells, above: Sequence[Cells], clock: Clock, wanted: Sequence[int]) -> None:
+        self._first = [cell.strip() for cell in heading]
+        self._above, self._clock, self._wanted = {tuple(row) for row in above}, clock, [*wanted]
+        self._places: list[int] | None = [*clock.columns, *wanted]
+        self._order: Cells = self._first
+        self.short = self._untimed = self._repeated = self._foreign = 0
+        self._shown = self._other = ''
+
+    def parts(self, batch: list[list[str]]) -> Iterator[Rows]:
+        """The rows of a batch, parted where the order of the columns changes."""
+        while batch:
+            if self._places is None:
+                at = next((k for k, row in enumerate(batch) if self._is_heading(row)), len(batch))
+                self._foreign += at
+                self._take_heading(batch[at] if at < len(batch) else None)
+                batch = batch[at + 1 :]
+                continue
+            self._fill(batch, max(self._places))
+            columns = [[row[k] for row in batch] for k in self._places]
+            begin = len(self._clock.columns)
+            times = self._clock.read(columns[:begin])
+            odd = np.flatnonzero(~times[1]).tolist()
+            end = next((k for k in odd if self._is_heading(batch[k])), len(batch))
+            for k in odd:
+                if k < end:
+                    self._see_untimed(batch[k])
+                for cells in columns[begin:]:
+                    cells[k] = ''
+            yield Rows(times[0][:end], times[1][:end], [cells[:end] for cells in columns[begin:]])
+            self._take_heading(batch[end] if end < len(batch) else None)
+            batch = batch[end + 1 :]
+
+    def _is_heading(self, row: Cells) -> bool:
+        """Whether a row has headings of the table in another order than the last."""
+        cells = [cell.strip() for cell in row]
+        named = {name for name in self._first if name}
+        return cells != [*self._order] and len(named & set(cells)) > min(1, len(named) - 1)
+
+    def _take_heading(self, row: Cells | None) -> None:
+        if row is None:
+            return
+        self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1
+        wanted = [self._first[k] for k in (*self._clock.columns, *self._wanted)]
+        self._places = None
+        if set(wanted) <= set(self._order):
+            self._places = [self._order.index(name) for name in wanted]
+        else:
+            self._other = self._other or ', '.join(self._order)[:_MOST_SHOWN]
+
+    def _see_untimed(self, row: Cells) -> None:
+        if [cell.strip() for cell in row] == [*self._order]:
+            self._repeated += 1
+        elif tuple(row) not in self._above and not row[0].startswith('#'):
+            self._untimed += 1
+            self._shown = self._shown or ' '.join(row[k].strip() for k in self._clock.columns)[:_MOST_SHOWN]
+
+    def _fill(self, batch: list[list[str]], most: int) -> None:
         """Take rows of too few cells away, but those that lack empty ones at their end."""
-        need, lost = max(self.clock.columns), 0
+        if min(map(len, batch)) > most:
+            return
+        need = max(max(self._clock.columns) + 1, len(self._first) // 2)
         for k in reversed(range(len(batch))):
             row = batch[k]
-            if len(row) > most:
-                continue
-            is_cut = has_cut_end and k == len(batch) - 1
-            if len(row) > max(need + 1, len(self.names) // 2) and not is_cut:
+            if most >= len(row) > need:
                 row += [''] * (most + 1 - len(row))
-            else:
-                lost += any(cell.strip() for cell in row)
+            elif len(row) <= most:
+                self.short += any(cell.strip() for cell in row) and not row[0].startswith('#')
                 del batch[k]
-        return lost
-
-
-class _Untold:
-    """Rows without a time, rows of too few cells, and headings in the middle of a table."""
-
-    def __init__(self, names: Sequence[str], clock: Clock) -> None:
-        self._headings = tuple(names[k] for k in clock.columns)
-        self.short = self._untimed = self._repeated = 0
-        self._shown = ''
-
-    def see(self, columns: Sequence[Cells], is_timed: BoolArray) -> None:
-        """Take the cells of the time of some rows."""
-        if is_timed.all():
-            return
-        for k in np.flatnonzero(~is_timed).tolist():
-            cells = tuple(column[k].strip() for column in columns)
-            if cells == self._headings:
-                self._repeated += 1
-            else:
-                self._untimed += 1
-                self._shown = self._shown or ' '.join(cells)[:_MOST_SHOWN]
 
     def tell(self, lose: Say, note: Say) -> None:
         """Say what was not used."""
         if self._untimed:
-            was = 'has no time and was' if self._untimed == 1 else 'have no time and were'
-            lose(f"{plural(self._untimed, 'line')} {was} not used, the first '{self._shown}'")
+            lose(_not_used(self._untimed, 'without a time', f", the first '{self._shown}'"))
         if self.short:
-            was = 'was' if self.short == 1 else 'were'
-            lose(f'{plural(self.short, "line")} damaged or of too few cells {was} not used')
+            lose(_not_used(self.short, 'damaged or of too few cells'))
+        if self._foreign:
+            lose(_not_used(self._foreign, f"under other headings ('{self._other}')"))
         if self._repeated:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
 
 
-class ParquetTable:
-    """A Parquet file; see :class:`NumberTable`.
+def _not_used(count: int, what: str, more: str = '') -> str:
+    return f'{plural(count, "line")} {what} {"was" if count == 1 else "were"} not used{more}'
+
+
+class ParquetTable(NumberTable):
+    """A Parquet file.
 
     Raises:
         BagError: pyarrow is not there or cannot read it, or no column is a time.
@@ -284,29 +314,23 @@ class ParquetTable:
         self._path, file = path, _opened(path)
         schema = file.schema_arrow
         self.names = tuple(schema.names)
-        self.units = tuple(parse_heading(name).known_unit for name in self.names)
-        self.kind, self.line_count = 'parquet', file.metadata.num_rows
+        headings = tuple(map(parse_heading, self.names))
+        self.units = tuple(heading.known_unit for heading in headings)
+        self.line_count = file.metadata.num_rows
         first = next(iter(file.iter_batches(_PARQUET_HEAD)), None)
-        columns = [] if first is None else [_texts(column) for column in first.columns]
-        self.head = tuple(zip(*columns, strict=True))
-        self.tail = self._tail(file)
+        self.head = () if first is None else _as_rows(first.columns)
+        last = file.metadata.num_row_groups - 1
+        group = None if last < 1 else file.read_row_group(last)
+        self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
         stamped = [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
             self.clock = Clock((stamped[0],), _stamps, () if has_zone else (WITHOUT_ZONE,))
         else:
-            headings, rows = tuple(map(parse_heading, self.names)), tuple(list(row) for row in self.head)
-            seen = TableColumns(self.names, headings, self.units, '.', rows, ())
-            self.clock = find_clock(path, seen)
-        self.said, self.losses = self.clock.said, ()
-
-    @staticmethod
-    def _tail(file: Any) -> tuple[tuple[str, ...], ...]:
-        last = file.metadata.num_row_groups - 1
-        if last < 1:
-            return ()
-        group = file.read_row_group(last).slice(max(file.metadata.row_group(last).num_rows - 9, 0))
-        return tuple(zip(*(_texts(column) for column in group.columns), strict=True))
+            self.clock = find_clock(
+                path, TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
+            )
+        self.said = self.clock.said
 
     def numbers(self, cells: Any) -> Numbers:
         """The numbers of a column: of numbers, or of texts that are some."""
@@ -336,18 +360,15 @@ class ParquetTable:
         try:
             for batch in _opened(self._path).iter_batches(BLOCK, columns=[self.names[k] for k in every]):
                 own = dict(zip(every, batch.columns, strict=True))
-                times = self._times([own[k] for k in self.clock.columns])
+                stamps = [own[k] for k in self.clock.columns]
+                is_text = self.clock.read is not _stamps
+                times = self.clock.read([_texts(column) for column in stamps] if is_text else stamps)
                 untimed += int((~times[1]).sum())
                 yield Rows(*times, [own[k] for k in wanted])
         except Exception as error:  # pyarrow's errors have no common root
             lose(f'the file is damaged ({str(error)[:100]}): not read from there on')
         if untimed:
-            lose(f'{untimed} rows have no time and were not used')
-
-    def _times(self, columns: Sequence[Any]) -> Times:
-        if self.clock.read is _stamps:
-            return _stamps(columns)
-        return self.clock.read([_texts(column) for column in columns])
+            lose(_not_used(untimed, 'without a time'))
 
 
 def _opened(path: Path) -> Any:
@@ -364,6 +385,10 @@ def _opened(path: Path) -> Any:
         raise BagError(f"log '{path}' cannot be read as Parquet: {str(error)[:200]}") from None
 
 
+def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
+    return tuple(zip(*map(_texts, columns), strict=True))
+
+
 def _texts(column: Any) -> list[str]:
     """The cells as a text table would have them; a timestamp by its nanoseconds."""
     if str(column.type).startswith('timestamp'):
@@ -374,14 +399,3 @@ def _texts(column: Any) -> list[str]:
 def _stamps(columns: Sequence[Any]) -> Times:
     times = columns[0].to_numpy(zero_copy_only=False).astype('M8[ns]')
     return times.astype(np.int64), ~np.isnat(times)
-
-
-def open_table(path: Path) -> NumberTable:
-    """Open a table of either kind.
-
-    Raises:
-        BagError: It is none, or cannot be read.
-    """
-    with open_file(path) as file:
-        is_parquet = file.read(len(_PARQUET)) == _PARQUET
-    return ParquetTable(path) if is_parquet else TextTable(path)

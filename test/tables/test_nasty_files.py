@@ -352,7 +352,7 @@ LOGS = {
         since(0, 2),
         [30, 32],
         [900, 902],
-        lost="1 line has no time and was not used, the first '?'",
+        lost="1 line without a time was not used, the first '?'",
     ),
     'a last line that is cut': Log(
         'time,speed,load\n0,30,900\n1,31,901\n2,32',
