@@ -103,6 +103,7 @@ class Fault:
 
     count: int
     text: str
+    is_nan: bool = False  # whether each stands as NaN among the values
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -284,8 +284,8 @@ class TableReading:
             words = self._words[request.topic]
             listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MOST_WORDS))
             more = ', ...' if len(words) > _MOST_WORDS else ''
-            text = f'a cell that holds no number: {listed}{more}'
-            result[request] = (Fault(words.total(), text),) if words else ()
+            text = f'no number: {listed}{more}'
+            result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
         return result
 
     def _parts(self) -> Iterator[Part]:

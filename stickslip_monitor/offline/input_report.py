@@ -176,13 +176,15 @@ class InputCheck:
         first, last = self._span if used else (math.nan, math.nan)
         low, high = sorted(float(self._si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
+        # A word of a table is said by its fault.
+        counted[STATUS_SENTENCES[Status.NOT_FINITE]] -= sum(own.count for own in faults if own.is_nan)
         counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(
             quantity=self.quantity,
             topic=self._source.topic,
             messages=self._messages,
             used=used,
-            faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count)),
+            faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count > 0)),
             gaps=self._gaps,
             span=(first, last),
             si_span=(low, high),

@@ -42,9 +42,9 @@ def since(*seconds: float) -> list[int]:
 
 class Log(NamedTuple):
     data: str | bytes
-    times: list[int]
-    speed: Sequence[float]
-    load: Sequence[float]
+    times: Sequence[int] = after(0, 1)
+    speed: Sequence[float] = (30, 31)
+    load: Sequence[float] = (900, 901)
     says: str = ''
     lost: str = ''
 
@@ -52,222 +52,149 @@ class Log(NamedTuple):
 LOGS = {
     'comma, units in brackets': Log(
         'time,speed [rpm],load [kN]\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n',
-        after(0, 1),
-        [30, 31],
-        [1500, 1600],
-        "column 'load [kN]' in kN, by its heading",
+        load=[1500, 1600],
+        says="column 'load [kN]' in kN, by its heading",
     ),
     'tab': Log(
         'time\tspeed\tload\n2026-04-13T10:00:00Z\t30\t900\n2026-04-13T10:00:01Z\t31\t901\n',
-        after(0, 1),
-        [30, 31],
-        [900, 901],
-        'as aft_stern.speed.unit says',
+        says='as aft_stern.speed.unit says',
     ),
     'semicolon, decimal comma, German dates': Log(
         'Zeit;Drehzahl (1/min);Last (kN)\n13.04.2026 10:00:00;30,25;1,5\n13.04.2026 10:00:01;31,5;0,5\n',
-        after(0, 1),
-        [30.25, 31.5],
-        [1500, 500],
-        'no zone: taken as UTC',
+        speed=[30.25, 31.5],
+        load=[1500, 500],
+        says='no zone: taken as UTC',
     ),
     'decimal comma and points of thousands': Log(
         'Zeit;n (1/min);Last (N)\n2026-04-13 10:00:00;30,5;1.234,5\n2026-04-13 10:00:01;31;999,5\n',
-        after(0, 1),
-        [30.5, 31],
-        [1234.5, 999.5],
+        speed=[30.5, 31],
+        load=[1234.5, 999.5],
     ),
     'commas of thousands in quotation marks': Log(
         'time,speed [rpm],load [N]\n2026-04-13T10:00:00Z,30.5,"1,234.5"\n'
         '2026-04-13T10:00:01Z,31.0,"12,345"\n',
-        after(0, 1),
-        [30.5, 31],
-        [1234.5, 12345],
+        speed=[30.5, 31],
+        load=[1234.5, 12345],
     ),
     'units in a row of their own': Log(
         'Timestamp,n,Force\n-,rpm,kN\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n',
-        after(0, 1),
-        [30, 31],
-        [1500, 1600],
+        load=[1500, 1600],
     ),
     'units behind underscores': Log(
-        'ts,ME1_RPM,brg_kN\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n',
-        after(0, 1),
-        [30, 31],
-        [1500, 1600],
+        'ts,ME1_RPM,brg_kN\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n', load=[1500, 1600]
     ),
     'Hz is turned into rpm': Log(
         'time,n [Hz],load [N]\n2026-04-13T10:00:00Z,0.5,900\n2026-04-13T10:00:01Z,0.75,901\n',
-        after(0, 1),
-        [30, 45],
-        [900, 901],
-        'in Hz, by its heading',
+        speed=[30, 45],
+        says='in Hz, by its heading',
     ),
     'epoch in s with nanoseconds': Log(
         'time,speed,load\n1776074400.000000001,30,900\n1776074401.123456789,31,901\n',
-        [ns(T0) + 1, ns(T0) + 1_123_456_789],
-        [30, 31],
-        [900, 901],
-        's since 1970',
+        times=[ns(T0) + 1, ns(T0) + 1_123_456_789],
+        says='s since 1970',
     ),
     'epoch in ms': Log(
         'time,speed,load\n1776074400000,30,900\n1776074400250,31,901\n',
-        after(0, 0.25),
-        [30, 31],
-        [900, 901],
-        'ms since 1970',
+        times=after(0, 0.25),
+        says='ms since 1970',
     ),
     'epoch in us': Log(
         'time,speed,load\n1776074400000000,30,900\n1776074400000250,31,901\n',
-        [ns(T0), ns(T0) + 250_000],
-        [30, 31],
-        [900, 901],
-        'us since 1970',
+        times=[ns(T0), ns(T0) + 250_000],
+        says='us since 1970',
     ),
     'epoch in ns': Log(
         'time,speed,load\n1776074400000000000,30,900\n1776074400000000003,31,901\n',
-        [ns(T0), ns(T0) + 3],
-        [30, 31],
-        [900, 901],
-        'ns since 1970',
+        times=[ns(T0), ns(T0) + 3],
+        says='ns since 1970',
     ),
     # 2026-04-13 is day 46125 of a spreadsheet: 1899-12-30 and 46,125 days.
     'days of a spreadsheet': Log(
         'Date;n [rpm];F [N]\n46125,5;30;900\n46125,75;31;901\n',
-        after(2 * 3600, 8 * 3600),
-        [30, 31],
-        [900, 901],
-        'days of a spreadsheet',
+        times=after(2 * 3600, 8 * 3600),
+        says='days of a spreadsheet',
     ),
     'seconds': Log(
         't,speed,load\n0,30,900\n0.1,31,901\n0.2,32,902\n',
-        since(0, 0.1, 0.2),
-        [30, 31, 32],
-        [900, 901, 902],
-        's since the start',
+        times=since(0, 0.1, 0.2),
+        speed=[30, 31, 32],
+        load=[900, 901, 902],
+        says='s since the start',
     ),
     'milliseconds by the heading': Log(
-        'time [ms],speed,load\n0,30,900\n100,31,901\n',
-        since(0, 0.1),
-        [30, 31],
-        [900, 901],
-        'ms since the start',
+        'time [ms],speed,load\n0,30,900\n100,31,901\n', times=since(0, 0.1), says='ms since the start'
     ),
-    'no heading': Log(
-        '2026-04-13 10:00:00,30,900\n2026-04-13 10:00:01,31,901\n', after(0, 1), [30, 31], [900, 901]
-    ),
+    'no heading': Log('2026-04-13 10:00:00,30,900\n2026-04-13 10:00:01,31,901\n'),
     'date and time apart': Log(
         'Date,Time,speed,load\n13/04/2026,10:00:00,30,900\n13/04/2026,10:00:01.5,31,901\n',
-        after(0, 1.5),
-        [30, 31],
-        [900, 901],
+        times=after(0, 1.5),
     ),
     'month first, with a half of the day': Log(
         'time,speed,load\n04/13/2026 10:00:00 AM,30,900\n04/13/2026 01:00:00 PM,31,901\n',
-        after(0, 3 * 3600),
-        [30, 31],
-        [900, 901],
+        times=after(0, 3 * 3600),
     ),
     'day or month first, told by the last line': Log(
-        'time,speed,load\n12/04/2026 10:00:00,30,900\n13/04/2026 10:00:00,31,901\n',
-        after(-86400, 0),
-        [30, 31],
-        [900, 901],
+        'time,speed,load\n12/04/2026 10:00:00,30,900\n13/04/2026 10:00:00,31,901\n', times=after(-86400, 0)
     ),
-    'name of the month': Log(
-        'time,speed,load\n13-Apr-2026 10:00:00,30,900\n13-Apr-2026 10:00:01,31,901\n',
-        after(0, 1),
-        [30, 31],
-        [900, 901],
-    ),
-    'a zone': Log(
-        'time,speed,load\n2026-04-13T12:00:00+02:00,30,900\n2026-04-13T12:00:01+02:00,31,901\n',
-        after(0, 1),
-        [30, 31],
-        [900, 901],
-    ),
+    'name of the month': Log('time,speed,load\n13-Apr-2026 10:00:00,30,900\n13-Apr-2026 10:00:01,31,901\n'),
+    'a zone': Log('time,speed,load\n2026-04-13T12:00:00+02:00,30,900\n2026-04-13T12:00:01+02:00,31,901\n'),
     'times of the day': Log(
         'Uhrzeit;n [rpm];F [N]\n10:00:00;30;900\n10:00:01;31;901\n',
-        since(36000, 36001),
-        [30, 31],
-        [900, 901],
-        'of the day, without a date',
+        times=since(36000, 36001),
+        says='of the day, without a date',
     ),
     'words and empty cells': Log(
         'time,speed [rpm],load [N]\n2026-04-13T10:00:00Z,30,900\n2026-04-13T10:00:01Z,Bad,901\n'
         '2026-04-13T10:00:02Z,I/O Timeout,902\n2026-04-13T10:00:03Z,---,903\n',
-        after(0, 1, 2, 3),
-        [30, NAN, NAN, NAN],
-        [900, 901, 902, 903],
+        times=after(0, 1, 2, 3),
+        speed=[30, NAN, NAN, NAN],
+        load=[900, 901, 902, 903],
     ),
     'the first line of numbers has a word': Log(
         'time,speed [rpm],load [N]\n2026-04-13T10:00:00Z,No Data,900\n2026-04-13T10:00:01Z,31,901\n',
-        after(0, 1),
-        [NAN, 31],
-        [900, 901],
+        speed=[NAN, 31],
     ),
     'a preamble': Log(
         'Vessel: Example\nExported by historian 4.2\n\nTime;RPM [rpm];Load [kN]\n'
         '2026-04-13 10:00:00;30;1.5\n2026-04-13 10:00:01;31;1.6\n',
-        after(0, 1),
-        [30, 31],
-        [1500, 1600],
+        load=[1500, 1600],
     ),
-    'comments': Log(
-        '# made by hand\n# time,speed,load\n0,30,900\n1,31,901\n', since(0, 1), [30, 31], [900, 901]
-    ),
+    'comments': Log('# made by hand\n# time,speed,load\n0,30,900\n1,31,901\n', times=since(0, 1)),
     'the separator named for spreadsheets': Log(
-        'sep=;\ntime;speed;load\n2026-04-13 10:00:00;30;900\n2026-04-13 10:00:01;31;901\n',
-        after(0, 1),
-        [30, 31],
-        [900, 901],
+        'sep=;\ntime;speed;load\n2026-04-13 10:00:00;30;900\n2026-04-13 10:00:01;31;901\n'
     ),
     'newest first': Log(
         'time,speed,load\n2026-04-13T10:00:02Z,32,902\n2026-04-13T10:00:01Z,31,901\n'
         '2026-04-13T10:00:00Z,30,900\n',
-        after(0, 1, 2),
-        [30, 31, 32],
-        [900, 901, 902],
-        'newest line comes first',
+        times=after(0, 1, 2),
+        speed=[30, 31, 32],
+        load=[900, 901, 902],
+        says='newest line comes first',
     ),
     'UTF-16 with its mark': Log(
         'time\tspeed\tload\r\n2026-04-13T10:00:00Z\t30\t900\r\n2026-04-13T10:00:01Z\t31\t901\r\n'.encode(
             'utf-16'
-        ),
-        after(0, 1),
-        [30, 31],
-        [900, 901],
+        )
     ),
     'UTF-16 without its mark': Log(
         'time\tspeed\tload\r\n2026-04-13T10:00:00Z\t30\t900\r\n2026-04-13T10:00:01Z\t31\t901\r\n'.encode(
             'utf-16-le'
-        ),
-        after(0, 1),
-        [30, 31],
-        [900, 901],
+        )
     ),
     'Windows-1252': Log(
         'Zeit;Wellendrehzahl, rückwärts [rpm];Last [N]\n2026-04-13 10:00:00;30;900\n'
         '2026-04-13 10:00:01;31;901\n'.encode('cp1252'),
-        after(0, 1),
-        [30, 31],
-        [900, 901],
-        'Windows-1252',
+        says='Windows-1252',
     ),
-    'gzip': Log(gzip.compress(b'time,speed,load\n0,30,900\n1,31,901\n'), since(0, 1), [30, 31], [900, 901]),
+    'gzip': Log(gzip.compress(b'time,speed,load\n0,30,900\n1,31,901\n'), times=since(0, 1)),
     'long, names in turn': Log(
         'time,tag,value\n2026-04-13T10:00:00Z,speed,30\n2026-04-13T10:00:00Z,load,900\n'
-        '2026-04-13T10:00:01Z,speed,31\n2026-04-13T10:00:01Z,load,901\n',
-        after(0, 1),
-        [30, 31],
-        [900, 901],
+        '2026-04-13T10:00:01Z,speed,31\n2026-04-13T10:00:01Z,load,901\n'
     ),
     'long, one name after the other': Log(
         'time,tag,value,unit\n2026-04-13T10:00:00Z,n,30,rpm\n2026-04-13T10:00:01Z,n,31,rpm\n'
         '2026-04-13T10:00:00Z,F,0.9,kN\n2026-04-13T10:00:01Z,F,1.1,kN\n',
-        after(0, 1),
-        [30, 31],
-        [900, 1100],
+        load=[900, 1100],
     ),
     'InfluxDB, annotated': Log(
         '#group,false,false,true,true,false,false,true\r\n'
@@ -276,10 +203,7 @@ LOGS = {
         ',,0,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:00Z,30,speed\r\n'
         ',,0,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:01Z,31,speed\r\n'
         ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:00Z,900,load\r\n'
-        ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:01Z,901,load\r\n',
-        after(0, 1),
-        [30, 31],
-        [900, 901],
+        ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:01Z,901,load\r\n'
     ),
     'long, a name with hundreds of lines after another': Log(
         'time,tag,value\n'
@@ -288,37 +212,34 @@ LOGS = {
             for tag, first in (('speed', 30), ('load', 900))
             for second in range(300)
         ),
-        since(*range(300)),
-        range(30, 330),
-        range(900, 1200),
+        times=since(*range(300)),
+        speed=range(30, 330),
+        load=range(900, 1200),
     ),
     'long, a clock that is set back': Log(
         'time,tag,value\n'
         + ''.join(
             f'{second},{tag},{second}\n' for second in (100, 101, 102, 2, 3, 4) for tag in ('speed', 'load')
         ),
-        since(*range(100, 106)),
-        [100, 101, 102, 2, 3, 4],
-        [100, 101, 102, 2, 3, 4],
-        'set back once',
+        times=since(*range(100, 106)),
+        speed=[100, 101, 102, 2, 3, 4],
+        load=[100, 101, 102, 2, 3, 4],
+        says='set back once',
     ),
     'the mark of a comment before blanks and headings': Log(
         '# t[s]  n[1/min]   F[kN]\n  0.0   30.0   0.9\n  1.0   31.0   1.1\n',
-        since(0, 1),
-        [30, 31],
-        [900, 1100],
+        times=since(0, 1),
+        load=[900, 1100],
     ),
     'knots beside a load in small letters': Log(
-        'time,speed (kn),shaft_rpm,load_kn\n0,12,30,0.9\n1,12,31,1.1\n', since(0, 1), [30, 31], [900, 1100]
+        'time,speed (kn),shaft_rpm,load_kn\n0,12,30,0.9\n1,12,31,1.1\n', times=since(0, 1), load=[900, 1100]
     ),
     'NMEA 0183': Log(
         '2026-04-13T10:00:00.000Z $IIRPM,S,1,30.0,,A*5D\n'
         '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
         '2026-04-13T10:00:01.000Z $IIRPM,S,1,31.0,,V*4B\n'
         '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n',
-        after(0, 1),
-        [30, NAN],
-        [900, 901],
+        speed=[30, NAN],
     ),
     'Signal K': Log(
         '{"updates":[{"timestamp":"2026-04-13T10:00:00.000Z","values":['
@@ -327,46 +248,113 @@ LOGS = {
         '{"updates":[{"timestamp":"2026-04-13T10:00:01.000Z","values":['
         '{"path":"propulsion.port.revolutions","value":0.75},'
         '{"path":"propulsion.port.shaft.load","value":901}]}]}\n',
-        after(0, 1),
-        [30, 45],
-        [900, 901],
+        speed=[30, 45],
     ),
     'blanks': Log(
         '  0.0   30.0   900\n  1.0   31.0   901\n  2.0   32.0   902\n',
-        since(0, 1, 2),
-        [30, 31, 32],
-        [900, 901, 902],
+        times=since(0, 1, 2),
+        speed=[30, 31, 32],
+        load=[900, 901, 902],
     ),
-    'a zero byte': Log(
-        b'time,speed,load\n0,30,900\n1,3\x001,901\n', since(0, 1), [30, 31], [900, 901], lost='1 zero byte'
-    ),
+    'a zero byte': Log(b'time,speed,load\n0,30,900\n1,3\x001,901\n', times=since(0, 1), lost='1 zero byte'),
     'a second heading': Log(
         'time,speed,load\n0,30,900\ntime,speed,load\n1,31,901\n',
-        since(0, 1),
-        [30, 31],
-        [900, 901],
-        'the headings come 1 time more in the middle',
+        times=since(0, 1),
+        says='the headings come 1 time more in the middle',
     ),
     'a line without a time': Log(
         'time,speed,load\n0,30,900\n?,31,901\n2,32,902\n',
-        since(0, 2),
-        [30, 32],
-        [900, 902],
+        times=since(0, 2),
+        speed=[30, 32],
+        load=[900, 902],
         lost="1 line without a time was not used, the first '?'",
     ),
     'a last line that is cut': Log(
         'time,speed,load\n0,30,900\n1,31,901\n2,32',
-        since(0, 1),
-        [30, 31],
-        [900, 901],
+        times=since(0, 1),
         lost='1 line damaged or of too few cells was not used',
     ),
     'a clock that is set back': Log(
         'time,speed,load\n100,30,900\n101,31,901\n102,32,902\n2,33,903\n3,34,904\n4,35,905\n',
-        since(100, 101, 102, 103, 104, 105),
-        range(30, 36),
-        range(900, 906),
-        'set back once, by 100 s',
+        times=since(100, 101, 102, 103, 104, 105),
+        speed=range(30, 36),
+        load=range(900, 906),
+        says='set back once, by 100 s',
+    ),
+    'Campbell TOA5: rows of units and of what was averaged': Log(
+        '"TOA5","Stern","CR1000X","1234","OS5","CPU:s.CR1X","61234","Fast"\n'
+        '"TIMESTAMP","RECORD","ShaftRPM_Avg","Brg_Avg"\n"TS","RN","rpm","kN"\n"","","Avg","Avg"\n'
+        '"2026-04-13 10:00:00",0,30,1.5\n"2026-04-13 10:00:01",1,31,1.6\n',
+        load=[1500, 1600],
+    ),
+    'LabVIEW LVM: numbers in its preamble': Log(
+        'LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\nChannels\t2\t\t\n'
+        'Samples\t2\t2\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00.0\t10:00:00.0\t\nY_Unit_Label\trpm\tkN\t\n'
+        'X_Dimension\tTime\tTime\t\nX0\t0.0E+0\t0.0E+0\t\nDelta_X\t1.0\t1.0\t\n***End_of_Header***\t\t\t\n'
+        'X_Value\tShaft speed\tBearing load\tComment\n0.0\t30.0\t1.5\t\n1.0\t31.0\t1.6\t\n',
+        times=since(0, 1),
+        load=[1500, 1600],
+    ),
+    'HOBO: units behind commas, the zone in the heading': Log(
+        '\ufeff"Plot Title: Stern"\n"#","Date Time, GMT+02:00","Shaft Speed, RPM (LGR S/N: 2)",'
+        '"Load, kN (LGR S/N: 2)","Stopped (LGR S/N: 2)"\n1,04/13/26 12:00:00 PM,30,1.5,\n'
+        '2,04/13/26 12:00:01 PM,31,1.6,\n3,04/13/26 12:00:02 PM,,,Logged\n',
+        load=[1500, 1600],
+    ),
+    'Graphtec: names of channels, blanks behind signs': Log(
+        'Model,GL840\nStart time,2026-04-13,10:00:00\nCH,Signal,Input,Range,Filter,Span\n'
+        'CH1,RPM,DC,10V,0.0,100.0,rpm\nCH2,Load,DC,10V,0.0,100.0,kN\nLogic,Off\n'
+        'Number,Date&Time,ms,CH1,CH2,Alarm\nNO.,Time,ms,rpm,kN,A12\n'
+        '1,2026-04-13 10:00:00,0,+ 30.0,+ 1.5,LLL\n2,2026-04-13 10:00:01,0,+ 31.0,+ 1.6,LLL\n',
+        load=[1500, 1600],
+    ),
+    'WinCC: names and values, status lines': Log(
+        '"VarName";"TimeString";"VarValue";"Validity"\n'
+        '"Shaft_RPM";"13.04.2026 10:00:00";30,0;1\n"Brg_kN";"13.04.2026 10:00:00";1,5;1\n'
+        '"Shaft_RPM";"13.04.2026 10:00:01";31,0;1\n"Brg_kN";"13.04.2026 10:00:01";1,6;1\n'
+        '"$RT_OFF$";"13.04.2026 10:00:02";0;2\n',
+        load=[1500, 1600],
+    ),
+    'Grafana: units behind numbers': Log(
+        '"Time","Shaft","Bearing"\n2026-04-13 10:00:00,30 rpm,1.5 kN\n2026-04-13 10:00:01,31 rpm,1.6 kN\n',
+        load=[1500, 1600],
+    ),
+    'MATLAB timetable: a unit behind times': Log(
+        'Time,Speed_rpm,Load_kN\n0 sec,30,1.5\n1 sec,31,1.6\n', times=since(0, 1), load=[1500, 1600]
+    ),
+    'PlotJuggler: fields behind topics': Log(
+        '"__time","/shaft/speed/data","/bearing/aft_stern/load/data"\n'
+        '1776074400.0,30,\n1776074400.0,,900\n1776074401.0,31,\n1776074401.0,,901\n'
+    ),
+    'Swiss thousands': Log(
+        "time;speed;load\n2026-04-13 10:00:00;30.0;1'234.5\n2026-04-13 10:00:01;31.5;12'345.0\n",
+        speed=[30, 31.5],
+        load=[1234.5, 12345],
+    ),
+    'points that may part thousands': Log(
+        'time;speed;load\n2026-04-13 10:00:00;30;1.234\n2026-04-13 10:00:01;31;1.235\n',
+        load=[1.234, 1.235],
+        says="'1.234' is read with a decimal point: nothing in the file tells it from thousands",
+    ),
+    'a position north is no load': Log(
+        'time,rpm,lat,kN\n2026-04-13T10:00:00Z,30,51.5 N,1.5\n2026-04-13T10:00:01Z,31,51.5 N,1.6\n',
+        load=[1500, 1600],
+    ),
+    'lines that end in three ways': Log(
+        'time,speed,load\r\n2026-04-13T10:00:00Z,30,900\r2026-04-13T10:00:01Z,31,901\n'
+    ),
+    'a second logger with other columns behind the first': Log(
+        'time,speed [rpm],load [kN]\n0,30,1.5\n1,31,1.6\ntime,temp,load [kN],speed [rpm]\n2,9,1.7,32\n',
+        times=since(0, 1, 2),
+        speed=[30, 31, 32],
+        load=[1500, 1600, 1700],
+        says='the headings come 1 time more',
+    ),
+    'a second logger with the load in another unit': Log(
+        'time,speed [rpm],load [kN]\n0,30,1.5\n1,31,1.6\ntime,speed [rpm],load [lbf]\n2,32,9\n3,33,9\n',
+        times=since(0, 1),
+        load=[1500, 1600],
+        lost="2 lines under other headings ('time, speed [rpm], load [lbf]') were not used",
     ),
 }
 # Columns that nothing names are given.
@@ -390,7 +378,7 @@ def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
     assert bound.absent == {}
     found = recording.read([Request(i.topic, 'data') for i in bound.config.bearings[0].inputs.values()])
     for series, expected in zip(found.values(), (log.speed, log.load), strict=True):
-        assert series.stamp_ns.tolist() == log.times
+        assert series.stamp_ns.tolist() == list(log.times)
         assert series.value.tolist() == pytest.approx(list(expected), rel=1e-12, nan_ok=True)
     assert log.says in ' | '.join(recording.warnings)
     assert log.lost in ' | '.join(recording.losses)
@@ -433,10 +421,11 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         'time,Shaft RPM,load [t]\n0,30,1.2\n1,31,1.2\n',
         'time,Shaft RPM,load\ns,rpm,t\n0,30,1.2\n1,31,1.2\n',
         'time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n',
+        'time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n',
     ],
-    ids=['knots', 'tons in the heading', 'tons in a row', 'tons in a column'],
+    ids=['knots', 'tons in the heading', 'tons in a row', 'tons in a column', 'thrust'],
 )
-def test_a_column_of_another_unit_is_no_load(text: str, tmp_path: Path) -> None:
+def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> None:
     """12 knots or 1.2 t, taken for 12 kN or 1.2 N, would be judged stable."""
     path = tmp_path / 'voyage.csv'
     path.write_text(text)
@@ -492,3 +481,9 @@ def test_a_log_is_not_played_and_a_way_is_named(tmp_path: Path, capsys: pytest.C
     (tmp_path / 'voyage.csv').write_text('time,speed,load\n0,30,900\n1,31,901\n')
     assert main(['play', str(tmp_path / 'voyage.csv')]) == 2
     assert 'make a bag of it by stickslip check with' in capsys.readouterr().err
+
+
+def test_a_package_of_a_standard_is_refused_with_the_way_to_read_it(tmp_path: Path) -> None:
+    (tmp_path / 'voyage.json').write_text('{"Package": {"TimeSeriesData": [{"TabularData": []}]}}')
+    with pytest.raises(BagError, match="is JSON: write it as CSV; a package of ISO 19848 with jq -r '"):
+        open_bag(tmp_path / 'voyage.json')
