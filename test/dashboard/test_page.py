@@ -8,18 +8,23 @@ import importlib.util
 import io
 import json
 import re
-from collections.abc import Callable
+import shutil
+import socket
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import until
+from shared import ROOT, until
 
+from benchmarks.signalk_servers import free_port
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind
 
 BEARING = 'aft_stern'
+TOKEN = 'correct-horse-battery'
 ALARM = '[data-alarm="aft_stern/stick_slip"]'
 STANDS = 'document.querySelector(".bearing .badge")?.dataset.reason'
 
@@ -194,18 +199,61 @@ def test_it_comes_back_after_it_was_turned_away(
 
 
 def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any) -> None:
-    token = 'correct-horse-battery'
-    locked = dashboards(token=token)
+    locked = dashboards(token=TOKEN)
     locked.sail(60.0, 1000.0)
     browser.open(locked.url)
     browser.until('location.pathname === "/login" && document.activeElement.name === "token"')
     browser.type('a wrong one, and a long one')
     browser.press('Enter')
     browser.until('location.search === "?wrong" && document.activeElement.name === "token"')
-    browser.type(token)
+    browser.type(TOKEN)
     browser.press('Enter')
     browser.until(f'{STANDS} === "normal"')
     assert browser.js('document.cookie') == ''
+    assert browser.complaints == []
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(('127.0.0.1', port)) == 0
+
+
+@pytest.fixture
+def nginx(dashboards: Callable[..., Any], tmp_path: Path) -> Iterator[tuple[Any, str]]:
+    """A locked dashboard, and its address behind nginx as the docs have it."""
+    program = shutil.which('nginx') or pytest.skip('nginx is not installed')
+    locked, port = dashboards(token=TOKEN), free_port()
+    (block,) = re.findall('```nginx\n(.*?)```', (ROOT / 'docs/dashboard.md').read_text(), re.DOTALL)
+    block = block.replace('127.0.0.1:8370', f'127.0.0.1:{locked.port}')
+    kinds = ('client_body', 'proxy', 'fastcgi', 'uwsgi', 'scgi')
+    folders = ''.join(f'{kind}_temp_path {tmp_path}/{kind};' for kind in kinds)
+    (tmp_path / 'nginx.conf').write_text(
+        f'daemon off; pid {tmp_path}/pid; error_log {tmp_path}/log; events {{}}'
+        f' http {{ access_log off; {folders} server {{ listen 127.0.0.1:{port}; {block} }} }}'
+    )
+    server = subprocess.Popen([program, '-p', str(tmp_path), '-c', str(tmp_path / 'nginx.conf')])
+    until(lambda: answers(port), 'nginx listens')
+    yield locked, f'http://127.0.0.1:{port}/bearing/'
+    server.terminate()
+    server.wait()
+
+
+@pytest.mark.slow
+def test_the_page_works_behind_nginx_below_a_path(nginx: tuple[Any, str], browser: Any) -> None:
+    """Signed in, with all its files, its history, events at once and an action."""
+    locked, root = nginx
+    locked.sail(20.0, 1000.0, 5.0)
+    browser.open(root)
+    browser.until('location.pathname === "/bearing/login" && document.activeElement.name === "token"')
+    browser.type(TOKEN)
+    browser.press('Enter')
+    browser.until(f'{STANDS} === "stick_slip"')
+    asked = 'performance.getEntriesByType("resource").map((entry) => entry.name)'
+    browser.until(f'{asked}.some((name) => name.includes("history?"))')
+    assert all(name.startswith(root) for name in browser.js(asked))
+    browser.js('document.getElementById("who").value = "Ada"')
+    browser.js(f'document.querySelector(`{ALARM} [data-action=acknowledge]`).click()')
+    browser.until(f'document.querySelector(`{ALARM}`).dataset.state === "acknowledged"')
     assert browser.complaints == []
 
 
@@ -468,7 +516,7 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
 
 
 def test_axe_finds_nothing_at_the_door(dashboards: Callable[..., Any], browser: Any) -> None:
-    locked = dashboards(token='correct-horse-battery')
+    locked = dashboards(token=TOKEN)
     browser.show_as(390, 800, dark=True)
     browser.open(f'{locked.url}login')
     browser.until('document.activeElement.name === "token"')

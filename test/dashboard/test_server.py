@@ -5,16 +5,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
-import shutil
 import socket
-import subprocess
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import ROOT, until
+from shared import until
 
 from stickslip_monitor.errors import DashboardError, RosError
 
@@ -22,7 +18,6 @@ pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
 
 import aiohttp
 
-from benchmarks.signalk_servers import free_port
 from stickslip_monitor.dashboard.access import Access
 
 ACTION = {
@@ -332,53 +327,6 @@ def test_a_session_of_the_last_version_goes_on(dashboards: Any) -> None:
     locked = dashboards(token=TOKEN)
     old = Access(TOKEN).session()
     assert get(locked, 'metrics', Cookie=f'stickslip_session={old}')[0] == 200
-
-
-@pytest.mark.slow
-def test_the_page_works_behind_nginx_as_the_docs_have_it(dashboards: Any, tmp_path: Path) -> None:
-    """Below /bearing/, signed in, with events at once and an act."""
-    nginx = shutil.which('nginx') or pytest.skip('nginx is not installed')
-    locked, port = dashboards(token=TOKEN), free_port()
-    locked.sail(20.0, 1000.0, 5.0)
-    (block,) = re.findall('```nginx\n(.*?)```', (ROOT / 'docs/dashboard.md').read_text(), re.S)
-    block = block.replace('127.0.0.1:8370', f'127.0.0.1:{locked.port}')
-    folders = ''.join(
-        f'{name}_temp_path {tmp_path}/{name};'
-        for name in ('client_body', 'proxy', 'fastcgi', 'uwsgi', 'scgi')
-    )
-    (tmp_path / 'nginx.conf').write_text(
-        f'daemon off; pid {tmp_path}/pid; error_log {tmp_path}/log; events {{}}'
-        f' http {{ access_log off; {folders}'
-        f' server {{ listen 127.0.0.1:{port}; {block} }} }}'
-    )
-    server = subprocess.Popen([nginx, '-p', str(tmp_path), '-c', str(tmp_path / 'nginx.conf')])
-    root = f'http://127.0.0.1:{port}/bearing/'
-
-    async def work(session: Any) -> None:
-        page = {'Origin': f'http://127.0.0.1:{port}', 'Sec-Fetch-Site': 'same-origin'}
-        async with session.get(root) as answer:  # leads to the login, below the path
-            assert (answer.status, str(answer.url)) == (200, f'{root}login')
-        async with session.post(f'{root}login', data={'token': TOKEN}, headers=page) as answer:
-            assert (answer.status, str(answer.url)) == (200, root)
-            text = await answer.text()
-        for name in re.findall('(?:src|href)="([a-z._/]+)"', text):
-            assert (await session.get(f'{root}{name}')).status == 200, name
-        async with session.get(f'{root}events') as stream:
-            assert (await event(stream, 'state'))['signed_in']
-        async with session.post(f'{root}act', json=ACTION, headers=page) as answer:
-            assert answer.status == 200
-
-    try:
-        until(lambda: answers(port), 'nginx listens')
-        ask(work)
-    finally:
-        server.terminate()
-        server.wait()
-
-
-def answers(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(('127.0.0.1', port)) == 0
 
 
 def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
