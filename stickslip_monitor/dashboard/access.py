@@ -28,8 +28,6 @@ from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.files import read_file
 
 _LARGEST_TOKEN = 4096
-COOKIE = 'stickslip_session'
-"""Begin of a cookie's name; the last version's was no longer."""
 SHORTEST_TOKEN = 16
 _MOST_ENDED = 1000
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
@@ -76,20 +74,14 @@ class Access:
 
     def end(self, request: web.Request) -> None:
         """End the session of a request."""
-        self.ended.extend(self._sessions(request))
+        self.ended.append(request.cookies.get(cookie_name(request), ''))
 
     def signed_in(self, request: web.Request) -> bool:
         """Whether a request belongs to a session."""
-        return bool(self._sessions(request))
-
-    def _sessions(self, request: web.Request) -> list[str]:
-        """The sessions that a request shows; the page may have had another port."""
-        shown = [own for name, own in request.cookies.items() if name.startswith(COOKIE)]
-        return [own for own in shown if self._is_session(own) and own not in self.ended]
-
-    def _is_session(self, cookie: str) -> bool:
+        cookie = request.cookies.get(cookie_name(request), '')
         known = self.session(cookie.partition('.')[0] or '-')
-        return hmac.compare_digest(cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace'))
+        same = hmac.compare_digest(cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace'))
+        return same and cookie not in self.ended
 
     def admits(self, request: web.Request) -> bool:
         """Whether a request may see what is shown."""
@@ -111,7 +103,7 @@ class Access:
 def cookie_name(request: web.Request) -> str:
     """The name of the page's cookie: browsers keep those of a host's ports in one place."""
     address = request.transport and request.transport.get_extra_info('sockname')
-    return f'{COOKIE}_{address[1]}' if address else COOKIE
+    return f'stickslip_session_{address[1]}' if address else 'stickslip_session'
 
 
 def same_origin(request: web.Request) -> bool:

@@ -97,19 +97,12 @@ def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
     monitors = board.monitors
     ups = [((m.namespace,), m.there and not board.finished) for m in monitors]
     yield _family('monitor_up', _UP, _SPACE, ups)
+    silences = [((m.namespace,), m.silent_for) for m in monitors]
     yield _family(
-        'monitor_silence_seconds',
-        'Time since the last message from the monitor.',
-        _SPACE,
-        [((m.namespace,), m.silent_for) for m in monitors],
+        'monitor_silence_seconds', 'Time since the last message from the monitor.', _SPACE, silences
     )
-    pairs = [(m, name, own.key) for m in monitors for name, own in m.bearings.items()]
-    yield _family(
-        'bearing_up',
-        'Whether there is data on the bearing (1) or not (0).',
-        _BEARING,
-        [((m.namespace, name), key not in missing) for m, name, key in pairs],
-    )
+    own = [((m.namespace, name), b.key not in missing) for m in monitors for name, b in m.bearings.items()]
+    yield _family('bearing_up', 'Whether there is data on the bearing (1) or not (0).', _BEARING, own)
 
 
 _Known = list[tuple[tuple[str, str], dict[str, Any]]]
@@ -121,22 +114,15 @@ def _bearings(known: _Known) -> Iterator[Metric]:
         none = WITHOUT_CYCLE.get(key)
         values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
         yield _family(name, text, _BEARING, values)
-    yield _family(
-        'predicted',
-        'Whether stick-slip is predicted now; one that is only held is not.',
-        _BEARING,
-        [(n, r['sticking']) for n, r in known],
-    )
-    yield _family(
-        'held',
-        'Whether the condition is over, and held for its off-delay.',
-        _BEARING,
-        [(n, r['held_until'] is not None) for n, r in known],
-    )
+    for name, text, held in (
+        ('predicted', 'Whether stick-slip is predicted now; one that is only held is not.', False),
+        ('held', 'Whether the condition is over, and held for its off-delay.', True),
+    ):
+        flags = [(n, r['held_until'] is not None if held else r['sticking']) for n, r in known]
+        yield _family(name, text, _BEARING, flags)
     for name, label, key, states, text in _STATES:
-        own = [(n, r[key]) for n, r in known if r[key] is not None]
-        flags = [((*n, state), now == state) for n, now in own for state in states]
-        yield _family(name, text, [*_BEARING, label], flags)
+        told = [((*n, s), r[key] == s) for n, r in known for s in states if r[key] is not None]
+        yield _family(name, text, [*_BEARING, label], told)
     yield from _inputs([((*n, name), own) for n, r in known for name, own in r['inputs'].items()])
 
 
@@ -172,15 +158,10 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
         for m, record in records
         for a in record['alarms']
     ]
-    yield _family(
-        'alarm_active', 'Whether the alarm is active.', labels, [(names, a['active']) for names, a in alarms]
-    )
-    yield _family(
-        'alarm_state',
-        'Whether the alarm is in this state.',
-        [*labels, 'state'],
-        [((*names, s.value), a['state'] == s.value) for names, a in alarms for s in AlarmState],
-    )
+    active = [(names, a['active']) for names, a in alarms]
+    yield _family('alarm_active', 'Whether the alarm is active.', labels, active)
+    states = [((*names, s.value), a['state'] == s.value) for names, a in alarms for s in AlarmState]
+    yield _family('alarm_state', 'Whether the alarm is in this state.', [*labels, 'state'], states)
     for name, (text, value) in _OF_ALARMS.items():
         yield _family(name, text, _SPACE, [((m.namespace,), value(r)) for m, r in records])
 

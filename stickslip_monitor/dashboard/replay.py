@@ -6,14 +6,12 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Iterator
-from heapq import merge
 from typing import Any, NamedTuple
 
 from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Recording, Series
+from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
-from stickslip_monitor.errors import BagError, ConfigurationError
+from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
@@ -28,12 +26,12 @@ _TURN = 0.01
 class _Sample(NamedTuple):
     """A number of the recording, when it was recorded, and when it was measured [ns]."""
 
-    number: int
-    log_ns: int
+    sequence: int
+    log_time_ns: int
     stamp_ns: int
+    value: float
     bearing: str
     place: Input
-    value: float
 
 
 class Replay:
@@ -48,24 +46,21 @@ class Replay:
 
     Raises:
         BagError: It cannot be read, or lacks a topic.
-        ConfigurationError: The rate is none.
     """
 
     def __init__(self, path: str, config: MonitorConfig, rate: float, board: DashboardState) -> None:
-        if not (math.isfinite(rate) and rate > 0.0):
-            raise ConfigurationError(f'--rate {rate:g} must be a number above 0')
         recording = open_bag(path)
         bound = bound_to(recording, config)
         for text in bound.absent.values():
             raise BagError(text)
         self._config, self._rate, self._board = bound.config, rate, board
         (self._shown,) = board.monitors
-        self._samples = list(_samples(recording, bound.config))
+        self._samples = _samples(recording, bound.config)
         if not self._samples:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
-        self._start_ns = self._samples[0].log_ns
+        self._start_ns = self._samples[0].log_time_ns
         # They are in the order of the recording, which need not be that of its clock.
-        self._length_ns = max(sample.log_ns for sample in self._samples) - self._start_ns
+        self._length_ns = max(sample.log_time_ns for sample in self._samples) - self._start_ns
         self._changed = asyncio.Event()
         self._paused = False
         self._begin()
@@ -131,7 +126,7 @@ class Replay:
             return 0.0
         if self._paused:
             return _SHOWN_EVERY
-        left = (self._samples[self._next].log_ns - self._wanted_ns()) * 1e-9 / self._rate
+        left = (self._samples[self._next].log_time_ns - self._wanted_ns()) * 1e-9 / self._rate
         return min(max(left, 0.0), _SHOWN_EVERY)
 
     def _advance(self, wanted_ns: int) -> bool:
@@ -139,13 +134,13 @@ class Replay:
         end = time.monotonic() + _TURN
         while self._next < len(self._samples):
             sample = self._samples[self._next]
-            if sample.log_ns > wanted_ns:
+            if sample.log_time_ns > wanted_ns:
                 self._pass_time(wanted_ns)
                 return False
             if time.monotonic() > end:
                 return True
-            self._pass_time(sample.log_ns)
-            self._take(sample)
+            self._pass_time(sample.log_time_ns)
+            self._session.take(sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now())
             self._next += 1
         return False
 
@@ -161,9 +156,6 @@ class Replay:
         """Now is where the recording is."""
         return Moment(self._log_ns, self._log_ns)
 
-    def _take(self, sample: _Sample) -> None:
-        self._session.take(sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now())
-
     def _show(self) -> None:
         self._session.show(self._now())
         self._board.play(self._place())
@@ -177,19 +169,16 @@ class Replay:
         }
 
 
-def _samples(recording: Recording, config: MonitorConfig) -> Iterator[_Sample]:
+def _samples(recording: Recording, config: MonitorConfig) -> list[_Sample]:
     """The numbers of a recording in its order."""
     sources = [
-        (bearing.name, place, request)
+        (request, bearing.name, place)
         for bearing in config.bearings
         for place, request in zip(Input, requests_of(bearing), strict=False)
     ]
-    series = recording.read({request for *_, request in sources})
-    own = [_column(name, place, series[request]) for name, place, request in sources]
-    return merge(*own, key=lambda sample: sample.number)
-
-
-def _column(name: str, place: Input, series: Series) -> Iterator[_Sample]:
-    columns = (series.sequence, series.log_time_ns, series.stamp_ns, series.value)
-    for number, log_ns, stamp_ns, value in zip(*(c.tolist() for c in columns), strict=True):
-        yield _Sample(number, log_ns, stamp_ns, name, place, value)
+    series, found = recording.read({request for request, *_ in sources}), list[_Sample]()
+    for request, *source in sources:
+        own = series[request]
+        columns = (own.sequence, own.log_time_ns, own.stamp_ns, own.value)
+        found += (_Sample(*row, *source) for row in zip(*(c.tolist() for c in columns), strict=True))
+    return sorted(found, key=lambda sample: sample.sequence)

@@ -92,12 +92,10 @@ def _each(readers: Mapping[str, Read]) -> Read:
 
 NUMBERS = ('rpm', *POINT_NUMBERS)
 """The numbers of a record."""
+PROBABILITIES = tuple(name for name in POINT_NUMBERS if name.startswith('probability'))
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
-# The last two are those of monitors of the last version.
-_COUNTS = {status.name.lower(): _may(int, 0) for status in Status} | {
-    name: _may(int, 0) for name in ('clock_jump', 'odd_stamp')
-}
+_COUNTS = {status.name.lower(): _may(int, 0) for status in Status}
 _INPUT: dict[str, Read] = {
     'lost': _may(bool, False),
     'age': _finite,
@@ -191,15 +189,7 @@ SPAN = 600_000
 """How far back the history of a bearing goes [ms]."""
 STEP = 1000
 """Its rows are so far apart, or further [ms]."""
-_OF_POINT = (
-    'fold_speed',
-    'hopf_speed',
-    'fold_margin',
-    'hopf_margin',
-    'probability_can',
-    'probability_will',
-    'probability_runs',
-)
+_OF_POINT = ('fold_speed', 'hopf_speed', 'fold_margin', 'hopf_margin', *PROBABILITIES)
 COLUMNS = ('time', 'speed', 'load', *_OF_POINT)
 """Time [ms], speed [m/s], load [N], boundaries [m/s], margins and probabilities [-]."""
 Row = list[Any]
@@ -276,14 +266,11 @@ class Watched:
         if wider is None or len(lately) < (_BEYOND if self.fitted else 1):
             return False
         speed, load = (min(abs(row[k]) for row in lately) for k in (1, 2))
-        fastest, highest = self.view.speeds[1], self.view.loads[1]
-        if self.fitted and speed <= fastest and load <= highest:
+        fastest, highest = (self.view.speeds[1], self.view.loads[1]) if self.fitted else (0.0, 0.0)
+        if speed <= fastest and load <= highest:
             return False
-        if not self.fitted:
-            fastest = highest = 0.0
-        self.view = wider(
-            _ROOM[0] * speed if speed > fastest else fastest, _ROOM[1] * load if load > highest else highest
-        )
+        wanted = (speed, fastest, _ROOM[0]), (load, highest, _ROOM[1])
+        self.view = wider(*(room * now if now > end else end for now, end, room in wanted))
         self.fitted = True
         return True
 
@@ -370,19 +357,18 @@ class WatchedMonitor:
 
     def faults(self) -> list[str]:
         """Why what is shown must not be taken for all there is; a sentence each."""
+        name = self.source
         if self.silent_for is None:
             others = ', '.join(self._others)
             there = f' Other monitors run: {others}; see --node.' if others else ''
-            return [f'No data from the monitor {self.source} yet.{there}']
-        if not self.receiving and not self._idle():
-            return [f'The monitor {self.source} has been silent for {self.silent_for:.0f} s.']
-        return list(self._gaps())
-
-    def _gaps(self) -> Iterator[str]:
-        name = self.source
+            return [f'No data from the monitor {name} yet.{there}']
         if self._idle():
-            yield f'Not monitoring: {name} is not active; its bearings are not watched.'
-            return
+            return [f'Not monitoring: {name} is not active; its bearings are not watched.']
+        if not self.receiving:
+            return [f'The monitor {name} has been silent for {self.silent_for:.0f} s.']
+        return list(self._gaps(name))
+
+    def _gaps(self, name: str) -> Iterator[str]:
         if missing := self.missing():
             yield f'No data on {_listed(missing)}: {name} does not watch it.'
         now = self._clock()
@@ -440,16 +426,9 @@ class WatchedMonitor:
         self.log(sorted(entries, key=lambda entry: entry['time'] or 0))
         self.send('alarms', {}, '')
         for request, done in self._expected:
-            answers = [
-                change
-                for change in record['changes']
-                if change['by'] == request.by
-                and change['what'] == request.action.value
-                and request.bearing in (None, change['bearing'])
-                and request.kind in (None, change['alarm'])
-            ]
+            answers = sum(_answers(change, request) for change in record['changes'])
             if answers and not done.done():
-                done.set_result(len(answers))
+                done.set_result(answers)
 
     def take_other(self, node: str) -> None:
         """A message of another monitor than those that are shown has come."""
@@ -468,12 +447,7 @@ class WatchedMonitor:
     def concerned(self, request: ActionRequest) -> bool:
         """Whether there is anything that a request could change, as far as is known here."""
         alarms = () if self.alarms is None else self.alarms['alarms']
-        return any(
-            request.action.value in alarm['actions']
-            and request.bearing in (None, alarm['bearing'])
-            and request.kind in (None, alarm['alarm'])
-            for alarm in alarms
-        )
+        return any(request.action.value in a['actions'] and _concerns(request, a) for a in alarms)
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
         """Hand a request on and wait so long [s] for what comes of it; see DashboardState.ask."""
@@ -490,6 +464,15 @@ class WatchedMonitor:
             raise DashboardError(' '.join([_NO_ANSWER, *self.faults()])) from error
         finally:
             self._expected.remove(entry)
+
+
+def _concerns(request: ActionRequest, alarm: dict[str, Any]) -> bool:
+    return request.bearing in (None, alarm['bearing']) and request.kind in (None, alarm['alarm'])
+
+
+def _answers(change: dict[str, Any], request: ActionRequest) -> bool:
+    same = (change['by'], change['what']) == (request.by, request.action.value)
+    return same and _concerns(request, change)
 
 
 def _listed(names: list[str]) -> str:
@@ -574,8 +557,10 @@ def _checked(entry: Any) -> dict[str, Any] | None:
 
 
 def _iso(time_ms: int | None) -> str:
+    if time_ms is None:
+        return ''
     try:
-        when = datetime.fromtimestamp((math.nan if time_ms is None else time_ms) / 1000.0, timezone.utc)
+        when = datetime.fromtimestamp(time_ms / 1000.0, timezone.utc)
     except (OverflowError, ValueError, OSError):
         return ''
     return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
@@ -639,22 +624,6 @@ class DashboardState:
             'rows': [row for record in known for row in record['rows']],
         }
 
-    @property
-    def receiving(self) -> bool:
-        """Whether anything comes from any monitor."""
-        return not self.finished and any(monitor.receiving for monitor in self.monitors)
-
-    def faults(self) -> list[str]:
-        """Why what is shown must not be taken for all there is; a sentence each."""
-        if self.finished:
-            return []
-        return [text for monitor in self.monitors for text in monitor.faults()]
-
-    def notices(self) -> list[str]:
-        """What else is wrong, though data come from all bearings; a sentence each."""
-        log = f'The log is not kept: {self.log.fault}' if self.log.fault else ''
-        return [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text]
-
     def _take(self, kind: str, document: dict[str, Any], key: str) -> None:
         if kind == 'alarms':
             document = {'alarms': self.alarms, 'log': self.log.latest()}
@@ -699,17 +668,18 @@ class DashboardState:
             self.send('monitor', monitor, '')
 
     def monitor(self) -> dict[str, Any]:
-        """Whether the monitors are there."""
+        """Whether the monitors are there, and why what is shown must not be taken for all there is."""
         silences = [monitor.silent_for for monitor in self.monitors]
         known = [round(silent, 1) for silent in silences if silent is not None]
-        missing = [key for monitor in self.monitors for key in monitor.missing()]
+        watched = () if self.finished else self.monitors
+        log = f'The log is not kept: {self.log.fault}' if self.log.fault else ''
         return {
-            'there': self.receiving,
+            'there': any(monitor.receiving for monitor in watched),
             'finished': self.finished,
             'silent': max(known) if len(known) == len(silences) else None,
-            'faults': self.faults(),
-            'notices': self.notices(),
-            'missing': [] if self.finished else missing,
+            'faults': [text for monitor in watched for text in monitor.faults()],
+            'notices': [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text],
+            'missing': [key for monitor in watched for key in monitor.missing()],
         }
 
     def state(self) -> dict[str, Any]:
@@ -736,11 +706,7 @@ class DashboardState:
         return None if own is None else {'columns': COLUMNS, 'rows': list(own.history)}
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
-        """Hand a request on to every monitor that it concerns and wait for what comes of it.
-
-        Args:
-            request: What is asked for, the bearing by its key.
-            patience: How long to wait [s].
+        """Hand a request on to every monitor that it concerns, and wait so long [s] for what comes of it.
 
         Returns:
             The number of alarms that were changed.

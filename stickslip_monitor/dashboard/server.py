@@ -18,7 +18,6 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
 from stickslip_monitor.dashboard.access import (
-    COOKIE,
     IDLE,
     MOST_CONNECTIONS,
     Access,
@@ -46,6 +45,8 @@ SWEEP = 0.1
 PATIENCE = 3.0
 """How long an action may take [s]."""
 LARGEST_REQUEST = 4096
+SESSION = 30 * 24 * 3600
+"""A browser keeps a session for so long [s]."""
 _JSON = 'application/json'
 SLOWEST_REQUEST = 10.0
 """How long the content of a request may take to come [s]."""
@@ -109,7 +110,7 @@ class Hub:
         """A reader has gone."""
         self.readers.discard(reader)
 
-    def close(self) -> None:
+    async def close(self, _: web.Application) -> None:
         """End all streams."""
         for reader in self.readers:
             reader.close()
@@ -163,11 +164,7 @@ class Server:
             ]
         )
         app.on_response_prepare.append(add_headers)
-
-        async def end_streams(_: web.Application) -> None:
-            self.hub.close()
-
-        app.on_shutdown.append(end_streams)
+        app.on_shutdown.append(self.hub.close)
         return app
 
     async def listen(self, address: str, port: int) -> asyncio.Server:
@@ -207,16 +204,7 @@ class Server:
         await self._runner.cleanup()
 
     async def serve(self, address: str, port: int, started: Callable[[str], None]) -> None:
-        """Serve until a signal comes.
-
-        Args:
-            address: Address to listen at.
-            port: Port; 0 for any that is free.
-            started: Called with the address of the page once it can be opened.
-
-        Raises:
-            DashboardError: The address cannot be listened at.
-        """
+        """Listen, and serve until a signal comes; ``started`` is told the page's address."""
         stop = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -239,21 +227,14 @@ class Server:
         if not self._access.knows(str(form.get('token', ''))):
             return web.Response(status=303, headers={'Location': 'login?wrong'})
         response = web.Response(status=303, headers={'Location': './'})
-        response.set_cookie(
-            cookie_name(request),
-            self._access.session(),
-            httponly=True,
-            samesite='Strict',
-            secure=request.secure,
-            max_age=30 * 24 * 3600,
-        )
+        rules: dict[str, Any] = {'httponly': True, 'samesite': 'Strict', 'secure': request.secure}
+        response.set_cookie(cookie_name(request), self._access.session(), max_age=SESSION, **rules)
         return response
 
     async def _logout(self, request: web.Request) -> web.Response:
         self._access.end(request)
         response = web.Response(status=204)
         response.del_cookie(cookie_name(request))
-        response.del_cookie(COOKIE)
         return response
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
@@ -261,12 +242,9 @@ class Server:
             reader = self.hub.join(not self._access.token or self._access.signed_in(request))
         except DashboardError as error:
             return web.Response(status=503, text=f'{error}\n')
-        headers = {
-            'Content-Type': 'text/event-stream',
-            'Cache-Control': 'no-store',
-            'X-Accel-Buffering': 'no',  # nginx would keep events until its buffer is full
-        }
-        response = web.StreamResponse(headers=headers)
+        # nginx would keep events until its buffer is full.
+        headers = {'Cache-Control': 'no-store', 'X-Accel-Buffering': 'no'}
+        response = web.StreamResponse(headers={'Content-Type': 'text/event-stream', **headers})
         try:
             await response.prepare(request)
             # One that comes back needs no history: it gets all that is shown, which is bounded.
@@ -318,9 +296,8 @@ class Server:
 
     async def _log(self, _: web.Request) -> web.Response:
         headers = {'Content-Disposition': 'attachment; filename="stickslip_alarms.csv"'}
-        return web.Response(
-            text=self._board.log.csv(), content_type='text/csv', charset='utf-8', headers=headers
-        )
+        text, kind = self._board.log.csv(), 'text/csv'
+        return web.Response(text=text, content_type=kind, charset='utf-8', headers=headers)
 
     async def _scrape(self, request: web.Request) -> web.Response:
         body, kind = self._metrics.text(request.headers.get('Accept', ''))

@@ -134,7 +134,7 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
 def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> None:
     board.monitors[0].take_record(document)
     board.monitors[0].take_alarms(document)
-    assert not board.receiving
+    assert not board.monitor()['there']
     assert board.alarms is None
 
 
@@ -218,7 +218,6 @@ def test_never_all_clear_by_mistake(
     board: DashboardState, now: list[float], happens: Happening, words: str
 ) -> None:
     happens(board.monitors[0], now)
-    assert board.faults()
     assert words in ' '.join(board.monitor()['faults'])
 
 
@@ -228,8 +227,8 @@ def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> Non
     assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
     board.monitors[0].take_alarms(alarms())
     hear(board.monitors[0])
-    assert (board.receiving, bool(board.faults())) == (True, True)
-    assert 'No data on fore: test does not watch it.' in board.faults()
+    assert board.monitor()['there']
+    assert 'No data on fore: test does not watch it.' in board.monitor()['faults']
 
 
 def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> None:
@@ -287,9 +286,10 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
         hear(monitor, text='aft_stern: fine')
     waiting = alarm(state='unacknowledged', active=True, text='aft_stern: bad')
     port.take_alarms(alarms(waiting, unacknowledged=1, rows=[waiting]))
-    assert (board.receiving, bool(board.faults())) == (True, True)
+    assert board.monitor()['there']
+    assert board.monitor()['faults']
     starboard.take_alarms(alarms(alarm()))
-    assert (board.receiving, board.faults()) == (True, [])
+    assert (board.monitor()['there'], board.monitor()['faults']) == (True, [])
     assert board.alarms['unacknowledged'] == 1
     assert [(a['bearing'], a['state']) for a in board.alarms['alarms']] == [
         ('port/aft_stern', 'unacknowledged'),

@@ -15,7 +15,7 @@ const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'raised', clear: 'cleared', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence over', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'unknown' };
-const FAULTS = { not_finite: 'not finite', no_value: '"no value"', implausible: 'implausible', below_minimum: 'below minimum', repeated: 'repeated', out_of_order: 'out of order', clock_jump: 'clock jumps', odd_stamp: 'odd time stamps' };
+const FAULTS = { not_finite: 'not finite', no_value: '"no value"', implausible: 'implausible', below_minimum: 'below minimum', repeated: 'repeated', out_of_order: 'out of order' };
 
 const speedText = (rpm) => (rpm === null ? '–' : `${Math.abs(rpm).toFixed(Math.abs(rpm) < 99.95 ? 1 : 0)} rpm`);
 const loadText = (load) => (load === null ? '–' : Math.abs(load) < 9999.5 ? `${load.toFixed(0)} N` : `${(load / 1000).toFixed(1)} kN`);
