@@ -16,7 +16,7 @@ from pathlib import Path
 import aiohttp
 
 from benchmarks.table import NOT_INSTALLED, Table, absent
-from scripts.make_screenshot import CHROMIUM, Page, program
+from scripts.make_pictures import CHROMIUM, Page, program
 from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.dashboard.access import Access
 from stickslip_monitor.dashboard.seen_monitors import DashboardState

@@ -20,18 +20,7 @@ from stickslip_monitor import (
     exact_unstable_cycle,
     hopf_speed,
 )
-from stickslip_monitor.drawing.canvas import (
-    DASHES,
-    FOLD,
-    HOPF,
-    INK,
-    REGIME_COLOUR,
-    labelled,
-    legend_above,
-    regime_bands,
-    save_figure,
-    style,
-)
+from stickslip_monitor.drawing import canvas
 
 PICTURE = Path(__file__).resolve().parents[1] / 'docs' / 'images' / 'published_bstab.png'
 # In its own units: mass and stiffness 1, damping ratio 0.05, load 1.
@@ -45,36 +34,31 @@ FIRST_REST, LAST_CYCLE = 1.175, 1.775
 def main() -> None:
     """Draw the picture."""
     hopf, fold = float(hopf_speed(BLOCK, 1.0)), float(exact_fold_speed(BLOCK, 1.0))
-    below, between = (np.linspace(0.45, fold * (1.0 - 1e-6), 400), np.linspace(hopf, fold, 200)[1:-1])
-    with style():
-        figure, axes = labelled('belt speed', 'amplitude', box=(0.085, 0.125, 0.89, 0.79))
+    below = np.linspace(0.45, fold * (1.0 - 1e-6), 400)
+    # It begins as a root: steps from the Hopf speed on are squares.
+    between = hopf + (fold - hopf) * np.linspace(0.0, 1.0, 200)[1:-1] ** 2
+    with canvas.style():
+        figure, axes = canvas.labelled('belt speed', 'amplitude', box=(0.085, 0.125, 0.89, 0.79))
         stable = exact_cycle(BLOCK, below, 1.0).amplitude
         unstable = exact_unstable_cycle(BLOCK, between, 1.0).amplitude
-        axes.plot(below, stable, color=INK, lw=1.8, label='our stick-slip')
-        axes.plot(between, unstable, color=INK, lw=1.4, ls=DASHES, label='our unstable cycle')
-        axes.axvline(hopf, color=HOPF, lw=1.4, label=f'our Hopf speed {hopf:.3f}')
-        axes.axvline(fold, color=FOLD, lw=1.4, ls=DASHES, label=f'our fold {fold:.3f}')
+        axes.plot(below, stable, color=canvas.INK, lw=1.8, label='our stick-slip')
+        axes.plot(between, unstable, color=canvas.INK, lw=1.4, ls=canvas.DASHES, label='our unstable cycle')
+        axes.axvline(hopf, color=canvas.HOPF, lw=1.4, label=f'our Hopf speed {hopf:.3f}')
+        axes.axvline(fold, color=canvas.FOLD, lw=1.4, ls=canvas.DASHES, label=f'our fold {fold:.3f}')
         cycling, resting = SPEEDS < LAST_CYCLE + 1e-9, SPEEDS > FIRST_REST - 1e-9
         for where, height, marker, regime, what in (
             (cycling, exact_cycle(BLOCK, SPEEDS, 1.0).amplitude, 'o', Regime.UNSTABLE, 'a cycle'),
             (resting, np.zeros(SPEEDS.size), 's', Regime.STABLE, 'steady sliding'),
         ):
-            axes.plot(
-                SPEEDS[where],
-                height[where],
-                marker,
-                ms=6.0,
-                color=REGIME_COLOUR[regime],
-                label=f'bSTAB: some starts end in {what}',
-                clip_on=False,
-                zorder=10,
-            )
+            look: canvas.Look = {'ms': 6.0, 'color': canvas.REGIME_COLOUR[regime], 'zorder': 10}
+            name = f'bSTAB: some starts end in {what}'
+            axes.plot(SPEEDS[where], height[where], marker, label=name, clip_on=False, **look)
         axes.set_xlim(0.45, 2.0)
         axes.set_ylim(0.0, 2.2)
         spans = (0.45, hopf, Regime.UNSTABLE), (hopf, fold, Regime.BISTABLE)
-        regime_bands([axes], (*spans, (fold, 2.0, Regime.STABLE)))
-        legend_above(axes, 3)
-        save_figure(figure, PICTURE, force=True)
+        canvas.regime_bands([axes], (*spans, (fold, 2.0, Regime.STABLE)))
+        canvas.legend_above(axes, 3)
+        canvas.save_figure(figure, PICTURE, force=True)
 
 
 if __name__ == '__main__':

@@ -31,7 +31,9 @@ _MOST_NUMBERED = 60
 _NUMBER_ROWS = 3
 _HIGHEST_MARGIN = 1.5
 _LOWEST_TOP = 0.3
-_PIXELS_PER_LETTER = 7.0
+_PIXELS_PER_LETTER = 6.3
+# A panel so wide has the names of its lines beside each other [pixels].
+_NAMES_BELOW = 450.0
 DATED_FROM = 10 * 365 * 86_400 * 10**9
 """A clock before this counts from a start, a simulation's say: it has no date [ns]."""
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
@@ -167,8 +169,11 @@ def _speed(axes: canvas.Axes, lines: _Lines) -> None:
     edge = float(np.nanmax(_finite(lines.columns['fold_speed']), initial=0.0))
     axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
     axes.set_ylabel('speed [rpm]')
-    # Numbers of events stand above.
-    axes.legend(loc='best', ncols=2, fontsize=8.5, framealpha=0.7, edgecolor='none')
+    # Numbers of events stand above, and on a narrow picture the names have no room below.
+    if axes.get_window_extent().width > _NAMES_BELOW:
+        _legend(axes, 'upper right', -0.03)
+    else:
+        axes.legend(loc='best', ncols=2, fontsize=8.5, framealpha=0.7, edgecolor='none')
 
 
 def _load(axes: canvas.Axes, lines: _Lines) -> None:
@@ -225,8 +230,9 @@ def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
     _legend(axes)
 
 
-def _legend(axes: canvas.Axes) -> None:
-    corner: canvas.Look = {'loc': 'lower right', 'bbox_to_anchor': (1.0, 1.0), 'borderaxespad': 0.0}
+def _legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0) -> None:
+    """Name the lines at the right, above the panel or below it."""
+    corner: canvas.Look = {'loc': loc, 'bbox_to_anchor': (1.0, edge), 'borderaxespad': 0.0}
     canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 

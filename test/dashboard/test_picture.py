@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_picture_says_what_the_program_says(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where this fails, `python scripts/make_screenshot.py` takes the picture again."""
+    """Where this fails, `python scripts/make_pictures.py` takes the picture again."""
     image: Any = pytest.importorskip('PIL.Image')
     with image.open(ROOT / 'docs/images/dashboard.png') as picture:
         shown = json.loads(picture.text['Description'])
