@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, ROOT, contrast
+from shared import CONFIG, ROOT, contrast, luminance
 
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
 from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.check_records import to_json
 from stickslip_monitor.report.page import (
+    MOST_DRAWN,
     MOST_EVENTS,
     Archive,
     BearingPart,
@@ -157,12 +158,22 @@ def test_it_is_well_formed_and_can_be_found_the_way_around_in() -> None:
     assert targets <= set(ids)
 
 
-@pytest.mark.parametrize('night', [False, True])
-def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
+def style() -> str:
     import stickslip_monitor.report.page as module
 
-    style = (Path(module.__file__).parent / 'page.css').read_text('utf-8')
-    day, dark = re.findall(r':root \{(.*?)\}', style, flags=re.DOTALL)[:2]
+    return (Path(module.__file__).parent / 'page.css').read_text('utf-8')
+
+
+def test_on_paper_the_bar_of_regimes_is_darker_with_trouble() -> None:
+    (paper,) = re.findall(r'@media print \{\s*:root \{(.*?)\}', style())
+    colour = dict(re.findall(r'--([a-z]+): (#[0-9a-f]{6})', paper))
+    greys = [luminance(colour[each]) for each in ('undetermined', 'stable', 'bistable', 'unstable')]
+    assert min(light / dark for light, dark in pairwise(greys)) > 1.3
+
+
+@pytest.mark.parametrize('night', [False, True])
+def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
+    day, dark = re.findall(r':root \{(.*?)\}', style(), flags=re.DOTALL)[:2]
     colour = dict(re.findall(r'--([a-z-]+): (#[0-9a-f]{6})', day + (dark if night else '')))
     assert len(re.findall(r'--[a-z-]+:', dark)) == len(colour)
     grades = ('clear', 'warning', 'alarm', 'unknown')
@@ -193,6 +204,17 @@ def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
     assert si == pytest.approx([RPM * low, RPM * high], rel=1e-3)
     assert '0.8 kN: no sensor measures it' in cards['Load']
     assert 'topic' not in cards['Load']
+
+
+def test_of_an_archive_what_is_not_shown_is_a_row_whatever_came_of_it() -> None:
+    finding, made = Finding('unknown', ('no verdict',)), datetime(2026, 5, 5, tzinfo=timezone.utc)
+    documents = [document('x'), document('x') | {'complete': False}, {'path': 'x', 'error': 'torn'}]
+    parts = [RecordingPart(f'bag-{k}', 'x', documents[k % 3], (finding,)) for k in range(MOST_DRAWN + 3)]
+    text = html_page(parts, load_config(CONFIG), str(CONFIG), made).decode()
+    rows = re.findall(r'<tr><td>x</td><td>(.*?)</td><td>(.*?)</td><td>.*?no verdict(.*?)</td>', text)
+    begun, lasting = '2026-05-04 00:00:00.0', '10\N{NO-BREAK SPACE}s'
+    whole, part, torn = (begun, lasting, ''), (begun, lasting, ' Not all of it was read.'), ('', '', '')
+    assert rows == [whole, part, torn] * 5
 
 
 def test_of_very_many_events_the_severe_stay() -> None:
