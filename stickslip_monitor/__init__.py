@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.monitor.configuration import build_config
     from stickslip_monitor.monitor.monitor import Monitor
     from stickslip_monitor.monitor.parameters import MonitorConfig
-    from stickslip_monitor.monitor.signals import Levels, Sample, Stream
+    from stickslip_monitor.monitor.signals import Sample, Stream
     from stickslip_monitor.physics.averaging import (
         StationaryAmplitudes,
         amplitude_rate,
@@ -43,7 +43,6 @@ __all__ = [
     'Cycle',
     'CycleKind',
     'FrictionLaw',
-    'Levels',
     'Monitor',
     'MonitorConfig',
     'Outcome',
@@ -77,7 +76,7 @@ _HOMES = {
     'monitor.parameters': ('MonitorConfig',),
     'monitor.configuration': ('build_config',),
     'monitor.monitor': ('Monitor',),
-    'monitor.signals': ('Levels', 'Sample', 'Stream'),
+    'monitor.signals': ('Sample', 'Stream'),
     'physics.averaging': (
         'StationaryAmplitudes',
         'amplitude_rate',

@@ -32,7 +32,6 @@ from stickslip_monitor.monitor.parameters import (
     LINING_PARAMETERS,
     NODE_PARAMETERS,
     REQUIRED,
-    RETIRED,
     TORSIONAL_PARAMETERS,
     AlarmConfig,
     BearingConfig,
@@ -115,9 +114,8 @@ def require_same_sensors(
         for key in INPUT_KEYS:
             if then.get(key) != now[key]:
                 raise ConfigurationError(
-                    f'{path} was made with {quantity}.{key} = {then.get(key)!r}, and it is'
-                    f' {now[key]!r} now: a calibration holds for its own sensors only, so'
-                    ' calibrate anew'
+                    f'{path} was made with {quantity}.{key} = {then.get(key)!r}, and it is {now[key]!r} now:'
+                    ' a calibration holds for its own sensors only, so calibrate anew'
                 )
 
 
@@ -194,10 +192,9 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     """
     node = {row.name: row.checked(row.name, values) for row in NODE_PARAMETERS}
     names = bearing_names(values)
-    notes = list(_notes(values, names))
+    _refuse_unknown(values, names)
     bearings = tuple(_build_bearing(name, values) for name in names)
-    tables = ((each.name, note_on_table(each.bearing)) for each in bearings)
-    notes += [f'{name}: {note}' for name, note in tables if note]
+    notes = [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
     return filled(
         MonitorConfig,
         '',
@@ -224,25 +221,15 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     return names
 
 
-def _notes(values: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str, ...]:
-    """A sentence on each retired parameter; what is not known at all is refused."""
+def _refuse_unknown(values: Mapping[str, Any], names: tuple[str, ...]) -> None:
     known = parameters_of(names)
-    retired = {f'{name}.{own}': why for name in names for own, why in RETIRED.items()}
-    for key in values:
-        if key in known or key in retired:
-            continue
+    for key in (each for each in values if each not in known):
         head = key.split('.', 1)[0]
         if '.' in key and head not in names:
             raise ConfigurationError(
                 f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}"
             )
-        hint = did_you_mean(key, known)
-        raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
-    return tuple(
-        f'{key} has no effect and will be refused by the next version: {why}'
-        for key, why in retired.items()
-        if key in values
-    )
+        raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{did_you_mean(key, known)}")
 
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -557,9 +544,8 @@ def note_on_table(bearing: Bearing) -> str:
     if not fall > ENDS_EARLY * scalar_law(law).plain.fall:
         return ''
     return (
-        f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g}'
-        f' m/s: above {bearing.damping / fall:.3g} N verdicts at higher speeds rest on nothing'
-        ' measured'
+        f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g} m/s: above'
+        f' {bearing.damping / fall:.3g} N verdicts at higher speeds rest on nothing measured'
     )
 
 

@@ -128,26 +128,29 @@ def _converted(kind: str, value: Any) -> Any:
         return None
 
 
-def parameter(default: Any, text: str, unit: str = '', **rules: Any) -> Any:
+def parameter(
+    default: Any, text: str, unit: str = '', within: tuple[float, float] = (-math.inf, math.inf), **rules: Any
+) -> Any:
     """A field of a dataclass that is a configuration parameter.
 
     Args:
         default: As of :class:`Parameter`.
         text: What it is; ``{input}`` stands for the name of the section.
         unit: Unit of the value.
+        within: The least and the greatest value allowed.
         rules: Further attributes of :class:`Parameter`, where they are not as the field's name
             and annotation say, and ``convert``: makes the field's value of the parameter's.
     """
-    rules = {'convert': lambda value: value, 'text': text, 'unit': unit, 'default': default} | rules
+    own = {'text': text, 'unit': unit, 'default': default, 'minimum': within[0], 'maximum': within[1]}
+    rules = {'convert': lambda value: value} | own | rules
     if default is REQUIRED:
         return field(metadata=rules, kw_only=True)
     return field(default=rules['convert'](default), metadata=rules)
 
 
-def duration(default: float, text: str, **rules: Any) -> Any:
+def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK), **rules: Any) -> Any:
     """A field ``*_ns`` [ns] of a parameter in seconds that goes without the ``_ns``."""
-    bounds = {'minimum': 0.0, 'maximum': WEEK, 'convert': nanoseconds, 'kind': 'float'}
-    return parameter(default, text, 's', **(bounds | rules))
+    return parameter(default, text, 's', within, convert=nanoseconds, kind='float', **rules)
 
 
 def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -215,11 +218,9 @@ class InputConfig:
     )
     unit: str = parameter(REQUIRED, 'Unit of scale * number + offset.')
     scale: float = parameter(
-        1.0, 'Factor applied to the number.', not_zero=True, minimum=-1e9, maximum=1e9, live=True
+        1.0, 'Factor applied to the number.', not_zero=True, within=(-1e9, 1e9), live=True
     )
-    offset: float = parameter(
-        0.0, 'Added after the factor, in the unit.', minimum=-1e9, maximum=1e9, live=True
-    )
+    offset: float = parameter(0.0, 'Added after the factor, in the unit.', within=(-1e9, 1e9), live=True)
     timeout_ns: int = duration(
         5.0,
         'Age at which the last value no longer counts and the input is reported lost.',
@@ -229,7 +230,7 @@ class InputConfig:
     maximum: float = parameter(
         REQUIRED,
         'Largest magnitude that is valid; a larger value is counted as implausible and not used.',
-        minimum=0.0,
+        within=(0.0, math.inf),
         above_minimum=True,
         live=True,
     )
@@ -262,15 +263,13 @@ class LoadConfig(InputConfig):
         'Smallest load that is valid; a smaller one is counted as below_minimum and not used. For'
         ' a sensor that may show less than nothing, give what it may show.',
         'N',
-        minimum=-1e9,
-        maximum=0.0,
+        within=(-1e9, 0.0),
         live=True,
     )
     constant: float = parameter(
         math.nan,
         'Load that is assumed where nothing measures it, in the unit, in place of a topic.',
-        minimum=0.0,
-        maximum=1e9,
+        within=(0.0, 1e9),
     )
 
     @property
@@ -287,22 +286,20 @@ class LevelConfig(InputConfig):
         math.nan,
         'Level from which on it is vibration, in the unit, if it is 10 dB above its background;'
         ' without it that rise alone decides.',
-        minimum=-1e12,
-        maximum=1e12,
+        within=(-1e12, 1e12),
         live=True,
     )
     hysteresis: float = parameter(
         3.0,
         'How far below the threshold the level must fall to be quiet.',
         'dB',
-        minimum=0.0,
-        maximum=60.0,
+        within=(0.0, 60.0),
         live=True,
     )
 
 
 def _probability(default: float, text: str) -> Any:
-    return parameter(default, text, minimum=0.0, maximum=1.0)
+    return parameter(default, text, within=(0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,28 +310,26 @@ class AlarmConfig:
         0.2,
         'Caution while the fold margin is below this: wide enough for the error of the friction'
         ' law and of the load, and for the time that the crew needs.',
-        minimum=0.0,
-        maximum=10.0,
+        within=(0.0, 10.0),
     )
     hysteresis: float = parameter(
         0.02,
         'Deadband: caution ends this far above its margin, the amplitude alarm this fraction below'
         ' its limit.',
-        minimum=0.0,
-        maximum=0.9,
+        within=(0.0, 0.9),
     )
     amplitude_limit: float = parameter(
         math.inf,
         'Predicted stick-slip amplitude that raises the amplitude alarm; .inf for none.',
         'm',
-        minimum=0.0,
+        within=(0.0, math.inf),
         above_minimum=True,
     )
     on_delay_ns: int = duration(
         2.0,
         'How long a condition must hold before it is raised, net: time in which it does not is'
         ' taken off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
-        maximum=600.0,
+        within=(0.0, 600.0),
     )
     off_delay_ns: int = duration(
         10.0,
@@ -360,8 +355,7 @@ class AlarmConfig:
         0.5,
         'With a tolerance or a calibration: stick-slip is predicted where it starts in this share'
         ' of the bearings that are possible, and ends where half of it has no cycle any more.',
-        minimum=0.001,
-        maximum=0.999,
+        within=(0.001, 0.999),
     )
     caution_probability: float = _probability(0.05, 'The same for caution, in the place of the margin.')
     onset_growth: float = parameter(
@@ -370,21 +364,19 @@ class AlarmConfig:
         ' it sticks at about 6. Less warns earlier and falsely more often; 0 predicts stick-slip'
         ' at the first point below the Hopf speed.',
         'e-folds',
-        minimum=0.0,
-        maximum=20.0,
+        within=(0.0, 20.0),
     )
     look_ahead_ns: int = duration(
         20.0,
         'Caution also where the trend of the last seconds takes the speed below the fold within'
         ' this time; 0 for not looking ahead.',
-        maximum=600.0,
+        within=(0.0, 600.0),
     )
     minimum_speed: float = parameter(
         0.003,
         'Surface speeds below this count as a shaft at rest (sensor noise of a stopped shaft).',
         'm/s',
-        minimum=0.0,
-        maximum=10.0,
+        within=(0.0, 10.0),
     )
 
 
@@ -416,16 +408,15 @@ class ClipConfig:
         '', 'Folder for event clips, a short recording around each alarm; empty for none.', fixed=True
     )
     around_ns: int = duration(
-        60.0, 'How much of the time before and after an alarm a clip has.', minimum=1.0, maximum=600.0
+        60.0, 'How much of the time before and after an alarm a clip has.', within=(1.0, 600.0)
     )
-    most: int = parameter(50, 'Clips kept; the oldest make room.', minimum=1, maximum=10_000)
+    most: int = parameter(50, 'Clips kept; the oldest make room.', within=(1, 10_000))
     size: int = parameter(
         5.0,
         'Largest clip, before compression; one that is full ends early.',
         'MB',
         kind='float',
-        minimum=0.1,
-        maximum=100.0,
+        within=(0.1, 100.0),
         convert=lambda megabytes: round(megabytes * 1e6),
     )
 
@@ -441,8 +432,7 @@ class MonitorConfig:
         "Least time between two publications of a bearing's values; 0 publishes every evaluation."
         ' A change of condition is always published at once.',
         's',
-        minimum=0.0,
-        maximum=3600.0,
+        within=(0.0, 3600.0),
         live=True,
     )
     shelve_time_ns: int = duration(
@@ -476,10 +466,9 @@ class MonitorConfig:
         raise ConfigurationError(f"bearing '{name}' is not configured{hint}")
 
 
-def _physical(name: str, unit: str, text: str, maximum: float) -> Parameter:
-    return Parameter(
-        name, 'float', math.nan, text, unit, minimum=0.0, maximum=maximum, above_minimum=bool(unit)
-    )
+def _optional(name: str, unit: str, text: str, most: float, *, above: bool = True) -> Parameter:
+    """A number that is not given as a rule."""
+    return Parameter(name, 'float', math.nan, text, unit, 0.0, most, above_minimum=above)
 
 
 BEARINGS = Parameter(
@@ -488,31 +477,28 @@ BEARINGS = Parameter(
 NODE_PARAMETERS = (BEARINGS, *rows(MonitorConfig), *rows(ClipConfig, 'clips.'))
 """The parameters of the node."""
 # Bounds keep out what is no bearing and cannot be computed with: from a watch's to a mountain's.
-LINING_PARAMETERS = tuple(
-    Parameter(name, 'float', REQUIRED, text, unit, minimum=low, maximum=high)
-    for name, unit, low, high, text in (
-        ('mass', 'kg', 1e-6, 1e7, 'Moving mass of the lining.'),
-        ('damping', 'N s/m', 0.0, 1e10, 'Damping of the lining.'),
-        ('stiffness', 'N/m', 1e-3, 1e13, 'Tangential stiffness of the lining.'),
-        ('journal_diameter', 'm', 1e-4, 1e3, 'Diameter of the journal in the bearing.'),
-    )
+LINING_PARAMETERS = (
+    Parameter('mass', 'float', REQUIRED, 'Moving mass of the lining.', 'kg', 1e-6, 1e7),
+    Parameter('damping', 'float', REQUIRED, 'Damping of the lining.', 'N s/m', 0.0, 1e10),
+    Parameter('stiffness', 'float', REQUIRED, 'Tangential stiffness of the lining.', 'N/m', 1e-3, 1e13),
+    Parameter(
+        'journal_diameter', 'float', REQUIRED, 'Diameter of the journal in the bearing.', 'm', 1e-4, 1e3
+    ),
 )
 """The parameters of :class:`Bearing`, but for its friction."""
 TORSIONAL_PARAMETERS = {
-    'mass': _physical(
+    'mass': _optional(
         'inertia', 'kg m^2', "In place of mass: the lining's inertia about the shaft's axis.", 1e12
     ),
-    'damping': Parameter(
-        'torsional_damping', 'float', math.nan, 'In place of damping.', 'N m s/rad', 0.0, 1e15
-    ),
-    'stiffness': _physical('torsional_stiffness', 'N m/rad', 'In place of stiffness.', 1e18),
+    'damping': _optional('torsional_damping', 'N m s/rad', 'In place of damping.', 1e15, above=False),
+    'stiffness': _optional('torsional_stiffness', 'N m/rad', 'In place of stiffness.', 1e18),
 }
 """What all three of a lining may be given by instead: each over the square of the radius."""
 FRICTION_PARAMETERS = (
     Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=tuple(LAWS)),
-    _physical('friction.static', '', 'Static coefficient mu_s.', 10.0),
-    _physical('friction.kinetic', '', 'Kinetic coefficient mu_k.', 10.0),
-    _physical('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.', 1e3),
+    _optional('friction.static', '', 'Static coefficient mu_s.', 10.0, above=False),
+    _optional('friction.kinetic', '', 'Kinetic coefficient mu_k.', 10.0, above=False),
+    _optional('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.', 1e3),
     Parameter('friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0, 1e3),
     Parameter(
         'friction.exponent', 'float', 1.0, 'Exponent delta of the Stribeck law; 2 is Gaussian.', '', 1.0, 4.0
@@ -536,8 +522,9 @@ TOLERANCE_PARAMETERS = tuple(
         'float',
         item.default,
         f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0: exact.',
-        minimum=0.0,
-        maximum=3.0,
+        '',
+        0.0,
+        3.0,
     )
     for item in fields(Tolerance)
 )
@@ -590,8 +577,6 @@ BEARING_PARAMETERS = (
     *(replace(row, live=True) for row in rows(AlarmConfig, 'alarm.')),
 )
 """The parameters of each bearing."""
-RETIRED = {'alarm.trend_window': 'times to a boundary are not forecast any more'}
-"""Parameters of a bearing that are accepted without effect for one version, and why."""
 
 
 def parameters_of(names: tuple[str, ...]) -> dict[str, Parameter]:

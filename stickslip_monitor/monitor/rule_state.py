@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -34,40 +34,30 @@ that has not moved for so long is stuck [ns]."""
 _LARGEST = 1e15
 
 
-def _part(start: float, meaning: str, unit: str, size: int, least: float, most: float, new: bool) -> Any:
-    """One part of the memory: ``size`` numbers, or a plain one for 0; ``new`` since 0.2.0."""
-    facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (least, most), 'new': new}
+def _part(
+    start: float,
+    least: float,
+    most: float,
+    unit: str,
+    meaning: str,
+    size: int = 0,
+    start_at: float | None = None,
+) -> Any:
+    """One part of the memory: ``size`` numbers, or a plain one for 0."""
+    start = start if start_at is None else start_at
+    facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (least, most)}
     if size:
         return field(default_factory=lambda: [start] * size, metadata=facts)
     return field(default=start, metadata=facts)
 
 
-def _time(meaning: str, size: int = 0) -> Any:
-    return _part(NEVER, meaning, 'ns', size, NEVER, -NEVER, False)
-
-
-def _span(meaning: str, size: int = 0, start: int = 0, least: int = 0, new: bool = False) -> Any:
-    return _part(start, meaning, 'ns', size, least, -NEVER, new)
-
-
-def _whole(most: int, meaning: str, new: bool = False) -> Any:
-    return _part(0, meaning, '', 0, 0, most, new)
-
-
-def _real(
-    meaning: str,
-    unit: str = '',
-    size: int = 0,
-    start: float = math.nan,
-    least: float = -_LARGEST,
-    most: float = _LARGEST,
-    new: bool = False,
-) -> Any:
-    return _part(start, meaning, unit, size, least, most, new)
-
-
-def _chance(meaning: str) -> Any:
-    return _real(meaning, start=0.0, least=0.0, most=1.0)
+_time = partial(_part, NEVER, NEVER, -NEVER, 'ns')
+_span = partial(_part, 0, 0, -NEVER, 'ns')
+_difference = partial(_part, 0, NEVER, -NEVER, 'ns')
+_flag = partial(_part, 0, 0, 1, '')
+_number = partial(_part, math.nan, -_LARGEST, _LARGEST)
+_growth = partial(_part, 0.0, 0.0, _LARGEST, 'e-folds')
+_chance = partial(_part, 0.0, 0.0, 1.0, '')
 
 
 @dataclass(slots=True)
@@ -79,51 +69,51 @@ class State:
     came: list[int] = _time('from when the age of each is counted', 3)
     gap: list[int] = _span('time between two values of each input; long ones fade', 3)
     pace: list[int] = _span('usual time between two: the shorter of the last', 3)
-    value: list[float] = _real('latest speed [m/s] and load [N]', 'SI', 2)
-    before: list[float] = _real('the values before these', 'SI', 2)
-    earlier: list[float] = _real('the values before those', 'SI', 2)
+    value: list[float] = _number('SI', 'latest speed [m/s] and load [N]', 2)
+    before: list[float] = _number('SI', 'the values before these', 2)
+    earlier: list[float] = _number('SI', 'the values before those', 2)
     # Time.
     now: int = _time('latest time, on a clock that never goes back')
-    shift: int = _span('how far that is ahead of the arrivals', least=NEVER, new=True)
+    shift: int = _difference('how far that is ahead of the arrivals')
     began: int = _time('from when inputs are waited for')
     point: int = _time('time of the latest operating point')
-    lost: int = _whole(1, '1 while an input is lost')
+    lost: int = _flag('1 while an input is lost')
     lost_since: int = _time('since when one is, or last was')
     # The trend of the speed.
-    fast: float = _real('speed behind a lag of 1 s', 'm/s')
-    slow: float = _real('speed behind a lag of 4 s', 'm/s')
-    load_mean: float = _real('load behind a lag of 4 s', 'N')
+    fast: float = _number('m/s', 'speed behind a lag of 1 s')
+    slow: float = _number('m/s', 'speed behind a lag of 4 s')
+    load_mean: float = _number('N', 'load behind a lag of 4 s')
     # Whether stick-slip runs.
-    sticking: int = _whole(1, '1 while stick-slip is predicted to run')
-    known: int = _whole(1, '1 once it is known which state a bistable bearing is in')
-    onsets: int = _whole(-NEVER, 'how often it has begun after it was clear', True)
-    growth: float = _real('how far a disturbance has grown', 'e-folds', start=0.0, least=0.0)
-    borne: float = _real('the same by medians', 'e-folds', start=0.0, least=0.0, new=True)
+    sticking: int = _flag('1 while stick-slip is predicted to run')
+    known: int = _flag('1 once it is known which state a bistable bearing is in')
+    onsets: int = _part(0, 0, -NEVER, '', 'how often it has begun after it was clear')
+    growth: float = _growth('how far a disturbance has grown')
+    borne: float = _growth('the same by medians')
     dying: int = _span('net time where no cycle exists while one is predicted')
     idle: int = _span('net time at rest, unloaded or measured quiet meanwhile')
     can: float = _chance('probability that a cycle exists, where there is a belief')
     will: float = _chance('that stick-slip starts by itself')
     runs: float = _chance('that it runs')
-    amplitude: float = _real('of the exact cycle, where a limit needs it', 'm', start=0.0)
+    amplitude: float = _number('m', 'of the exact cycle, where a limit needs it', start_at=0.0)
     sized: int = _time('when that was worked out')
     # What the latest point says.
-    course: int = _whole(2, 'a cycle exists, none exists, or nothing slides')
-    rate: float = _real('growth rate of a disturbance there', '1/s', start=0.0)
-    median_rate: float = _real('the same by medians', '1/s', start=0.0)
+    course: int = _part(0, 0, 2, '', 'a cycle exists, none exists, or nothing slides')
+    rate: float = _number('1/s', 'growth rate of a disturbance there', start_at=0.0)
+    median_rate: float = _number('1/s', 'the same by medians', start_at=0.0)
     # The rungs of the alarm, in the order of the ladder without normal.
-    raised: int = _whole(31, 'the rungs that are raised, as bits')
-    asks: int = _whole(31, 'the rungs that the latest point asks to change, as bits')
+    raised: int = _part(0, 0, 31, '', 'the rungs that are raised, as bits')
+    asks: int = _part(0, 0, 31, '', 'the rungs that the latest point asks to change, as bits')
     count: list[int] = _span('net time for which each has been asked to change', 5)
     cleared: list[int] = _time('when each was last cleared; of a raised one: held', 5)
     # The measured level.
-    level: float = _real('latest level', 'its own')
-    vibrating: int = _whole(2, 'unknown, quiet or vibrating')
-    level_count: int = _span('net time above the threshold; negative: below', least=NEVER)
-    still: int = _span('for how long the level has not moved', new=True)
-    background: float = _real('mean where no stick-slip is predicted', 'dB', new=True)
-    high_for: int = _span('how long it has been high', new=True)
-    doubt: int = _span('for how long yet what is short is not used', start=DOUBT // 2, new=True)
-    heard: int = _whole(1, '1 once the level has vibrated in this episode', True)
+    level: float = _number('its own', 'latest level')
+    vibrating: int = _part(0, 0, 2, '', 'unknown, quiet or vibrating')
+    level_count: int = _difference('net time above the threshold; negative: below')
+    still: int = _span('for how long the level has not moved')
+    background: float = _number('dB', 'mean where no stick-slip is predicted')
+    high_for: int = _span('how long it has been high')
+    doubt: int = _span('for how long yet what is short is not used', start_at=DOUBT // 2)
+    heard: int = _flag('1 once the level has vibrated in this episode')
     unseen: int = _time('since when stick-slip is predicted and not measured')
 
     def copy(self) -> State:
@@ -149,25 +139,15 @@ class State:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> State:
-        """The memory from what :meth:`record` gave, or what that of 0.2.0 did.
+        """The memory from what :meth:`record` gave.
 
         Raises:
             ValueError: A field is missing, or is not of its kind, number and range.
         """
-        old = 'odd' in record
-        state = cls()
-        for each in fields(cls):
-            if old and (each.metadata['new'] or each.name in _OTHERWISE):
-                continue
-            setattr(state, each.name, _checked(each, record.get(each.name)))
-        if old:
-            state.borne = state.growth
-        return state
+        return cls(*(_checked(each, record.get(each.name)) for each in fields(cls)))
 
 
 _NAMES = tuple(each.name for each in fields(State))
-_OTHERWISE = ('stamp', 'came', 'now', 'began', 'vibrating', 'level_count')
-"""Parts that begin afresh after 0.2.0: at a restart, or because they meant something else."""
 
 
 def _type_of(owner: type) -> np.dtype[Any]:

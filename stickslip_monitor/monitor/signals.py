@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,24 +47,6 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
-class Levels:
-    """The values of a level, in order of arrival among those of speed and load.
-
-    Attributes:
-        time_ns: Times of measurement, shape (m,) [ns].
-        value: Numbers in the input's own scale, shape (m,).
-        place: How many values of speed and load came before each, not falling, shape (m,).
-    """
-
-    time_ns: NDArray[np.int64]
-    value: NDArray[np.float64]
-    place: NDArray[np.int64]
-
-    def __post_init__(self) -> None:
-        _require_columns('level', self.time_ns, self.value, self.place)
-
-
-@dataclass(frozen=True, slots=True)
 class Stream:
     """The samples of one bearing in order of arrival, for bulk evaluation.
 
@@ -73,42 +54,32 @@ class Stream:
         time_ns: Times of measurement, shape (n,) int64 [ns].
         inputs: The :class:`Input` that each is of, shape (n,) int8.
         value: Numbers in the inputs' own scales, shape (n,).
-        level: Values of a level that came among them, where they are given apart; they are merged
-            into the other columns.
         arrival_ns: When each came, shape (n,) int64 [ns]; left out: at the times of measurement.
+
+    Raises:
+        ConfigurationError: The columns are not of one length.
     """
 
     time_ns: NDArray[np.int64]
     inputs: NDArray[np.int8]
     value: NDArray[np.float64]
-    level: Levels | None = None
     arrival_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
-        _require_columns('stream', self.time_ns, self.inputs, self.value)
-        columns: dict[str, Any] = {
-            'time_ns': np.asarray(self.time_ns, np.int64),
-            'inputs': np.asarray(self.inputs).astype(np.int8),
-            'value': np.asarray(self.value, float),
-        }
-        arrival = self.arrival_ns if self.arrival_ns.size else columns['time_ns']
-        _require_columns('stream', arrival, self.inputs, self.value)
-        columns['arrival_ns'] = np.asarray(arrival, np.int64)
-        if self.level is not None:
-            own: Any = self.level.time_ns, Input.LEVEL, self.level.value, self.level.time_ns
-            for (name, column), part in zip(columns.items(), own, strict=True):
-                columns[name] = np.insert(column, self.level.place, part)
-        for name, column in columns.items():
-            object.__setattr__(self, name, column)
-        object.__setattr__(self, 'level', None)
-
-
-def _require_columns(what: str, first: Any, second: Any, third: Any) -> None:
-    if not (first.shape == second.shape == third.shape and first.ndim == 1):
-        raise ConfigurationError(
-            f'{what} columns have shapes {first.shape}, {second.shape} and {third.shape}:'
-            ' they must be one-dimensional and of one length'
-        )
+        arrival = self.arrival_ns if self.arrival_ns.size else self.time_ns
+        shapes = {column.shape for column in (self.time_ns, self.inputs, self.value, arrival)}
+        if len(shapes) > 1 or self.time_ns.ndim != 1:
+            raise ConfigurationError(
+                f'stream columns have shapes {" and ".join(map(str, sorted(shapes)))}:'
+                ' they must be one-dimensional and of one length'
+            )
+        for name, column, kind in (
+            ('time_ns', self.time_ns, np.int64),
+            ('inputs', self.inputs, np.int8),
+            ('value', self.value, np.float64),
+            ('arrival_ns', arrival, np.int64),
+        ):
+            object.__setattr__(self, name, np.asarray(column).astype(kind, copy=False))
 
 
 class Status(IntEnum):

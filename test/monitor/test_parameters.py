@@ -193,14 +193,6 @@ def test_a_lining_is_given_by_torsional_values_too(reference: dict[str, Any]) ->
         build_config(alone)
 
 
-def test_a_retired_parameter_has_no_effect_and_a_sentence(configure: Configure) -> None:
-    config = configure(alarm__trend_window='whatever')
-    assert config == configure()
-    (note,) = config.notes
-    assert note.startswith('aft.alarm.trend_window has no effect and will be refused')
-    assert configure().notes == ()
-
-
 ROWS = {p.name: p for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS)}
 
 
