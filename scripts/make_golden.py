@@ -113,7 +113,7 @@ def of_sequence(number: int) -> Case:
 
 
 def _change(event: Any) -> Change:
-    return event.time_ns, str(event.before), str(event.after), bool(event.sticking)
+    return event.time_ns, str(event.before), str(event.after), bool(event.standing.sticking)
 
 
 def _case(changes: list[Change], counts: Any, end_ns: int, statuses: bytes) -> Case:

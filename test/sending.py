@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,15 +17,18 @@ from shared import REFERENCE
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.host import HostClock
+from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Update
+from stickslip_monitor.monitor.rule_state import State, settings_of
 from stickslip_monitor.monitor.session import Display, Moment, Session, Sink
+from stickslip_monitor.monitor.severity import CONDITIONS, Condition
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
 
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND
@@ -97,6 +101,22 @@ def configured(name: str = 'aft', base: Any = None, **changes: Any) -> MonitorCo
     own = {key.replace('__', '.'): value for key, value in changes.items()}
     values = REFERENCE | (base or {}) | own
     return build_config({'bearings': [name]} | {f'{name}.{k}': v for k, v in values.items()})
+
+
+@cache
+def _standing(bearing: str, condition: Condition) -> Standing:
+    config, rung = configured(bearing).bearings[0], CONDITIONS.index(condition)
+    below = 1 << rule.STICK_SLIP if condition is Condition.AMPLITUDE else 0
+    lost = condition is Condition.INPUT_STALE
+    state = State(lost=int(lost), raised=0 if lost or not rung else below | 1 << (rung - 1))
+    return Standing(config, settings_of(config), state)
+
+
+def change(
+    time_ns: int, before: Condition, after: Condition, *, onset: bool = False, bearing: str = 'aft'
+) -> Event:
+    """A change of condition of a bearing without an operating point; its text is the new condition's."""
+    return Event(time_ns, before, _standing(bearing, after), {}, f'{bearing}: {after.sentence}', onset)
 
 
 class Ship(Sink):

@@ -342,9 +342,9 @@ def track_of_scan(scan: Verdicts) -> Track:
     points = scan.assessment.speed, scan.assessment.load
     speed, load = (np.insert(np.asarray(column, dtype=float), lost, np.nan) for column in points)
     events = [
-        TrackEvent(float(e.assessment.speed), float(e.assessment.load), e.after)
+        TrackEvent(point.speed, point.load, e.after)
         for e in scan.events
-        if e.assessment is not None
+        if (point := e.standing.assessment) is not None
     ]
     return Track(speed, load, events)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.monitor.assessment import Regime, at_indices
+from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Level
 from stickslip_monitor.monitor.verdict import Event
@@ -130,7 +130,7 @@ class _Lines:
         sticking = np.insert(scan.sticking, self._breaks, False)
         kept = canvas.envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
         # Only at the points drawn: an exact cycle costs some microseconds.
-        exact = at_indices(scan.assessment, rows[kept]).amplitude_exact * 1e3
+        exact = scan.assessment.at(rows[kept]).amplitude_exact * 1e3
         possible = np.where(rows[kept] < 0, np.nan, exact)
         return self._time[kept], possible, np.where(sticking[kept], possible, 0.0)
 

@@ -137,7 +137,7 @@ class Causes:
             delay = self.config.alarm.input_off_delay_ns
             self._lost, self._lost_until = False, now_ns + delay if delay else 0
         before, self._condition = LADDER.index(self._condition), event.after
-        now, says = LADDER.index(event.after), event.says or event.text
+        now, says = LADDER.index(event.after), event.says
         if event.after is Condition.VIBRATION:
             self.texts[AlarmKind.VIBRATION] = says
         for kind, rung in RUNG_OF.items():

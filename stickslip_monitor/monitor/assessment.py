@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict of the models on operating points: regime, margins, loads, amplitudes.
 
-An :class:`Assessment` is of one point, of Python numbers, or of many, of arrays of one shape. What
-a verdict rests on is stored, the rest is worked out when it is first asked for.
+An :class:`Assessment` is of one point, of Python numbers, :class:`Assessments` are of many, of arrays
+of one shape. What a verdict rests on is stored, the rest is worked out when it is first asked for.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.arrays import FloatArray, flatten, in_blocks, restore
+from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks, restore
 from stickslip_monitor.monitor.severity import SentenceEnum
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
@@ -84,6 +84,7 @@ BELIEFS = ('probability_can', 'probability_will', 'probability_runs', 'fold_marg
 
 
 _STORED = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed', 'exact_fold_speed')
+_Number = TypeVar('_Number', float, FloatArray)
 
 
 def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
@@ -101,196 +102,271 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
     return value
 
 
-def _margin(points: Assessment, boundary: FloatArray) -> FloatArray:
-    return np.where(points.outcome_code == NOT_FINITE, np.nan, margin(np.abs(points.speed), boundary))
+@dataclass(frozen=True, eq=False)
+class _Assessed(Generic[_Number]):
+    """What the models say of operating points: what it rests on is stored, the rest made on demand."""
 
+    speed: _Number  # of the journal's surface as given, negative astern [m/s]
+    load: _Number  # as given [N]
+    outcome_code: NDArray[np.int8]  # index into OUTCOMES; a plain number of one point
+    hopf_speed: _Number  # highest unstable speed at this load [m/s]; nan without one
+    fold_speed: _Number  # highest speed with a cycle, by first-order KBM averaging [m/s]; nan without
+    exact_fold_speed: _Number
+    """Highest speed at which the lining sticks in the exact model, which does not average [m/s]; a
+    vibration that never sticks ends at about the averaged fold."""
+    bearing: Bearing = field(repr=False)
+    belief: Belief | None = field(default=None, repr=False)
 
-def _amplitude(
-    solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], codes: list[np.int8], points: Assessment
-) -> FloatArray:
-    """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
-    speed = np.abs(points.speed)
-    # Where only the exact model has a cycle averaging has no amplitude.
-    rows = np.flatnonzero(np.isin(points.outcome_code, codes) & (speed < points.fold_speed))
-    result = np.full(speed.shape, np.nan)
-    if rows.size:
-        result[rows] = solve(points._bearing, speed[rows], points.load[rows])
-    return result
-
-
-_ON_DEMAND: dict[str, Callable[[Assessment], FloatArray]] = {
-    'hopf_margin': lambda p: _margin(p, p.hopf_speed),
-    'fold_margin': lambda p: _margin(p, p.fold_speed),
-    'exact_fold_margin': lambda p: _margin(p, p.exact_fold_speed),
-    'stability_margin': lambda p: _margin(p, p.stability_limit),
-    'hopf_load': lambda p: averaging.hopf_load(p._bearing, p.speed) + (p.load - p.load),
-    'fold_load': lambda p: averaging.fold_load(p._bearing, p.speed) + (p.load - p.load),
-    'growth_rate': lambda p: averaging.growth_rate(p._bearing, p.speed, p.load),
-    'amplitude': partial(_amplitude, averaging.stable_amplitude, [BISTABLE, STICK_SLIP]),
-    'threshold_amplitude': partial(_amplitude, averaging.threshold_amplitude, [BISTABLE]),
-    'amplitude_exact': lambda p: np.asarray(exact_amplitude(p._bearing, p.speed, p.load)),
-}
-
-
-COLUMNS = (*_STORED, *_ON_DEMAND)
-"""The names of the numbers of every operating point."""
-
-
-def _worked_out(name: str, points: Assessment) -> dict[str, Any]:
-    """A column and what comes with it, of the shape of the points."""
-    if name in BELIEFS:
-        return _believed(name, points)
-    flat = [np.reshape(part, -1) for part in points._stored()]
-
-    def worked_out(*columns: NDArray[Any]) -> tuple[FloatArray]:
-        return (_ON_DEMAND[name](_of(columns, points._bearing)),)
-
-    if name == 'amplitude_exact':  # many together pay for a compiled loop
-        (found,) = worked_out(*flat)
-    else:
-        with np.errstate(all='ignore'):
-            (found,) = in_blocks(worked_out, *flat)
-    return {name: restore(found, np.shape(points.outcome_code))}
-
-
-def _believed(name: str, points: Assessment) -> dict[str, Any]:
-    """One of :data:`BELIEFS` and what comes with it, of the shape of the points."""
-    if points._belief is None:
-        return {name: points.speed * np.nan}
-    if name == 'probability_runs':  # without a memory it is what starts by itself
-        return {name: points.probability_will}
-    belief, speed, load, share = points._belief, points.speed, points.load, fold_share(points)
-    if name.startswith('fold'):
-        return dict(zip(BELIEFS[3:], belief.fold_margins(speed * share, load), strict=True))
-    return dict(zip(BELIEFS[:2], belief.probabilities(speed, load, share), strict=True))
-
-
-def fold_share(points: Assessment) -> Any:
-    """The averaged fold as a share of the one that decides, which may be the exact model's."""
-    fold, limit = np.asarray(points.fold_speed), np.asarray(points.stability_limit)
-    share = np.divide(fold, limit, out=np.ones(limit.shape), where=np.less(fold, limit))
-    return restore(share.reshape(-1), limit.shape)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Assessment:
-    """The verdict on operating points: numbers for one, arrays of one shape for many.
-
-    Attributes:
-        speed: Journal surface speed as given, negative astern [m/s].
-        load: Bearing load as given [N].
-        outcome_code: Index into :data:`OUTCOMES`.
-        hopf_speed: Highest unstable speed at this load [m/s]; ``nan`` without one.
-        fold_speed: Highest speed with a stick-slip cycle at this load under first-order KBM
-            averaging [m/s]; ``nan`` without one.
-        exact_fold_speed: Highest speed at which the lining sticks in the exact model, which does
-            not average [m/s]; a vibration that never sticks ends at about the averaged fold.
-        hopf_load: Load at which this speed turns unstable [N]; ``nan`` without one.
-        fold_load: Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without.
-        hopf_margin: ``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed.
-        fold_margin: The same of the averaged fold.
-        exact_fold_margin: The same of the exact fold.
-        stability_margin: The smaller of the two fold margins [-], which decides: not negative only
-            where neither the averaged nor the exact model has a cycle.
-        growth_rate: Growth rate of a small disturbance of steady sliding [1/s].
-        amplitude: Displacement amplitude of the stick-slip cycle under averaging [m]; ``nan``
-            where none exists.
-        threshold_amplitude: That of the unstable cycle [m]: in the bistable range a larger
-            disturbance starts stick-slip; ``nan`` elsewhere.
-        amplitude_exact: That of the exact stick-slip cycle [m]; ``nan`` for none.
-        probability_can: Probability that a stick-slip cycle exists; ``nan`` without a belief, as
-            all below.
-        probability_will: Probability that stick-slip starts by itself.
-        probability_runs: Probability that stick-slip runs, with the memory of the bistable range.
-        fold_margin_low: 5 % quantile of the fold margin [-].
-        fold_margin_high: 95 % quantile of the fold margin [-].
-    """
-
-    speed: Any
-    load: Any
-    outcome_code: Any
-    hopf_speed: Any
-    fold_speed: Any
-    exact_fold_speed: Any
-    _bearing: Bearing = field(repr=False)
-    _known: dict[str, Any] = field(default_factory=dict, repr=False)
-    _belief: Belief | None = field(default=None, repr=False)
-
-    def __getattr__(self, name: str) -> Any:
-        """What is worked out when it is first asked for, and then kept."""
-        if name not in _ON_DEMAND and name not in BELIEFS:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute '{name}'")
-        if name not in self._known:
-            self._known.update(_worked_out(name, self))
-        return self._known[name]
-
-    def __dir__(self) -> list[str]:
-        """All names, also of what is not worked out yet."""
-        return sorted({*object.__dir__(self), *_ON_DEMAND, *BELIEFS})
-
-    def _stored(self) -> Iterator[Any]:
+    def _stored(self) -> Iterator[NDArray[Any]]:
         return (getattr(self, name) for name in _STORED)
 
-    def __eq__(self, other: object) -> bool:
-        """Whether both are of the same points, with the same verdict."""
-        if not isinstance(other, Assessment):
-            return NotImplemented
-        pairs = zip(self._stored(), other._stored(), strict=True)
-        return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+    def _made(self, work: Callable[[Assessments], FloatArray], *, in_parts: bool = True) -> _Number:
+        """A number that is worked out of flat points, of the shape of these."""
 
-    __hash__ = None  # type: ignore[assignment]
+        def worked_out(*columns: NDArray[Any]) -> tuple[FloatArray]:
+            own: dict[str, Any] = dict(zip(_STORED, columns, strict=True))
+            points = Assessments(**own, bearing=self.bearing)
+            return (work(points),)
+
+        flat = [np.reshape(part, -1) for part in self._stored()]
+        if not in_parts:
+            return restore(worked_out(*flat)[0], np.shape(self.outcome_code))
+        with np.errstate(all='ignore'):
+            return restore(in_blocks(worked_out, *flat)[0], np.shape(self.outcome_code))
+
+    def _margin(self, boundary: str) -> _Number:
+        return self._made(
+            lambda p: np.where(
+                p.outcome_code == NOT_FINITE, np.nan, margin(np.abs(p.speed), getattr(p, boundary))
+            )
+        )
+
+    def _cycle(
+        self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
+    ) -> _Number:
+        """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
+
+        def solved(p: Assessments) -> FloatArray:
+            speed, result = np.abs(p.speed), np.full(p.speed.shape, np.nan)
+            # Where only the exact model has a cycle averaging has no amplitude.
+            rows = np.flatnonzero(np.isin(p.outcome_code, codes) & (speed < p.fold_speed))
+            if rows.size:
+                result[rows] = solve(p.bearing, speed[rows], p.load[rows])
+            return result
+
+        return self._made(solved)
 
     @property
-    def stability_limit(self) -> Any:
+    def stability_limit(self) -> _Number:
         """The higher of the two fold speeds [m/s]; ``nan`` without either."""
         limit = np.fmax(self.fold_speed, self.exact_fold_speed)
-        return limit if np.ndim(limit) else float(limit)
+        return restore(np.reshape(limit, -1), np.shape(limit))
 
     @property
-    def lower_end(self) -> Any:
+    def lower_end(self) -> _Number:
         """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none."""
-        return known_table(self._bearing).lower_end(self.load)
+        return known_table(self.bearing).lower_end(self.load)
 
     @property
-    def amplitude_error(self) -> Any:
+    def fold_share(self) -> _Number:
+        """The averaged fold as a share of the one that decides, which may be the exact model's."""
+        fold, limit = np.asarray(self.fold_speed), np.asarray(self.stability_limit)
+        share = np.divide(fold, limit, out=np.ones(limit.shape), where=np.less(fold, limit))
+        return restore(share.reshape(-1), limit.shape)
+
+    @cached_property
+    def hopf_margin(self) -> _Number:
+        """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
+        return self._margin('hopf_speed')
+
+    @cached_property
+    def fold_margin(self) -> _Number:
+        """The same of the averaged fold."""
+        return self._margin('fold_speed')
+
+    @cached_property
+    def exact_fold_margin(self) -> _Number:
+        """The same of the exact fold."""
+        return self._margin('exact_fold_speed')
+
+    @cached_property
+    def stability_margin(self) -> _Number:
+        """The smaller of the two fold margins [-], which decides.
+
+        It is not negative only where neither the averaged nor the exact model has a cycle.
+        """
+        return self._margin('stability_limit')
+
+    @cached_property
+    def hopf_load(self) -> _Number:
+        """Load at which this speed turns unstable [N]; ``nan`` without one."""
+        return self._made(lambda p: averaging.hopf_load(p.bearing, p.speed) + (p.load - p.load))
+
+    @cached_property
+    def fold_load(self) -> _Number:
+        """Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without one."""
+        return self._made(lambda p: averaging.fold_load(p.bearing, p.speed) + (p.load - p.load))
+
+    @cached_property
+    def growth_rate(self) -> _Number:
+        """Growth rate of a small disturbance of steady sliding [1/s]."""
+        return self._made(lambda p: averaging.growth_rate(p.bearing, p.speed, p.load))
+
+    @cached_property
+    def amplitude(self) -> _Number:
+        """Displacement amplitude of the stick-slip cycle under averaging [m]; ``nan`` for none."""
+        return self._cycle(averaging.stable_amplitude, BISTABLE, STICK_SLIP)
+
+    @cached_property
+    def threshold_amplitude(self) -> _Number:
+        """That of the unstable cycle [m]; ``nan`` outside the bistable range.
+
+        There a larger disturbance starts stick-slip.
+        """
+        return self._cycle(averaging.threshold_amplitude, BISTABLE)
+
+    @cached_property
+    def amplitude_exact(self) -> _Number:
+        """That of the exact stick-slip cycle [m]; ``nan`` for none."""
+        # Many together pay for a compiled loop.
+        return self._made(lambda p: exact_amplitude(p.bearing, p.speed, p.load), in_parts=False)
+
+    @property
+    def amplitude_error(self) -> _Number:
         """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
         return self.amplitude / self.amplitude_exact - 1.0
+
+    @cached_property
+    def _chances(self) -> tuple[_Number, _Number]:
+        if self.belief is None:
+            return (self.speed * np.nan,) * 2
+        return self.belief.probabilities(self.speed, self.load, self.fold_share)
+
+    @cached_property
+    def _fold_margins(self) -> tuple[_Number, _Number]:
+        if self.belief is None:
+            return (self.speed * np.nan,) * 2
+        return self.belief.fold_margins(self.speed * self.fold_share, self.load)
+
+    @cached_property
+    def probability_can(self) -> _Number:
+        """Probability that a stick-slip cycle exists; ``nan`` without a belief, as all below."""
+        return self._chances[0]
+
+    @cached_property
+    def probability_will(self) -> _Number:
+        """Probability that stick-slip starts by itself."""
+        return self._chances[1]
+
+    @cached_property
+    def probability_runs(self) -> _Number:
+        """Probability that stick-slip runs, with the memory of the bistable range if there is one."""
+        return self.probability_will
+
+    @property
+    def fold_margin_low(self) -> _Number:
+        """5 % quantile of the fold margin [-]."""
+        return self._fold_margins[0]
+
+    @property
+    def fold_margin_high(self) -> _Number:
+        """95 % quantile of the fold margin [-]."""
+        return self._fold_margins[1]
 
     @property
     def has_belief(self) -> bool:
         """Whether tolerances or a calibration make probabilities."""
-        return self._belief is not None
+        return self.belief is not None
 
-    def remember_chances(self, chances: Iterable[Any]) -> None:
-        """Take over the probabilities by which the rule decided, the first three beliefs."""
-        if self._belief is not None:
-            self._known.update(zip(BELIEFS[:3], chances, strict=True))
 
-    @property
-    def outcome(self) -> Any:
-        """Why the verdict says what it says: an :class:`Outcome`, or names of many."""
-        code = self.outcome_code
-        return np.array(OUTCOMES, dtype=str)[code] if np.ndim(code) else OUTCOMES[code]
+class Assessment(_Assessed[float]):
+    """The verdict of the models on one operating point, of Python numbers.
+
+    See :func:`assess`. What it rests on is stored; the rest is worked out when it is first asked
+    for, and kept.
+    """
 
     @property
-    def regime_code(self) -> Any:
+    def outcome(self) -> Outcome:
+        """Why the verdict says what it says."""
+        return OUTCOMES[int(self.outcome_code)]
+
+    @property
+    def regime(self) -> Regime:
+        """What can happen at the point."""
+        return self.outcome.regime
+
+    @property
+    def regime_code(self) -> int:
         """Index into :data:`REGIMES`."""
-        code = _REGIME_CODES[self.outcome_code]
-        return code if np.ndim(code) else int(code)
+        return REGIMES.index(self.regime)
+
+
+class Assessments(_Assessed[FloatArray]):
+    """The same of many operating points, of arrays of one shape."""
 
     @property
-    def regime(self) -> Any:
-        """What can happen at the point: a :class:`Regime`, or names of many."""
-        code = self.outcome_code
-        return np.array(REGIMES, dtype=str)[self.regime_code] if np.ndim(code) else REGIMES[self.regime_code]
+    def outcome(self) -> NDArray[np.str_]:
+        """Names of the :class:`Outcome` of each."""
+        return np.array(OUTCOMES, dtype=str)[self.outcome_code]
+
+    @property
+    def regime(self) -> NDArray[np.str_]:
+        """Names of the :class:`Regime` of each."""
+        return np.array(REGIMES, dtype=str)[self.regime_code]
+
+    @property
+    def regime_code(self) -> NDArray[np.int8]:
+        """Indices into :data:`REGIMES`."""
+        return _REGIME_CODES[self.outcome_code]
+
+    @overload
+    def at(self, rows: int) -> Assessment: ...
+
+    @overload
+    def at(self, rows: IndexArray | slice) -> Assessments: ...
+
+    def at(self, rows: int | IndexArray | slice) -> Assessment | Assessments:
+        """Some of the points, of one-dimensional arrays; one of them for a number."""
+        single = isinstance(rows, int | np.integer)
+        columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        known = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}
+        stored = [known.pop(name) for name in _STORED]
+        found = _of(stored, self.bearing, self.belief, one=single)
+        vars(found).update(known)
+        return found
 
 
-def _of(stored: Iterable[Any], bearing: Bearing, **more: Any) -> Assessment:
-    return Assessment(**dict(zip(_STORED, stored, strict=True)), _bearing=bearing, **more)
+def _of(
+    stored: Iterable[Any], bearing: Bearing, belief: Belief | None = None, *, one: bool
+) -> Assessment | Assessments:
+    columns = dict(zip(_STORED, stored, strict=True))
+    kind = Assessment if one else Assessments
+    return kind(**columns, bearing=bearing, belief=belief)
 
 
-Assessments = Assessment
-"""An assessment of arrays."""
+@overload
+def assess(
+    bearing: Bearing,
+    speed: float,
+    load: float,
+    belief: Belief | None = None,
+    table: BoundaryTable | None = None,
+    chances: Iterable[float] = (),
+) -> Assessment: ...
+
+
+@overload
+def assess(
+    bearing: Bearing,
+    speed: ArrayLike,
+    load: ArrayLike,
+    belief: Belief | None = None,
+    table: BoundaryTable | None = None,
+    chances: Iterable[Any] = (),
+    *,
+    sums: bool = False,
+) -> Assessments: ...
 
 
 def assess(
@@ -299,10 +375,14 @@ def assess(
     load: ArrayLike,
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
+    chances: Iterable[Any] = (),
     *,
     sums: bool = False,
-) -> Assessment:
+) -> Assessment | Assessments:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
+
+    Steady sliding is unstable where ``-N mu'(V) > c``, up to the Hopf speed; from there to the fold
+    it is bistable (Krylov and Bogoliubov; docs/physics.md has the equations).
 
     Args:
         bearing: The bearing.
@@ -310,12 +390,21 @@ def assess(
         load: Bearing load ``N`` [N]; broadcasts with ``speed``.
         belief: What makes probabilities of them, if anything does.
         table: The bearing's boundaries over the load, where they are known; many points take one.
+        chances: The probabilities by which the rule decided, in place of the first of its own.
         sums: Whether only sums over the points are wanted: outcomes are the same, but the averaged
             fold of Stribeck's law is read off the table, to 1e-8 in place of the last bit.
 
     Returns:
-        The assessment, of numbers for numbers, else of arrays of the broadcast shape. It never
-        raises for a number: an input that is not finite has its own outcome.
+        An :class:`Assessment` for numbers, else :class:`Assessments` of the broadcast shape. It
+        never raises for a number: an input that is not finite has its own outcome.
+
+    >>> point = assess(bearing, 0.18, 1000.0)
+    >>> print(point.regime, round(point.hopf_speed, 7), round(point.fold_speed, 7))
+    bistable 0.1609438 0.2132256
+    >>> round(point.fold_margin, 3)
+    -0.156
+    >>> assess(bearing, [0.1, 0.18, 0.3], 1000.0).regime.tolist()
+    ['unstable', 'bistable', 'stable']
     """
     shape, (v, n) = flatten(speed, load)
     if table is None and v.size > _FEW:
@@ -323,7 +412,10 @@ def assess(
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table, sums), v, n)
     stored = (restore(part, shape) for part in (v, n, *columns))
-    return _of(stored, bearing, _belief=belief)
+    found = _of(stored, bearing, belief, one=not shape)
+    if belief is not None:
+        vars(found).update(zip(BELIEFS, chances, strict=False))
+    return found
 
 
 def _judge(
@@ -360,15 +452,3 @@ def _judge(
     code = np.where(size == 0.0, AT_REST, code)
     code = np.where(missing == 0.0, code, NOT_FINITE)
     return code, hopf + missing, fold + missing, exact + missing
-
-
-def at_indices(points: Assessment, rows: Any) -> Assessment:
-    """Some of the points of one-dimensional assessments; one of them for a number."""
-    single = not np.ndim(rows) and not isinstance(rows, slice)
-
-    def picked(column: Any) -> Any:
-        return column[rows].item() if single else column[rows]
-
-    known = {name: picked(column) for name, column in points._known.items()}
-    stored = map(picked, points._stored())
-    return _of(stored, points._bearing, _known=known, _belief=points._belief)

@@ -15,6 +15,7 @@ from stickslip_monitor.monitor.assessment import BELIEFS, Assessment
 from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.monitor.severity import Condition, Level, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
@@ -109,6 +110,8 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
 
 def event_record(event: Event) -> dict[str, Any]:
     """One event; the fields are documented in docs/interfaces.md."""
+    then = event.standing
+    measured = None if then.state.point == NEVER else then.measured
     return {
         'schema': WARNING_SCHEMA,
         'bearing': event.bearing,
@@ -117,12 +120,12 @@ def event_record(event: Event) -> dict[str, Any]:
         'to': event.after.value,
         'level': event.after.level.name,
         'reason': event.after.value,
-        'sticking': event.sticking,
-        'growth': event.growth,
-        'clears_in': event.clears,
-        'raised': event.raised_lately,
-        **({} if event.measured is None else {'measured': event.measured.value}),
-        **point_record(event.assessment),
+        'sticking': then.sticking,
+        'growth': then.growth,
+        'clears_in': then.clears,
+        'raised': then.raised_lately,
+        **({} if measured is None else {'measured': measured.value}),
+        **point_record(then.assessment),
         'input_age': {name: number(age) for name, age in event.lost.items()},
         'text': event.text,
     }

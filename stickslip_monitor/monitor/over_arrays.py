@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor import rule, vibration_rule
-from stickslip_monitor.monitor.assessment import Assessment, assess
+from stickslip_monitor.monitor.assessment import Assessments, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import (
     ACCEPTED,
@@ -46,7 +46,7 @@ from stickslip_monitor.monitor.rule_state import (
 )
 from stickslip_monitor.monitor.severity import LADDER, Unknown
 from stickslip_monitor.monitor.signals import Input, Status, Stream
-from stickslip_monitor.monitor.verdict import Event, Standing, assessed, size_cycle
+from stickslip_monitor.monitor.verdict import Event, Standing, size_cycle
 from stickslip_monitor.physics import boundary_table, probability, scalar_law
 
 STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)
@@ -176,16 +176,21 @@ class Scan:
     unknown: Unknown | None  # why the level says nothing at the end, where there is one
 
     @cached_property
-    def assessment(self) -> Assessment:
+    def assessment(self) -> Assessments:
         """The models' assessments of the points, of arrays of shape (n,)."""
-        table = self.settings.boundaries
-        return assessed(self.config, table, self.speed, self.load, self.chances.T)
+        return self.assessed(slice(None))
 
     @cached_property
-    def summed(self) -> Assessment:
+    def summed(self) -> Assessments:
         """The same for sums over the points, which need no last bit."""
         own, table = self.config, self.settings.boundaries
         return assess(own.bearing, self.speed, self.load, own.belief, table, sums=True)
+
+    def assessed(self, rows: IndexArray | slice) -> Assessments:
+        """The models' assessments of some of the points."""
+        own, table = self.config, self.settings.boundaries
+        speed, load, chances = self.speed[rows], self.load[rows], self.chances[rows].T
+        return assess(own.bearing, speed, load, own.belief, table, chances)
 
     def part(self, points: IndexArray, samples: slice, events: Sequence[int]) -> Scan:
         """Some of the points, samples and events; the counts stay those of all."""

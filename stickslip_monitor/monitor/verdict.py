@@ -7,34 +7,21 @@ Both come from the :class:`Standing` of a bearing, which reads its memory for pe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
-
-from numpy.typing import ArrayLike
 
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess, fold_share
+from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, State
 from stickslip_monitor.monitor.severity import CONDITIONS, LADDER, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_over
-from stickslip_monitor.physics.boundary_table import BoundaryTable
 from stickslip_monitor.physics.cycles import exact_amplitude
 
 UNSEEN = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
-
-
-def assessed(
-    config: BearingConfig, table: BoundaryTable, speed: ArrayLike, load: ArrayLike, chances: Iterable[Any]
-) -> Assessment:
-    """The models' assessment of speeds [m/s] and loads [N], with the rule's probabilities."""
-    point = assess(config.bearing, speed, load, config.belief, table)
-    point.remember_chances(chances)
-    return point
 
 
 def size_cycle(config: BearingConfig, s: State) -> None:
@@ -60,33 +47,6 @@ class Verdict:
     def assessment(self) -> Assessment:
         """The models' assessment of the operating point, of numbers."""
         return self.judge()
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """One change of a bearing's alarm, or a new onset of stick-slip while it stands."""
-
-    bearing: str
-    time_ns: int  # when the change fell due
-    before: Condition
-    after: Condition
-    assessment: Assessment | None  # the last one up to then
-    sticking: bool  # stick-slip was predicted to run
-    lost: dict[str, float]  # the inputs that are lost, with their ages [s]; inf: never received
-    text: str  # what happened, for a person
-    says: str = ''  # what the condition says by itself, whatever came before
-    measured: Measured | None = None  # None where no level is configured
-    growth: float = 0.0  # the last three as of :class:`Standing`
-    clears: float | None = None
-    raised_lately: int = 0
-    onset: bool = False  # stick-slip has begun, which is announced whatever stood before
-
-    @property
-    def raised(self) -> bool:
-        """Whether matters got worse."""
-        if Condition.INPUT_STALE in (self.before, self.after):
-            return self.after is Condition.INPUT_STALE
-        return self.onset or LADDER.index(self.after) > LADDER.index(self.before)
 
 
 class Standing:
@@ -211,7 +171,8 @@ class Standing:
             measured: What the level says of it.
         """
         speed, load, *chances = point
-        judge = partial(assessed, self.config, self.settings.boundaries, speed, load, chances)
+        bearing, table = self.config.bearing, self.settings.boundaries
+        judge = partial(assess, bearing, speed, load, self.config.belief, table, chances)
         own = self.config.name, self.state.now - self.state.shift
         self.verdict = Verdict(*own, judge, speed, load, chances, measured)
         return self.verdict
@@ -234,24 +195,43 @@ class Standing:
             time_ns: When it fell due, on the clock of the memory [ns].
             onset: Whether stick-slip has begun.
         """
-        lost = self.lost(time_ns) if self.state.lost else {}
-        was = CONDITIONS[before]
-        return Event(
-            bearing=self.config.name,
-            time_ns=time_ns - self.state.shift,
-            before=was,
-            after=self.condition,
-            assessment=self.assessment,
-            sticking=self.sticking,
-            lost=lost,
-            text=describe(self, lost, was),
-            says=describe(self, lost),
-            measured=None if self.state.point == NEVER else self.measured,
-            growth=self.growth,
-            clears=self.clears,
-            raised_lately=self.raised_lately,
-            onset=onset,
-        )
+        then = Standing(self.config, self.settings, self.state.copy(), self.verdict)
+        lost, was = then.lost(time_ns) if then.state.lost else {}, CONDITIONS[before]
+        return Event(time_ns - then.state.shift, was, then, lost, describe(then, lost, was), onset)
+
+
+@dataclass(frozen=True)
+class Event:
+    """One change of a bearing's alarm, or a new onset of stick-slip while it stands."""
+
+    time_ns: int  # when the change fell due
+    before: Condition
+    standing: Standing  # the bearing as it was then
+    lost: dict[str, float]  # the inputs that are lost, with their ages [s]; inf: never received
+    text: str  # what happened, for a person
+    onset: bool = False  # stick-slip has begun, which is announced whatever stood before
+
+    @property
+    def bearing(self) -> str:
+        """Its name."""
+        return self.standing.config.name
+
+    @property
+    def after(self) -> Condition:
+        """What the alarm says since."""
+        return self.standing.condition
+
+    @cached_property
+    def says(self) -> str:
+        """What the condition says by itself, whatever came before."""
+        return describe(self.standing, self.lost)
+
+    @property
+    def raised(self) -> bool:
+        """Whether matters got worse."""
+        if Condition.INPUT_STALE in (self.before, self.after):
+            return self.after is Condition.INPUT_STALE
+        return self.onset or LADDER.index(self.after) > LADDER.index(self.before)
 
 
 def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
@@ -359,7 +339,7 @@ def _belief_text(b: Standing, point: Assessment) -> str:
         return ''
     low, high = (config.belief.fold_speed(float(point.load), p) for p in (0.05, 0.95))
     # By averaging; the fold that decides may be the exact model's.
-    rpm = config.bearing.speed.factor('rpm') * fold_share(point)
+    rpm = config.bearing.speed.factor('rpm') * point.fold_share
     return (
         f' Stick-slip is possible with {point.probability_can:.0%}: fold'
         f' {low / rpm:.3g} to {high / rpm:.3g} rpm at this load.'
@@ -424,7 +404,7 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
     left = rule.LEFT_BELOW * alarm.caution_probability
     if not 0.0 < left < 1.0:
         return math.nan
-    return float(belief.fold_speed(float(point.load), 1.0 - left)) / float(fold_share(point))
+    return float(belief.fold_speed(float(point.load), 1.0 - left)) / float(point.fold_share)
 
 
 def warns(config: BearingConfig, point: Assessment) -> bool:

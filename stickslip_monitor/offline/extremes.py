@@ -19,14 +19,14 @@ from stickslip_monitor.monitor.assessment import (
     REGIMES,
     TABLE_ERROR,
     Assessment,
+    Assessments,
     Regime,
     assess,
-    at_indices,
 )
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.verdict import Event, assessed
+from stickslip_monitor.monitor.verdict import Event
 
 _MOST = 600
 _BISTABLE, _UNSTABLE = REGIMES.index(Regime.BISTABLE), REGIMES.index(Regime.UNSTABLE)
@@ -39,7 +39,7 @@ class Outline:
 
     time_ns: IntArray
     until_ns: IntArray
-    assessment: Assessment
+    assessment: Assessments
     sticking: BoolArray
     events: Sequence[Event]
 
@@ -95,7 +95,7 @@ class Outliner:
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)
-        amplitude[sticking] = at_indices(points, sticking).amplitude
+        amplitude[sticking] = points.at(sticking).amplitude
         # The line is interrupted where an input was lost or the clock jumped back.
         before, ends = self._last or (int(time[0]), int(time[0]))
         self._last = int(time[-1]), int(scan.until_ns[-1])
@@ -275,13 +275,11 @@ class Worst:
 
     def _take(self, name: str, scan: Scan, rows: IndexArray, sign: int = 1) -> None:
         """Take some rows; the least value is the worst, with the other sign the greatest."""
-        table = scan.settings.boundaries
-        speed, load, chances = scan.speed[rows], scan.load[rows], scan.chances[rows].T
-        points = assessed(scan.config, table, speed, load, chances)
+        points = scan.assessed(rows)
         values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
         badness = np.where(np.isfinite(values), sign * values, np.inf)
         least = sign * self.found[name].value if name in self.found else math.inf
         if badness.min(initial=math.inf) < least:
             i = int(badness.argmin())
             time_ns, value = int(scan.time_ns[rows[i]]), float(values[i])
-            self.found[name] = Extreme(time_ns, value, at_indices(points, i))
+            self.found[name] = Extreme(time_ns, value, points.at(i))

@@ -13,7 +13,7 @@ import numpy as np
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.recording import Bound, Fault, Recording, Series
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.assessment import Assessment
+from stickslip_monitor.monitor.assessment import Assessments
 from stickslip_monitor.monitor.configuration import FACTOR, questions
 from stickslip_monitor.monitor.input_faults import (
     InputFacts,
@@ -226,7 +226,7 @@ class Plausibility:
         self._bounded = True
         self._least, self._most = math.inf, -math.inf
 
-    def take(self, points: Assessment) -> None:
+    def take(self, points: Assessments) -> None:
         """Take some points, of arrays."""
         speed, load, fold = np.abs(points.speed), points.load, points.fold_speed
         self._count += speed.size

@@ -27,7 +27,7 @@ from stickslip_monitor.bags.writer import (
 )
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.assessment import REGIMES, Assessment, at_indices
+from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, assess
 from stickslip_monitor.monitor.messages import (
     POINT_NUMBERS,
     BearingState,
@@ -43,7 +43,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 from stickslip_monitor.monitor.signals import Input, Status
-from stickslip_monitor.monitor.verdict import Event, Verdict, assessed
+from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import Heard, Stretch, StretchSink
 
 NODE = 'stickslip_monitor'
@@ -259,18 +259,12 @@ class _Follower:
             return rows, iter(())
         points = scan.assessment
         if rows.size < scan.time_ns.size:
-            # Not at_indices: what is worked out of all would be, of those that nobody wants.
-            points = assessed(
-                self._config,
-                scan.settings.boundaries,
-                scan.speed[rows],
-                scan.load[rows],
-                scan.chances[rows].T,
-            )
+            # Not points.at: what is worked out of all would be, of those that nobody wants.
+            points = scan.assessed(rows)
         return scan.time_ns[rows], self._encoded(points, scan.measured, rows)
 
     def _encoded(
-        self, points: Assessment, measured: Any, rows: IndexArray
+        self, points: Assessments, measured: Any, rows: IndexArray
     ) -> Iterator[tuple[str, Sequence[bytes]]]:
         """What the topics of a bearing say of some points, by their last part."""
         for name in topic_numbers(self._config):
@@ -320,11 +314,11 @@ class _Follower:
         """The assessments of some points, whose numbers are worked out together."""
         if points:
             speed, load, *chances = np.array(points).T
-            table = self._bearing.settings.boundaries
-            together = assessed(self._config, table, speed, load, chances)
+            own, table = self._config, self._bearing.settings.boundaries
+            together = assess(own.bearing, speed, load, own.belief, table, chances)
             for name in (*POINT_NUMBERS, 'stability_margin'):
                 getattr(together, name)  # worked out now, for all
-            yield from (at_indices(together, k) for k in range(len(points)))
+            yield from (together.at(k) for k in range(len(points)))
 
     def _counted(self, heard: Heard, ends: IntArray) -> IntArray:
         """Samples by input and status after so many of a stretch."""

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sending import SECOND, configured, points
+from sending import SECOND, change, configured, points
 
 from benchmarks.voyages import output_of, sounds_of
 from benchmarks.warning_quality import (
@@ -26,7 +26,6 @@ from stickslip_monitor import Monitor
 from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.verdict import Event
 
 Array = NDArray[np.float64]
 HOUR = 3600
@@ -168,7 +167,7 @@ def by_monitor(*changes: tuple[float, Condition]) -> RuleOutput:
     """What a monitor says whose condition changes at some seconds."""
     found, before = [], NORMAL
     for second, after in changes:
-        found.append(Event('aft', round(second * 1e9), before, after, None, False, {}, ''))
+        found.append(change(round(second * 1e9), before, after))
         before = after
 
     class Recorded:

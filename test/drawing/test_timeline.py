@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sending import SECOND, points
+from sending import SECOND, change, points
 from shared import CONFIG as REFERENCE_FILE
 from shared import START
 
@@ -20,7 +20,6 @@ from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import condition_intervals
 
 pytest.importorskip('matplotlib')
@@ -119,10 +118,7 @@ def test_next_to_nothing_is_drawn(count: int) -> None:
 def test_of_very_many_events_only_the_alarms_are_marked() -> None:
     changes = [(Condition.NORMAL, Condition.CAUTION), (Condition.CAUTION, Condition.NORMAL)] * 60
     changes[50] = (Condition.NORMAL, Condition.STICK_SLIP)
-    events = [
-        Event('aft', START + i * 10**9, before, after, None, False, {}, '')
-        for i, (before, after) in enumerate(changes)
-    ]
+    events = [change(START + i * 10**9, before, after) for i, (before, after) in enumerate(changes)]
     assert [number for number, _ in marked_events(events)] == [51]
     assert [number for number, _ in marked_events(events[:30])] == list(range(1, 31))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sending import SECOND, Message, stream_of
+from sending import SECOND, Message, change, stream_of
 
 from stickslip_monitor import Assessment, Monitor, MonitorConfig, Stream, assess
 from stickslip_monitor.errors import ConfigurationError
@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.signals import Input, Status
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import Verdict
 
 Configure = Callable[..., MonitorConfig]
 T0 = 1_700_000_000 * SECOND
@@ -45,14 +45,14 @@ class Panel:
 
     def goes(self, condition: str) -> Panel:
         before, self.condition = self.condition, Condition(condition)
-        return self._hears(before, f'aft: now {condition}')
+        return self._hears(before)
 
     def begins(self) -> Panel:
         """Stick-slip begins anew while its condition stands."""
-        return self._hears(self.condition, 'aft: anew', onset=True)
+        return self._hears(self.condition, onset=True)
 
-    def _hears(self, before: Condition, text: str, onset: bool = False) -> Panel:
-        event = Event('aft', self.stamp, before, self.condition, None, onset, {}, text, onset=onset)
+    def _hears(self, before: Condition, onset: bool = False) -> Panel:
+        event = change(self.stamp, before, self.condition, onset=onset)
         self.log += self.alarms.take_event(event)
         return self
 
@@ -125,7 +125,11 @@ def test_comes_is_acknowledged_and_goes(panel: Build, kind: str, condition: str)
     aft.at(30).goes('normal').at(41)
     assert aft.states == {}
     (alarm,) = [a for a in aft.alarms if a.kind == kind]
-    assert (alarm.since_ns, alarm.count, alarm.text) == (T0 + SECOND, 1, f'aft: now {condition}')
+    assert (alarm.since_ns, alarm.count, alarm.text) == (
+        T0 + SECOND,
+        1,
+        f'aft: {Condition(condition).sentence}',
+    )
 
 
 def test_latching_waits_for_its_reset(panel: Build) -> None:
@@ -410,7 +414,7 @@ def test_one_row_a_bearing(configure: Configure) -> None:
     panel = Panel(configure()).at(0.0).goes('caution').at(1.0).goes('stick_slip')
     (row,) = alarms_record(panel.alarms, [], T0, 1, text_of=lambda name: f'{name}: now')['rows']
     assert (row['alarm'], row['state']) == ('stick_slip', 'unacknowledged')
-    assert (row['text'], row['first_text']) == ('aft: now', 'aft: now stick_slip')
+    assert (row['text'], row['first_text']) == ('aft: now', 'aft: Stick-slip predicted.')
     assert row['kinds'] == ['stick_slip', 'bistable', 'margin_low']
 
 

@@ -15,6 +15,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from sending import change as sent_change
 from sequences import BEARINGS
 
 from stickslip_monitor import assess, build_config
@@ -23,7 +24,7 @@ from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state,
 from stickslip_monitor.monitor.alarms import LATCHING, RUNG_OF, AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import Verdict
 
 SECOND = 10**9
 WAITING = {AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED}
@@ -82,7 +83,7 @@ class Life(RuleBasedStateMachine):
     def condition_changes(self, condition: Condition) -> None:
         if condition is self.condition:
             return
-        event = Event('b', self.now, self.condition, condition, None, False, {}, str(condition))
+        event = sent_change(self.now, self.condition, condition, bearing='b')
         self.condition = condition
         rung, self.rung = self.rung, LADDER.index(condition) if condition in LADDER else self.rung
         before = {kind: alarm.state for kind, alarm in self.own().items()}
@@ -129,7 +130,7 @@ class Life(RuleBasedStateMachine):
     @rule()
     def stick_slip_begins_anew(self) -> None:
         here = self.condition
-        event = Event('b', self.now, here, here, None, True, {}, str(here), onset=True)
+        event = sent_change(self.now, here, here, onset=True, bearing='b')
         self.heard(self.annunciator.take_event(event))
         own = [self.own()[kind] for kind in LATCHING]
         free = [a for a in own if a.active and not a.suppressed_by and a.state in ON_SHOW]

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from sending import change
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
@@ -28,7 +29,7 @@ def config(configure: Callable[..., MonitorConfig]) -> MonitorConfig:
 
 
 def _event(second: int, before: Condition, after: Condition) -> Event:
-    return Event('aft', T0 + second * SECOND, before, after, None, False, {}, f'aft: {after}')
+    return change(T0 + second * SECOND, before, after)
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_the_record(stuck: Annunciator) -> None:
     assert (record['sequence'], record['sounding'], record['unacknowledged']) == (7, False, 0)
     assert record['flood'] == {'alarms_10min': 1, 'most_10min': 1, 'flooding': False}
     (change,) = record['changes']
-    told = {'from': 'unacknowledged', 'to': 'acknowledged', 'by': 'Ada', 'text': 'aft: stick_slip'}
+    told = {'from': 'unacknowledged', 'to': 'acknowledged', 'by': 'Ada', 'text': 'aft: Stick-slip predicted.'}
     assert change.items() >= (told | {'alarm': 'stick_slip', 'what': 'acknowledge'}).items()
     alarms = {alarm['alarm']: alarm for alarm in record['alarms']}
     assert [*alarms, 'vibration'] == [kind.value for kind in AlarmKind]

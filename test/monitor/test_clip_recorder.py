@@ -6,6 +6,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sending import change
 
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
 from stickslip_monitor.monitor.parameters import ClipConfig
@@ -27,7 +28,7 @@ def event(
     before: Condition = Condition.NORMAL,
     bearing: str = 'aft',
 ) -> Event:
-    return Event(bearing, round((T0 + second) * NS), before, after, None, False, {}, '')
+    return change(round((T0 + second) * NS), before, after, bearing=bearing)
 
 
 def seconds(clip: Clip) -> list[int]:

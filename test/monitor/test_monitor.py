@@ -190,8 +190,8 @@ def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure)
         'aft: Stick-slip predicted. Raise speed above 50 rpm, or stop the shaft.'
         ' Now 20 rpm, 1 kN, amplitude 0.557 mm, 51 % below the fold.'
     )
-    assert event.assessment is not None
-    assert event.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
+    assert event.standing.assessment is not None
+    assert event.standing.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
 
 
 def test_texts_of_milder_conditions_say_what_to_do(configure: Configure) -> None:

@@ -25,7 +25,7 @@ def _stream(messages: Messages) -> Stream:
 
 
 def _told(events: list[Any]) -> list[Any]:
-    return [(e.time_ns, e.before, e.after, e.sticking, e.lost, e.onset, e.text) for e in events]
+    return [(e.time_ns, e.before, e.after, e.standing.sticking, e.lost, e.onset, e.text) for e in events]
 
 
 def _require_same(one: Scan, other: Scan) -> None:

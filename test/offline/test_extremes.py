@@ -6,12 +6,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from sending import change
 from shared import CONFIG
 
 from stickslip_monitor.monitor.assessment import BISTABLE, NO_CYCLE, assess
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, coarsened, condition_intervals, together
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.boundary_table import known_table
@@ -25,15 +25,11 @@ NORMAL, CAUTION, STICK, AMPLITUDE = (
 )
 
 
-def event(time_ns: int, before: Condition, after: Condition) -> Event:
-    return Event('aft', time_ns, before, after, None, False, {}, '')
-
-
 COURSE = [
-    event(10, NORMAL, STICK),
-    event(20, STICK, AMPLITUDE),
-    event(30, AMPLITUDE, CAUTION),
-    event(40, CAUTION, STICK),
+    change(10, NORMAL, STICK),
+    change(20, STICK, AMPLITUDE),
+    change(30, AMPLITUDE, CAUTION),
+    change(40, CAUTION, STICK),
 ]
 
 
