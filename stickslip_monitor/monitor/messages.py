@@ -22,8 +22,6 @@ from stickslip_monitor.monitor.verdict import Event, Verdict
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/1'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/2'
-BEARINGS_SCHEMAS = (BEARINGS_SCHEMA, 'stickslip_monitor/bearings/1')
-"""What readers accept: this version's, and that of the last."""
 POINT_NUMBERS = (
     'speed',
     'load',
@@ -136,6 +134,26 @@ def event_json(event: Event) -> str:
     return json.dumps(event_record(event), allow_nan=False)
 
 
+KEYS = {
+    'sticking': 'stick-slip predicted',
+    'speed': 'speed [m/s]',
+    'rpm': 'shaft speed [rpm]',
+    'load': 'load [N]',
+    'hopf_speed': 'hopf speed [m/s]',
+    'fold_speed': 'fold speed [m/s]',
+    'growth_rate': 'growth rate [1/s]',
+    'growth': 'growth [e-folds]',
+    'amplitude': 'amplitude [m]',
+    'amplitude_exact': 'amplitude of the exact cycle [m]',
+    'amplitude_error': 'error of the amplitude',
+    'threshold_amplitude': 'threshold amplitude [m]',
+    'clears_in': 'clears in [s]',
+    'raised': 'raised lately',
+    'unmeasured': 'measured unknown',
+    'unseen': 'predicted but not measured for [s]',
+}
+"""The keys of a diagnostic status by the names in a record; others are those names in words."""
+_OF_POINT = ('regime', 'outcome', 'hopf_margin', 'fold_margin', *tuple(KEYS)[:-2])
 WAITING = 'Waiting for the first speed and load.'
 
 
@@ -195,7 +213,7 @@ def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
 
 
 def bearing_record(state: BearingState) -> dict[str, Any]:
-    """A bearing as page, metrics and buses read it; the fields are in docs/interfaces.md."""
+    """A bearing as page, metrics, buses and diagnostics read it; see docs/interfaces.md."""
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
     time_ns, lost = bearing.now_ns or 0, bearing.lost()
     clears = None if point is None or lost else bearing.clears
@@ -247,16 +265,14 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
         state: The bearing.
     """
     name = state.bearing.config.name
-    return DiagnosticRecord(
-        level=state.level,
-        name=f'{node}: {name}',
-        hardware_id=hardware_id(node, name),
-        message=state.message,
-        values={
-            key: value if isinstance(value, str) else f'{value:.9g}'
-            for key, value in diagnostic_values(state).items()
-        },
-    )
+    values = {key: _written(value) for key, value in diagnostic_values(state).items()}
+    return DiagnosticRecord(state.level, f'{node}: {name}', hardware_id(node, name), state.message, values)
+
+
+def _written(value: str | float | None) -> str:
+    if isinstance(value, str):
+        return value
+    return str(value).lower() if isinstance(value, bool) else f'{math.nan if value is None else value:.9g}'
 
 
 def hardware_id(node: str, bearing: str) -> str:
@@ -265,47 +281,19 @@ def hardware_id(node: str, bearing: str) -> str:
     return f'{space}/{bearing}' if space else bearing
 
 
-def diagnostic_values(state: BearingState) -> dict[str, str | float]:
+def diagnostic_values(state: BearingState) -> dict[str, str | float | None]:
     """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
-    result: dict[str, str | float] = {'reason': state.reason}
-    bearing, point = state.bearing, state.point
-    if point is not None:
-        result |= {
-            'regime': point.regime.value,
-            'outcome': point.outcome.value,
-            'stick-slip predicted': str(bearing.sticking).lower(),
-            'speed [m/s]': point.speed,
-            'shaft speed [rpm]': _rpm(bearing, point),
-            'load [N]': point.load,
-            'hopf speed [m/s]': point.hopf_speed,
-            'fold speed [m/s]': point.fold_speed,
-            'hopf margin': point.hopf_margin,
-            'fold margin': point.fold_margin,
-            'growth rate [1/s]': point.growth_rate,
-            'growth [e-folds]': bearing.growth,
-            'amplitude [m]': point.amplitude,
-            'amplitude of the exact cycle [m]': point.amplitude_exact,
-            'error of the amplitude': point.amplitude_error,
-            'threshold amplitude [m]': point.threshold_amplitude,
-            'clears in [s]': math.nan if bearing.clears is None else bearing.clears,
-            'raised lately': bearing.raised_lately,
-        }
-        if point.has_belief:
-            result |= {name.replace('_', ' '): getattr(point, name) for name in BELIEFS}
-    for name, age in bearing.lost().items():
-        result[f'{name} age [s]'] = age
-    for name, text in state.faults.items():
-        result[f'{name} fault'] = text
-    if bearing.measured is not None and state.monitoring:
-        result |= {
-            'measured': bearing.measured.value,
-            'measured unknown': '' if bearing.unknown is None else bearing.unknown.sentence,
-            'predicted but not measured for [s]': bearing.unseen,
-        }
-    for place, name in enumerate(bearing.config.inputs):
-        for status in Status:
-            key = f'{name} samples {status.name.lower().replace("_", " ")}'
-            result[key] = int(bearing.counts[place, status])
+    bearing, record = state.bearing, bearing_record(state)
+    shown = ['reason']
+    if state.point is not None:
+        shown += _OF_POINT if bearing.config.belief is None else (*_OF_POINT, *BELIEFS)
+    if record['measured'] is not None:
+        shown += 'measured', 'unmeasured', 'unseen'
+    result = {KEYS.get(name, name.replace('_', ' ')): record[name] for name in shown}
+    result |= {f'{name} age [s]': age for name, age in bearing.lost().items()}
+    result |= {f'{name} fault': text for name, text in state.faults.items()}
+    for name, own in record['inputs'].items():
+        result |= {f'{name} samples {key.replace("_", " ")}': count for key, count in own['counts'].items()}
     return result
 
 

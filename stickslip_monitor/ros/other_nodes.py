@@ -23,7 +23,7 @@ from std_msgs.msg import Float64, String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarm_records import ActionRequest, request_record
-from stickslip_monitor.monitor.messages import BEARINGS_SCHEMAS, NODE_STATUS, hardware_id
+from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.inputs import ROS_FAULTS
@@ -119,7 +119,7 @@ class Watcher:
 
     def _on_bearings(self, listener: Listener, message: String) -> None:
         document = self._document(message)
-        if isinstance(document, dict) and document.get('schema') in BEARINGS_SCHEMAS:
+        if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
             for record in document['bearings']:
                 self._hand_over(listener.take_record, record)
 
