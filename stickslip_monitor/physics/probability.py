@@ -10,7 +10,8 @@ can happen or starts by itself, so that with ``x = ln r``
     ``P = sum_k w_k Phi((ln N + b x_k - ln N_b(V e^-x_k)) / sd_k)``
 
 over nodes of ``x``, where ``b x`` is the mean of ``ln q`` at ``x`` and ``sd_k`` what else is
-uncertain of it. The sums are tabulated once: at each speed the load ``a``, the width ``w`` and how
+uncertain of it; after a calibration the nodes are of ``ln q``, each with the ``ln r`` that leaves
+the fold where it is. The sums are tabulated once: at each speed the load ``a``, the width ``w`` and how
 far the probit is off ``(ln N - a)/w``, which is little. The look-ups are plain functions of
 numbers and one flat table: they run as they stand for single points, compiled for long recordings.
 """
@@ -49,8 +50,11 @@ _COLUMNS = 2 * _WIDEST + 1
 _PER_BOUNDARY = _OFF + _COLUMNS
 # 768 rows between these speeds [m/s] keep a probability to 5e-4 (test_probability).
 _COUNT, _SLOWEST, _FASTEST = 768, 1e-3, 30.0
-# Nodes of ln r: this many normal kernels, this wide, to this far, in deviations of ln r.
+# Nodes of ln r, or of ln q: this many normal kernels, this wide, to this far, in deviations of ln r.
 _NODES, _KERNEL, _REACH = 41, 0.16, 4.0
+_NODES_AT = np.linspace(-_REACH, _REACH, _NODES)
+_NODE_WEIGHTS = np.exp(-0.5 * _NODES_AT**2 / (1.0 - _KERNEL**2))
+_NODE_WEIGHTS /= _NODE_WEIGHTS.sum()
 _LEAST = 1e-9
 # The logarithm of a load that no ship has [ln N].
 _NOWHERE = 50.0
@@ -160,8 +164,8 @@ class Belief:
         speed: Relative standard deviation of a boundary's speed besides.
         load: That of the load besides.
         loads: The loads that it is known at [N].
-        straight: Whether a boundary is taken to first order in ``ln r``: a calibration knows it
-            far better than either factor.
+        calibrated: Whether the fold is known far better than either factor, as after a
+            calibration: the factors are then followed along the line that leaves it where it is.
         table: What :func:`probit` and :func:`boundary_speed` look up.
     """
 
@@ -170,7 +174,7 @@ class Belief:
     speed: float = 0.0
     load: float = 0.0
     loads: tuple[float, float] = (0.0, math.inf)
-    straight: bool = False
+    calibrated: bool = False
     table: FloatArray = field(init=False, repr=False)
     _numbers: list[float] = field(init=False, repr=False)
 
@@ -250,10 +254,31 @@ class Belief:
         (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
         known = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
         parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *known])]
-        for of in (averaging.fold_load, averaging.hopf_load):
-            rows = _rows_of(self._total, ln_v, _log_load(of, self.bearing, ln_v), self.straight)
-            parts.append(rows.ravel())
+        folds, hopfs = (
+            _log_load(of, self.bearing, ln_v) for of in (averaging.fold_load, averaging.hopf_load)
+        )
+        way = self._along_fold(ln_v, folds) if self.calibrated else _along_speeds(self._total)
+        parts += [_rows_of(self._total, way, ln_v, load).ravel() for load in (folds, hopfs)]
         return np.concatenate(parts)
+
+    def _along_fold(self, ln_v: FloatArray, folds: FloatArray) -> _Way:
+        """Factors that leave the fold in the middle of the loads where it is."""
+        (r, both), (_, q) = self.covariance
+        middle = 0.5 * (math.log(self.loads[0]) + math.log(self.loads[1]))
+        log_q = _NODES_AT * math.sqrt(q)
+
+        def fold(log_load: FloatArray) -> FloatArray:
+            return np.interp(log_load, folds, ln_v)
+
+        near = fold(middle + np.array([-0.02, 0.0, 0.02]))
+        slope = float(near[2] - near[0]) / 0.04
+        # Of u = ln r + slope ln q, by how much the fold is off.
+        of_u, with_q = r + 2.0 * slope * both + slope * slope * q, both + slope * q
+        mean = with_q / q if q > 0.0 else 0.0
+        reach = _REACH * math.sqrt(r)
+        log_r = np.clip(mean * log_q + near[1] - fold(middle + log_q), -reach, reach)
+        rest = max(of_u - mean * with_q, 0.0)
+        return _Way(log_r, log_q, rest + self.speed**2, self.load**2)
 
 
 def _log_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> FloatArray:
@@ -266,24 +291,39 @@ def _log_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> Flo
     return above
 
 
-def _rows_of(total: FloatArray, ln_v: FloatArray, load: FloatArray, straight: bool) -> FloatArray:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Way:
+    """Nodes of ``(ln r, ln q)``, and the variance of each beside them."""
+
+    log_r: FloatArray  # shape (nodes,)
+    log_q: FloatArray  # shape (nodes,)
+    of_r: float
+    of_q: float
+
+
+def _along_speeds(total: FloatArray) -> _Way:
+    """Nodes of ``ln r``, with the mean of ``ln q`` at each."""
+    (r, both), (_, q) = total
+    mean = both / r if r > 0.0 else 0.0
+    log_r = _NODES_AT * math.sqrt(r)
+    return _Way(log_r, mean * log_r, 0.0, max(q - mean * both, 0.0))
+
+
+def _rows_of(total: FloatArray, way: _Way, ln_v: FloatArray, load: FloatArray) -> FloatArray:
     """The rows of one boundary, shape (speeds, :data:`_PER_BOUNDARY`)."""
     (r, both), (_, q) = total
     slope = np.gradient(load, ln_v)
     width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * both + q, _LEAST**2))
     columns = np.arange(-_WIDEST, _WIDEST + 1.0)
-    if straight:
-        return np.column_stack([load, width, np.zeros((load.size, _COLUMNS))])
     log_load = load[:, None] + width[:, None] * columns
-    mean = both / r if r > 0.0 else 0.0
-    rest, kernel = max(q - mean * both, 0.0), _KERNEL**2 * r
-    nodes = np.linspace(-_REACH, _REACH, _NODES)
-    weight = np.exp(-0.5 * nodes**2 / (1.0 - _KERNEL**2))
+    # At each node the load of the boundary, its slope, and what the node's kernel spreads it.
+    at = ln_v[:, None] - way.log_r
+    there, steep = np.interp(at, ln_v, load) - way.log_q, np.interp(at, ln_v, slope)
+    kernel = np.gradient(there, _NODES_AT, axis=1) * _KERNEL
+    spread = np.sqrt(way.of_q + steep**2 * way.of_r + kernel**2 + _LEAST**2)
     p = np.zeros(log_load.shape)
-    for node, share in zip(nodes * math.sqrt(r), weight / weight.sum(), strict=True):
-        there, steep = np.interp(ln_v - node, ln_v, load), np.interp(ln_v - node, ln_v, slope)
-        spread = np.sqrt(rest + (mean + steep) ** 2 * kernel + _LEAST**2)
-        p += share * ndtr((log_load + mean * node - there[:, None]) / spread[:, None])
+    for k, share in enumerate(_NODE_WEIGHTS):
+        p += share * ndtr((log_load - there[:, k : k + 1]) / spread[:, k : k + 1])
     off = ndtri(np.clip(p, 1e-12, 1.0 - 1e-12)) - columns
     return np.column_stack([load, width, np.clip(off, -_WIDEST, _WIDEST)])
 

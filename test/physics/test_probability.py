@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
@@ -151,15 +152,29 @@ def test_loads_without_evidence_are_known_less() -> None:
     assert known[1] / known[0] == pytest.approx(math.exp(3.29 * 0.01), rel=0.01)
 
 
-def test_known_straight_a_boundary_has_the_spread_of_its_factors() -> None:
-    # ln V_H = ln r + h(ln N + ln q), to first order with h' = 1/v at v = beta V_H = ln 5.
-    covariance = np.array([[0.04, -0.05], [-0.05, 0.09]])
-    belief = Belief(BEARING, covariance, straight=True)
-    slope = 1.0 / math.log(5.0)
-    spread = math.sqrt(0.04 - 2.0 * 0.05 * slope + 0.09 * slope**2)
-    low, middle = (belief.hopf_speed(1000.0, p) for p in (0.45, 0.5))
-    assert middle == pytest.approx(math.log(5.0) / 10.0, rel=1e-4)
-    assert math.log(middle / low) == pytest.approx(0.12566 * spread, rel=0.05)
+def test_after_a_calibration_the_fold_stays_and_the_hopf_speed_follows_the_load() -> None:
+    """By drawing: ``u = ln r + f(n + ln q) - f(n)`` is known to 1 %, ``ln q`` to 55 %.
+
+    The Hopf speed of a draw is ``r ln(Delta beta q N / c) / beta``; to first order its 95 %
+    quantile is 4 % off.
+    """
+    random = np.random.default_rng(3)
+    u, log_q = 0.01 * random.standard_normal(40_000), 0.55 * random.standard_normal(40_000)
+    loads = np.geomspace(201.0, 60_000.0, 4000)
+
+    def fold(log_load: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.interp(log_load, np.log(loads), np.log(fold_speed(BEARING, loads)))
+
+    middle = np.array([math.log(4000.0)])
+    drawn = np.exp(u - fold(middle + log_q) + fold(middle)) * np.log(20.0 * np.exp(log_q)) / 10.0
+    slope = float(fold(middle + 0.01)[0] - fold(middle - 0.01)[0]) / 0.02
+    by = np.array([[1.0, -slope], [0.0, 1.0]])
+    covariance = by @ np.diag([1e-4, 0.55**2]) @ by.T
+    belief = Belief(BEARING, covariance, loads=(4000.0, 4000.0), calibrated=True)
+    for p in (0.05, 0.5, 0.95):
+        assert belief.hopf_speed(4000.0, p) == pytest.approx(np.quantile(drawn, p), rel=0.015)
+        known = float(fold_speed(BEARING, 4000.0)) * math.exp(0.01 * ndtri(p))
+        assert belief.fold_speed(4000.0, p) == pytest.approx(known, rel=2e-3)
 
 
 def test_a_law_without_boundaries_is_never_in_stick_slip() -> None:
