@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,33 +22,27 @@ from rich.table import Table
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.studies import draw_friction_fit
-from stickslip_monitor.errors import ConfigurationError, plural
+from stickslip_monitor.errors import ConfigurationError, plural, require_positive
 from stickslip_monitor.lab.curve_file import NAMES, FrictionCurve, read_curve
 from stickslip_monitor.lab.friction_fit import (
     ASIDE,
     UNITS,
     VISCOUS_LEVEL,
-    BoundarySpread,
-    Spread,
     StribeckFit,
-    boundary_spread,
+    boundary_belief,
     fit_stribeck,
     unchecked,
 )
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS
+from stickslip_monitor.physics.probability import Belief
 
-SCHEMA = 'stickslip_monitor/fit/1'
+SCHEMA = 'stickslip_monitor/fit/2'
 FRAGMENT_MARK = '# Fitted to '
 _POINT = ('speed', 'coefficient', 'residual', 'weight')
-_VISCOUS = ('slope', 'f_value', 'p_value')
-_SPREADS = {
-    'hopf_speed': 'Hopf speed',
-    'fold_speed': 'fold speed',
-    'hopf_margin': 'Hopf margin',
-    'fold_margin': 'fold margin',
-}
+_INTERVAL = (0.025, 0.5, 0.975)
+Boundaries = dict[str, list[float]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,22 +50,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
     for name in NAMES:
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
-    parser.add_argument(
-        '--speed-unit', choices=SPEED_UNITS, help='unit of the speeds, if the heading has none'
-    )
-    parser.add_argument(
-        '--journal-diameter',
-        type=float,
-        metavar='D',
-        help='journal diameter [m], needed if speeds are in rpm, rad/s or Hz',
-    )
-    parser.add_argument(
-        '--viscous',
-        choices=('auto', 'yes', 'no'),
-        default='auto',
-        help='fit a viscous slope (default auto: if an F-test at 1 %% supports it)',
-    )
-    _add_bearing(parser)
+    text = 'unit of the speeds, if the heading has none'
+    parser.add_argument('--speed-unit', choices=SPEED_UNITS, help=text)
+    text = 'journal diameter [m], needed if speeds are in rpm, rad/s or Hz'
+    parser.add_argument('--journal-diameter', type=float, metavar='D', help=text)
+    text = 'fit a viscous slope (default auto: if an F-test at 1 %% supports it)'
+    parser.add_argument('--viscous', choices=('auto', 'yes', 'no'), default='auto', help=text)
+    group = parser.add_argument_group('spread of the boundaries')
+    options.add_config(group, required=False)
+    options.add_bearing(group)
+    group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
+    group.add_argument('--speed', help='shaft speed with unit for the regimes, e.g. 35rpm')
     text = '.csv: the points with fitted values and residuals'
     options.add_output(parser, '--output', '-o', marks=options.TABLE, help=text)
     options.add_picture(parser, 'the points and the law')
@@ -82,44 +70,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_json(parser)
 
 
-def _add_bearing(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('spread of the boundaries')
-    options.add_config(group, required=False)
-    options.add_bearing(group)
-    group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
-    group.add_argument('--speed', help='shaft speed with unit for the margins, e.g. 35rpm')
-    text = 'Monte Carlo samples (default 20000)'
-    options.add_number(group, '--draws', 100, 1_000_000, default=20000, help=text)
-    options.add_number(group, '--seed', 0, default=0, help='seed of the samples (default 0)')
-
-
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    _check(args)
-    bearings = options.chosen(args).bearings if args.config else ()
-    fit = fit_stribeck(_read(args, bearings), args.viscous)
-    spreads = [(item, _spread(args, fit, item)) for item in bearings]
-    if args.json:
-        output.print_json(to_json(fit, args, spreads))
-    else:
-        print_fit(output.console(), args, fit, spreads)
-    item, spread = spreads[0] if len(spreads) == 1 else (None, None)
-    output.write_outputs(
-        args,
-        fragment=lambda: fragment(args.curve, fit),
-        output=lambda: point_columns(fit),
-        picture=lambda: draw_friction_fit(fit, _footnote(args, fit, item), spread),
-    )
-    return int(bool(fit.warnings))
-
-
-def _check(args: argparse.Namespace) -> None:
     if bool(args.config) != bool(args.load):
         given, missing = ('--config', '--load') if args.config else ('--load', '--config')
         raise ConfigurationError(f'{given} needs {missing}: the boundaries follow from both')
     for name in ('bearing', 'speed'):
         if getattr(args, name) and not args.config:
             raise ConfigurationError(f'--{name} needs --config and --load')
+    bearings = options.chosen(args).bearings if args.config else ()
+    fit = fit_stribeck(_read(args, bearings), args.viscous)
+    load = options.parse_loaded(args.load) if args.load else 0.0
+    beliefs = [(item, _belief(fit, item, load)) for item in bearings]
+    found = [(item, boundaries(belief, load), _regimes(args, belief, load)) for item, belief in beliefs]
+    if args.json:
+        output.print_json(to_json(fit, args, load, found))
+    else:
+        print_fit(output.console(), args, fit, found)
+    drawn = found[0][1] if len(found) == 1 else None
+    output.write_outputs(
+        args,
+        fragment=lambda: fragment(args.curve, fit),
+        output=lambda: point_columns(fit),
+        picture=lambda: draw_friction_fit(fit, _footnote(args, fit, found), drawn),
+    )
+    return int(bool(fit.warnings))
+
+
+Found = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
 
 
 def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
@@ -131,10 +109,25 @@ def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> Fricti
     return read_curve(args.curve, columns, args.speed_unit, diameter)
 
 
-def _spread(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig) -> BoundarySpread:
-    speed = abs(options.parse_speed(args.speed, item.bearing.speed)) if args.speed else None
-    load = options.parse_load(args.load)
-    return boundary_spread(fit, item.bearing.damping, load, speed, args.draws, args.seed)
+def _belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belief:
+    require_positive('damping', item.bearing.damping, 'N s/m')
+    return boundary_belief(fit, item.bearing, load)
+
+
+def boundaries(belief: Belief, load: float) -> Boundaries:
+    """Both boundary speeds at a load: the 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
+    both = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
+    return {name: [float(of(load, p)) for p in _INTERVAL] for name, of in both.items()}
+
+
+def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
+    """The probability of each regime at ``--speed``."""
+    if not args.speed:
+        return None
+    speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
+    require_positive('speed', speed, 'm/s')
+    can, will = (float(p) for p in belief.probabilities(speed, load))
+    return {'unstable': will, 'bistable': can - will, 'stable': 1.0 - can}
 
 
 def point_columns(fit: StribeckFit) -> dict[str, Any]:
@@ -152,20 +145,20 @@ def point_columns(fit: StribeckFit) -> dict[str, Any]:
     }
 
 
-def _footnote(args: argparse.Namespace, fit: StribeckFit, item: BearingConfig | None) -> str:
-    outliers = plural(fit.outliers.size, 'outlier')
-    text = f'{Path(args.curve).name}: {fit.weight.size} points, {outliers}'
-    if item is not None:
-        load = options.parse_load(args.load) * 1e-3
-        text += f'; boundaries of {item.name} at {load:.4g} kN with 95 % intervals'
-    return text
+def _summary(source: str, fit: StribeckFit) -> str:
+    name, outliers = ' '.join(Path(source).name.split()), plural(fit.outliers.size, 'outlier')
+    return f'{name}: {fit.weight.size} points, {outliers}'
 
 
-def to_json(
-    fit: StribeckFit, args: argparse.Namespace, spreads: list[tuple[BearingConfig, BoundarySpread]]
-) -> dict[str, Any]:
+def _footnote(args: argparse.Namespace, fit: StribeckFit, found: Found) -> str:
+    if len(found) != 1:
+        return _summary(args.curve, fit)
+    return f'{_summary(args.curve, fit)}; boundaries of {found[0][0].name} at {args.load}, 95 % intervals'
+
+
+def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Found) -> dict[str, Any]:
     """The fit as the documented JSON object."""
-    points = point_columns(fit)
+    points, test = point_columns(fit), fit.viscous_test
     return {
         'schema': SCHEMA,
         'path': args.curve,
@@ -179,7 +172,15 @@ def to_json(
         'covariance': fit.covariance.tolist(),
         'scale': fit.scale,
         'degrees_of_freedom': fit.degrees_of_freedom,
-        'viscous': _viscous_json(fit, args.viscous),
+        'viscous': {
+            'asked': args.viscous,
+            'used': 'viscous' in fit.names,
+            **{
+                name: number(getattr(test, name)) if test else None
+                for name in ('slope', 'f_value', 'p_value')
+            },
+            'sentence': viscous_sentence(fit, args.viscous),
+        },
         'outliers': [
             {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
             for k in fit.outliers
@@ -187,51 +188,21 @@ def to_json(
         'warnings': list(fit.warnings),
         'unchecked': unchecked(fit) or None,
         'fragment': fragment(args.curve, fit),
-        'bearings': [_bearing_json(item, spread, args) for item, spread in spreads],
+        'bearings': [
+            {'bearing': item.name, 'load': load, **speeds, 'regimes': regimes}
+            for item, speeds, regimes in found
+        ],
     }
-
-
-def _viscous_json(fit: StribeckFit, asked: str) -> dict[str, Any]:
-    test = fit.viscous_test
-    return {
-        'asked': asked,
-        'used': 'viscous' in fit.names,
-        **{name: number(getattr(test, name)) if test else None for name in _VISCOUS},
-        'sentence': viscous_sentence(fit, asked),
-    }
-
-
-def _bearing_json(item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace) -> dict[str, Any]:
-    return {
-        'bearing': item.name,
-        'load': options.parse_load(args.load),
-        'speed': abs(options.parse_speed(args.speed, item.bearing.speed)) if args.speed else None,
-        'draws': args.draws,
-        'seed': args.seed,
-        'without_boundary': spread.without,
-        **{name: _spread_json(getattr(spread, name)) for name in _SPREADS},
-        'regimes': spread.regimes,
-    }
-
-
-def _spread_json(spread: Spread | None) -> dict[str, float | None] | None:
-    return None if spread is None else {k: number(v) for k, v in asdict(spread).items()}
 
 
 def fragment(source: str, fit: StribeckFit) -> str:
     """The law as a bearing's entry in the parameter file."""
-    law = fit.law
-    entries = [('static', law.static), ('kinetic', law.kinetic), ('decay', law.decay)]
-    if 'viscous' in fit.names:
-        entries.append(('viscous', law.viscous))
-    values = ', '.join(f'{name}: {value:.6g}' for name, value in entries)
-    errors = ', '.join(
-        f'{name} {error:.2g}' for name, error in zip(fit.names, fit.standard_error, strict=True)
-    )
-    name = ' '.join(Path(source).name.split())
-    outliers = plural(fit.outliers.size, 'outlier')
+    written = [name for name in UNITS if name != 'viscous' or name in fit.names]
+    values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
+    both = zip(fit.names, fit.standard_error, strict=True)
+    errors = ', '.join(f'{name} {error:.2g}' for name, error in both)
     return (
-        f'{FRAGMENT_MARK}{name}: {fit.weight.size} points, {outliers}.\n'
+        f'{FRAGMENT_MARK}{_summary(source, fit)}.\n'
         f'# Standard errors: {errors}.\n'
         f'friction: {{law: stribeck, {values}}}\n'
     )
@@ -239,8 +210,7 @@ def fragment(source: str, fit: StribeckFit) -> str:
 
 def viscous_sentence(fit: StribeckFit, asked: str) -> str:
     """Why the law has a viscous slope or not."""
-    used = 'viscous' in fit.names
-    test = fit.viscous_test
+    used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'
     numbers = f'slope {test.slope:.3g} s/m, F = {test.f_value:.3g}, p = {test.p_value:.2g}'
@@ -251,21 +221,19 @@ def viscous_sentence(fit: StribeckFit, asked: str) -> str:
     return f'{"with" if used else "no"} viscous slope{asked_for} ({numbers}; {rule})'
 
 
-def print_fit(
-    out: Console,
-    args: argparse.Namespace,
-    fit: StribeckFit,
-    spreads: list[tuple[BearingConfig, BoundarySpread]],
-) -> None:
+def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: Found) -> None:
     """Print the fit and what its uncertainty means for the bearings."""
-    curve = fit.curve
+    curve, names = fit.curve, fit.names
     out.print(
         f'[bold]{escape(args.curve)}[/]: {fit.weight.size} points, speeds in {curve.unit}'
         f' ({escape(curve.unit_source)}), from {curve.speed.min():.4g} to'
         f' {curve.speed.max():.4g} m/s'
     )
-    out.print(_estimates(fit))
-    names = fit.names
+    table = _table('Stribeck law', 'coefficient', 'value', 'standard error', '95 % interval', 'unit')
+    columns = zip(names, fit.estimate, fit.standard_error, fit.intervals, strict=True)
+    for name, value, error, (low, high) in columns:
+        table.add_row(name, f'{value:.5g}', f'{error:.2g}', f'{low:.5g} to {high:.5g}', UNITS[name])
+    out.print(table)
     pairs = [(i, j) for j in range(len(names)) for i in range(j)]
     texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
     out.print(f'correlation: {", ".join(texts)}')
@@ -276,68 +244,39 @@ def print_fit(
         out.print(f'[yellow]warning:[/] {escape(text)}')
     if note := unchecked(fit):
         out.print(f'note: {escape(note)}')
-    for item, spread in spreads:
-        out.print(_spread_table(item, spread, args))
-        if spread.regimes:
-            shares = ', '.join(f'{name} {share:.1%}' for name, share in spread.regimes.items())
-            out.print(f'Monte Carlo samples at this speed: {shares}')
+    for item, speeds, regimes in found:
+        out.print(_boundary_table(item, speeds, args.load))
+        if regimes:
+            shares = ', '.join(f'{name} {share:.1%}' for name, share in regimes.items())
+            out.print(f'probability at {args.speed}: {shares}')
     out.print()
     out.print(escape(fragment(args.curve, fit)), end='')
 
 
-def _table(title: str, headings: str, caption: str | None = None) -> Table:
+def _table(title: str, *names: str) -> Table:
     """A table whose first and last columns are names."""
-    table = Table(title=title, title_justify='left', caption=caption)
-    names = headings.split('; ')
+    table = Table(title=title, title_justify='left')
     for k, heading in enumerate(names):
         table.add_column(heading, justify='left' if k in (0, len(names) - 1) else 'right')
     return table
 
 
-def _estimates(fit: StribeckFit) -> Table:
-    table = _table('Stribeck law', 'coefficient; value; standard error; 95 % interval; unit')
-    for k, name in enumerate(fit.names):
-        low, high = fit.intervals[k]
-        table.add_row(
-            name,
-            f'{fit.estimate[k]:.5g}',
-            f'{fit.standard_error[k]:.2g}',
-            f'{low:.5g} to {high:.5g}',
-            UNITS[name],
-        )
-    return table
-
-
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
-    aside = int(np.sum(fit.weight < ASIDE))
+    aside, curve = int(np.sum(fit.weight < ASIDE)), fit.curve
     out.print(
         f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than {ASIDE:.0%}'
     )
     for k in fit.outliers:
         out.print(
-            f'  line {fit.curve.line[k]}: {fit.curve.coefficient[k]:.4g} at'
-            f' {fit.curve.speed[k]:.4g} m/s, {fit.residual[k]:+.3g} off the curve, weight'
-            f' {fit.weight[k]:.2f}'
+            f'  line {curve.line[k]}: {curve.coefficient[k]:.4g} at {curve.speed[k]:.4g} m/s,'
+            f' {fit.residual[k]:+.3g} off the curve, weight {fit.weight[k]:.2f}'
         )
 
 
-def _spread_table(item: BearingConfig, spread: BoundarySpread, args: argparse.Namespace) -> Table:
-    without = f'{spread.without:.1%} of the samples have no boundary: 0 rpm'
-    table = _table(
-        f'{item.name} with this law at {args.load}',
-        'quantity; value; median; 95 % interval; unit',
-        without if spread.without else None,
-    )
-    per_rpm = 1.0 / item.bearing.speed.factor('rpm')
-    for field, name in _SPREADS.items():
-        row: Spread | None = getattr(spread, field)
-        factor, unit = (per_rpm, 'rpm') if 'speed' in field else (100.0, '%')
-        if row is not None:
-            table.add_row(
-                name,
-                f'{row.estimate * factor:.4g}',
-                f'{row.median * factor:.4g}',
-                f'{row.low * factor:.4g} to {row.high * factor:.4g}',
-                unit,
-            )
+def _boundary_table(item: BearingConfig, speeds: Boundaries, load: str) -> Table:
+    table = _table(f'{item.name} with this law at {load}', 'boundary', 'speed', '95 % interval', 'unit')
+    for name, three in speeds.items():
+        low, middle, high = (value / item.bearing.speed.factor('rpm') for value in three)
+        label = name.replace('_', ' ').replace('hopf', 'Hopf')
+        table.add_row(label, f'{middle:.4g}', f'{low:.4g} to {high:.4g}', 'rpm')
     return table

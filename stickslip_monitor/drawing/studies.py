@@ -20,56 +20,44 @@ from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration import Calibration
 from stickslip_monitor.lab.edges import ReportedCourse
 from stickslip_monitor.lab.evidence import LevelBins
-from stickslip_monitor.lab.friction_fit import BoundarySpread, Spread, StribeckFit
+from stickslip_monitor.lab.friction_fit import StribeckFit
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.probability import QUANTILES
 
 _LINE = canvas.REGIME_COLOUR[Regime.STABLE]
 _OUTLIER = canvas.REGIME_COLOUR[Regime.UNSTABLE]
-_BAND_ALPHA = 0.25
-_ROOM = 0.05
-_CURVE_POINTS, _BEYOND = 400, 1.05
+_ROOM, _BEYOND = 0.05, 1.05
 
 
 def draw_friction_fit(
-    fit: StribeckFit, footnote: str = '', spread: BoundarySpread | None = None
+    fit: StribeckFit, footnote: str = '', boundaries: Mapping[str, Sequence[float]] | None = None
 ) -> canvas.Figure:
-    """Draw the points, the curve with its confidence band, the outliers, and boundaries."""
+    """Draw the points, the curve with its confidence band, the outliers, and boundaries.
+
+    Boundaries are ``hopf_speed`` and ``fold_speed`` with the ends of their intervals [m/s].
+    """
+    law = fit.law
+    title = f'μ = {law.kinetic:.4g} + {law.static - law.kinetic:.4g} exp(−{law.decay:.4g} v)'
+    title += f' + {law.viscous:.3g} v' if law.viscous else ''
     with canvas.style():
-        figure, axes = canvas.labelled(
-            'sliding speed [m/s]', 'coefficient of friction [-]', title=_title(fit.law), footnote=footnote
-        )
+        labels = 'sliding speed [m/s]', 'coefficient of friction [-]'
+        figure, axes = canvas.labelled(*labels, title=title, footnote=footnote)
         _draw_law(axes, fit)
         _draw_points(axes, fit)
-        if spread is not None:
-            _mark(axes, 'Hopf', spread.hopf_speed)
-            _mark(axes, 'fold', spread.fold_speed)
+        for name, speeds in (boundaries or {}).items():
+            _mark(axes, 'Hopf' if name == 'hopf_speed' else 'fold', *speeds)
         axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
         return figure
-
-
-def _title(law: Stribeck) -> str:
-    text = f'μ = {law.kinetic:.4g} + {law.static - law.kinetic:.4g} exp(−{law.decay:.4g} v)'
-    return text + (f' + {law.viscous:.3g} v' if law.viscous else '')
 
 
 def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
     """The law with its band, and axes that hold it and the points."""
     top = _BEYOND * float(fit.curve.speed.max())
-    speed = np.linspace(0.0, top, _CURVE_POINTS)
+    speed = np.linspace(0.0, top, 400)
     law, half = fit.law.coefficient(speed), fit.band(speed)
-    axes.fill_between(
-        speed,
-        law - half,
-        law + half,
-        color=_LINE,
-        alpha=_BAND_ALPHA,
-        lw=0.0,
-        zorder=2,
-        label='95 % confidence band',
-    )
+    band: dict[str, Any] = {'color': _LINE, 'alpha': 0.25, 'lw': 0.0, 'label': '95 % confidence band'}
+    axes.fill_between(speed, law - half, law + half, **band)
     axes.plot(speed, law, color=_LINE, zorder=4, label='fitted law')
     values = np.concatenate([fit.curve.coefficient, law])
     room = _ROOM * float(np.ptp(values))
@@ -81,71 +69,33 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
     curve, out = fit.curve, fit.outliers
     good = fit.weight >= 0.5
     if float(np.ptp(curve.std)) > 0.0:
-        axes.errorbar(
-            curve.speed,
-            curve.coefficient,
-            curve.std * fit.scale,
-            fmt='none',
-            ecolor=canvas.MUTED,
-            elinewidth=0.8,
-            zorder=3,
-        )
-    axes.plot(
-        curve.speed[good],
-        curve.coefficient[good],
-        'o',
-        ms=5.5,
-        mfc=canvas.PAPER,
-        mec=canvas.INK,
-        mew=1.2,
-        zorder=5,
-        label='measured',
-    )
-    if out.size:
-        axes.plot(
-            curve.speed[out],
-            curve.coefficient[out],
-            'X',
-            ms=9.0,
-            mfc=_OUTLIER,
-            mec=canvas.PAPER,
-            mew=0.8,
-            zorder=6,
-            label='outlier (weight below half)',
-        )
+        bars: dict[str, Any] = {'fmt': 'none', 'ecolor': canvas.MUTED, 'elinewidth': 0.8}
+        axes.errorbar(curve.speed, curve.coefficient, curve.std * fit.scale, **bars)
+    for rows, marker, size, face, edge, name in (
+        (good, 'o', 5.5, canvas.PAPER, canvas.INK, 'measured'),
+        (~good, 'X', 9.0, _OUTLIER, canvas.PAPER, 'outlier (weight below half)'),
+    ):
+        look: dict[str, Any] = {'ms': size, 'mfc': face, 'mec': edge, 'zorder': 5}
+        if rows.any():
+            axes.plot(curve.speed[rows], curve.coefficient[rows], marker, label=name, **look)
+    plate = {'fc': canvas.PAPER, 'ec': 'none', 'alpha': 0.75, 'pad': 0.8}
+    beside: dict[str, Any] = {'xytext': (8.0, 0.0), 'textcoords': 'offset points', 'va': 'center'}
     for k in out:
-        axes.annotate(
-            f'line {curve.line[k]}',
-            (curve.speed[k], curve.coefficient[k]),
-            xytext=(8.0, 0.0),
-            textcoords='offset points',
-            va='center',
-            size=9.0,
-            color=canvas.MUTED,
-            zorder=3,
-            bbox={'fc': canvas.PAPER, 'ec': 'none', 'alpha': 0.75, 'pad': 0.8},
-        )
+        at = curve.speed[k], curve.coefficient[k]
+        axes.annotate(f'line {curve.line[k]}', at, size=9.0, color=canvas.MUTED, bbox=plate, **beside)
 
 
-def _mark(axes: canvas.Axes, name: str, boundary: Spread) -> None:
+def _mark(axes: canvas.Axes, name: str, low: float, middle: float, high: float) -> None:
     """A boundary speed as a line in its interval, named at the foot of the axes."""
-    if not boundary.estimate > 0.0:
+    if not middle > 0.0:
         return
     regime, colour, dashes = canvas.BOUNDARY_LINES[name]
-    axes.axvspan(boundary.low, boundary.high, color=canvas.REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0)
-    axes.axvline(boundary.estimate, color=colour, lw=1.4, ls=dashes, zorder=1)
+    axes.axvspan(low, high, color=canvas.REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0)
+    axes.axvline(middle, color=colour, lw=1.4, ls=dashes, zorder=1)
     bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
-    axes.annotate(
-        f'{name} speed',
-        (boundary.low, bottom),
-        xytext=(-3.0, 0.0),
-        textcoords='offset points',
-        rotation=90.0,
-        ha='right',
-        va='bottom',
-        size=10.0,
-        color=canvas.INK,
-    )
+    look: dict[str, Any] = {'rotation': 90.0, 'ha': 'right', 'va': 'bottom', 'size': 10.0}
+    beside: dict[str, Any] = {'xytext': (-3.0, 0.0), 'textcoords': 'offset points'}
+    axes.annotate(f'{name} speed', (low, bottom), color=canvas.INK, **look, **beside)
 
 
 _QUIET, _VIBRATING = canvas.REGIME_COLOUR[Regime.STABLE], canvas.REGIME_COLOUR[Regime.UNSTABLE]

@@ -482,7 +482,7 @@ def prior_with_bench(bearing: Bearing, tolerance: Tolerance, path: str, document
     if not isinstance(law, Stribeck):
         raise CalibrationError('--bench needs the friction law stribeck without an exponent')
     try:
-        if document['schema'] != 'stickslip_monitor/fit/1':
+        if document['schema'] != 'stickslip_monitor/fit/2':
             raise ValueError(f"its schema is '{document['schema']}'")
         told = document['friction']
         fitted = Stribeck(*(float(told[name]) for name in ('static', 'kinetic', 'decay')))

@@ -16,55 +16,17 @@ from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
 
 NAMES = {
-    'speed': (
-        'speed',
-        'velocity',
-        'v',
-        'sliding speed',
-        'sliding velocity',
-        'relative speed',
-        'relative velocity',
-        'surface speed',
-        'shaft speed',
-        'n',
-    ),
-    'coefficient': (
-        'coefficient',
-        'mu',
-        'μ',
-        'cof',
-        'friction',
-        'friction coefficient',
-        'coefficient of friction',
-    ),
-    'std': (
-        'std',
-        'sigma',
-        'σ',
-        'sd',
-        'uncertainty',
-        'standard deviation',
-        'coefficient std',
-        'mu std',
-        'std mu',
-    ),
-    'weight': ('weight', 'weights', 'w'),
+    'speed': 'speed; velocity; v; sliding speed; sliding velocity; relative speed; relative velocity;'
+    ' surface speed; shaft speed; n',
+    'coefficient': 'coefficient; mu; μ; cof; friction; friction coefficient; coefficient of friction',
+    'std': 'std; sigma; σ; sd; uncertainty; standard deviation; coefficient std; mu std; std mu',
+    'weight': 'weight; weights; w',
 }
 """The headings by which each quantity is recognised, in lower case and without their unit."""
 
-_UNITS = {unit.lower(): unit for unit in SPEED_UNITS} | {
-    'mm/s': 'mm/s',
-    'cm/s': 'cm/s',
-    'um/s': 'um/s',
-    'm s-1': 'm/s',
-    '1/s': 'Hz',
-    'r/min': 'rpm',
-    '1/min': 'rpm',
-    'rev/min': 'rpm',
-    'min-1': 'rpm',
-}
 _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
-_SHARES = ('coefficient', 'std')
+_OTHER = {'m s-1': 'm/s', '1/s': 'Hz', 'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm'}
+_UNITS = {unit.lower(): unit for unit in (*SPEED_UNITS, *_LINEAR)} | _OTHER
 _HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
 # The squares and cubes of what is below are still numbers.
 _TOO_LARGE = 1e30
@@ -118,23 +80,23 @@ def read_curve(
         raise FitError(f'{path} is empty: it must have a line of headings and the points')
     if len(rows) == 1:
         raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
-    chosen = _choose(path, rows[0], columns or {})
-    heading = rows[0].cells[chosen['speed']]
-    unit, source = _unit(path, rows[0].line, heading, unit)
+    where = f'{path}, line {rows[0].line}'
+    chosen = _choose(where, rows[0].cells, columns or {})
+    headings = {quantity: rows[0].cells[index] for quantity, index in chosen.items()}
+    unit, source = _unit(where, headings['speed'], unit)
+    if unit not in _LINEAR and journal_diameter is None:
+        raise FitError(
+            f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
+            ' m (or --config)'
+        )
+    factor = _LINEAR.get(unit) or BearingSpeed(journal_diameter or 0.0).factor(unit)
     values = {
         quantity: np.array([_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]])
         for quantity, index in chosen.items()
     }
-    factor = _LINEAR.get(unit, 1.0)
-    if unit not in _LINEAR:
-        if journal_diameter is None:
-            raise FitError(
-                f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
-                ' m (or --config)'
-            )
-        factor = BearingSpeed(journal_diameter).factor(unit)
-    shares = {name: _share(path, rows[0], chosen[name]) for name in chosen if name in _SHARES}
-    values |= {name: values[name] * share for name, share in shares.items()}
+    for name in ('coefficient', 'std'):
+        if name in values:
+            values[name] *= _share(where, headings[name])
     std = values.get('std', np.ones(len(rows) - 1))
     if 'weight' in values:
         std = values['weight'] ** -0.5
@@ -155,77 +117,65 @@ def _split(heading: str) -> tuple[str, str]:
     return name, unit.strip()
 
 
-def _choose(path: str | Path, headings: TableRow, columns: Mapping[str, str | None]) -> dict[str, int]:
+def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
     """The index of each quantity's column; std and weight only where there is one."""
     asked = {quantity: columns.get(quantity) for quantity in NAMES}
     if asked['std'] is not None and asked['weight'] is not None:
         raise FitError('give --std-column or --weight-column, not both')
-    found = {q: _index(path, headings, q, asked[q]) for q in NAMES}
+    found = {q: _index(where, cells, q, asked[q]) for q in NAMES}
     chosen = {quantity: index for quantity, index in found.items() if index is not None}
     for quantity in ('speed', 'coefficient'):
         if quantity not in chosen:
             raise FitError(
-                f'{path}, line {headings.line}: no column for the {quantity} among'
-                f' {str(headings.cells)[1:-1]}: name it with --{quantity}-column'
+                f'{where}: no column for the {quantity} among {str(cells)[1:-1]}: name it with'
+                f' --{quantity}-column'
             )
     if 'std' in chosen and 'weight' in chosen:
         del chosen['weight' if asked['weight'] is None else 'std']
     return chosen
 
 
-def _index(path: str | Path, headings: TableRow, quantity: str, asked: str | None) -> int | None:
-    cells = headings.cells
-    wanted = NAMES[quantity] if asked is None else (_split(asked)[0],)
+def _index(where: str, cells: list[str], quantity: str, asked: str | None) -> int | None:
+    wanted = NAMES[quantity].split('; ') if asked is None else [_split(asked)[0]]
     found = [k for k, cell in enumerate(cells) if cell == asked]
     found = found or [k for k, cell in enumerate(cells) if _split(cell)[0] in wanted]
     if not found and quantity == 'speed' and asked is None:
         found = [k for k, cell in enumerate(cells) if _split(cell)[0] == '' and cell]
-    if len(found) == 1:
-        return found[0]
-    if found:
+    if len(found) > 1:
         several = str([cells[k] for k in found])[1:-1]
         raise FitError(
-            f'{path}, line {headings.line}: several columns may be the {quantity}: {several}; name'
-            f' one with --{quantity}-column'
+            f'{where}: several columns may be the {quantity}: {several}; name one with --{quantity}-column'
         )
-    if asked is None:
-        return None
-    raise FitError(
-        f"{path}, line {headings.line}: --{quantity}-column '{asked}' is none of the columns"
-        f' {str(headings.cells)[1:-1]}'
-    )
+    if not found and asked is not None:
+        raise FitError(f"{where}: --{quantity}-column '{asked}' is none of the columns {str(cells)[1:-1]}")
+    return found[0] if found else None
 
 
-def _unit(path: str | Path, line: int, heading: str, asked: str | None) -> tuple[str, str]:
+def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
     """The unit of the speeds and where it was found."""
     written = _split(heading)[1]
     unit = _UNITS.get(' '.join(written.lower().split()))
     if written and unit is None:
         raise FitError(
-            f"{path}, line {line}, column '{heading}': unit '{written}' must be one of"
-            f' {", ".join(SPEED_UNITS)}'
+            f"{where}, column '{heading}': unit '{written}' must be one of {', '.join(SPEED_UNITS)}"
         )
     if asked is not None and unit is not None and asked != unit:
         raise FitError(
-            f"{path}, line {line}, column '{heading}' is in {unit}, and --speed-unit says {asked}:"
-            ' they must agree'
+            f"{where}, column '{heading}' is in {unit}, and --speed-unit says {asked}: they must agree"
         )
     if asked is not None:
         return asked, '--speed-unit'
     return (unit, 'the heading') if unit else ('m/s', 'assumed: the heading states none')
 
 
-def _share(path: str | Path, headings: TableRow, index: int) -> float:
+def _share(where: str, heading: str) -> float:
     """What a coefficient in the heading's unit is multiplied by: percent, or none."""
-    unit = _split(headings.cells[index])[1].lower()
-    if unit in ('%', 'percent'):
-        return 0.01
-    if unit not in ('', '-', '1', 'n/n'):
+    unit = _split(heading)[1].lower()
+    if unit not in ('', '-', '1', 'n/n', '%', 'percent'):
         raise FitError(
-            f"{path}, line {headings.line}, column '{headings.cells[index]}': unit '{unit}' must"
-            ' be %, or none: a coefficient is force over load'
+            f"{where}, column '{heading}': unit '{unit}' must be %, or none: a coefficient is force over load"
         )
-    return 1.0
+    return 0.01 if unit in ('%', 'percent') else 1.0
 
 
 def _number(

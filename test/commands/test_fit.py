@@ -35,22 +35,19 @@ def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
 
 def test_json_of_the_example(capsys: pytest.CaptureFixture[str]) -> None:
     document = _json(capsys, CURVE, *LOAD, '--speed', '38rpm')
-    assert document['schema'] == 'stickslip_monitor/fit/1'
+    assert document['schema'] == 'stickslip_monitor/fit/2'
     assert [item['line'] for item in document['outliers'] if item['weight'] < 0.1] == [12, 21, 26]
     for name in ('static', 'kinetic', 'decay'):
         low, high = document['interval'][name]
         assert low < getattr(LAW, name) < high
         assert low < document['friction'][name] < high
-    # The same call prints the same, and another seed draws other laws.
-    assert document == _json(capsys, CURVE, *LOAD, '--speed', '38rpm')
-    other = _json(capsys, CURVE, *LOAD, '--speed', '38rpm', '--seed', '1')
-    assert document['bearings'] != other['bearings']
     (bearing,) = document['bearings']
     assert bearing['bearing'] == 'aft_stern'
     assert bearing['load'] == 1000.0
     # PHYSICS: Hopf 0.1609 m/s and fold 0.2132 m/s for the law that the example was made with.
-    assert bearing['hopf_speed']['low'] < 0.1609438 < bearing['hopf_speed']['high']
-    assert bearing['fold_speed']['low'] < 0.2132256 < bearing['fold_speed']['high']
+    for name, true in (('hopf_speed', 0.1609438), ('fold_speed', 0.2132256)):
+        low, _, high = bearing[name]
+        assert low < true < high
     assert sum(bearing['regimes'].values()) == pytest.approx(1.0)
     assert bearing['regimes']['bistable'] > 0.9
 
@@ -65,8 +62,8 @@ def test_tables_for_a_person(capsys: pytest.CaptureFixture[str]) -> None:
         'rule: slope > 0 and p < 0.01',
         'line 12: 0.2444 at 0.0733 m/s',
         'aft_stern with this law at 1000N',
-        'Hopf margin',
-        'Monte Carlo samples at this speed: unstable 0.0%',
+        'fold speed',
+        'probability at 45rpm: unstable 0.0%',
         'friction: {law: stribeck, static: 0.29',
     ):
         assert words in text

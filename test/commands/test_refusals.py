@@ -45,7 +45,7 @@ REFUSED = {
     'map -c own.yaml -o a.csv --loads 2kN': "loads '2kN' must be LOW:HIGH, each with its unit",
     'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads '2kN:1kN' must rise from its first value",
     'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds '-1rpm:9rpm' must rise",
-    f'fit {CURVE} -c own.yaml --load 0N': 'load = 0 N must be greater than 0',
+    f'fit {CURVE} -c own.yaml --load 0N': "load '0N' must be above 0",
     f'fit {CURVE} --journal-diameter 0': 'journal_diameter = 0 m must be greater than 0',
     # Options that go together, or do not.
     'map -c own.yaml -o a.csv --track x': "track 'x' is for pictures: write a .png or .svg",
@@ -171,8 +171,6 @@ def test_options_with_bounds_have_them() -> None:
         'dashboard --port': (0, 65535, False),
         'dashboard --rate': (0, math.inf, True),
         'diagram --points': (10, 100_000, False),
-        'fit --draws': (100, 1_000_000, False),
-        'fit --seed': (0, math.inf, False),
         'health --timeout': (0, 600, True),
         'play --loop': (1, math.inf, False),
         'play --rate': (0, math.inf, True),

@@ -47,7 +47,7 @@ RESULT: dict[str, Any] = {
     'recordings': ['977faaa6'],
 }
 FIT: dict[str, Any] = {
-    'schema': 'stickslip_monitor/fit/1',
+    'schema': 'stickslip_monitor/fit/2',
     'friction': {'law': 'stribeck', 'static': 0.3, 'kinetic': 0.1, 'decay': 10.0, 'viscous': 0.0},
     'estimated': ['static', 'kinetic', 'decay'],
     'covariance': [[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0], [0.0, 0.0, 0.1]],
