@@ -50,9 +50,9 @@ _COLUMNS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = 'recording or log; or scene files (.yaml)'
-    options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    options.add_file(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser, required=False)
-    options.add_bearing(parser)
+    options.add_shared(parser, '--bearing')
     text = 'speed, load, margins, amplitude, truth and warnings over time, for one bearing of a bag'
     options.add_picture(parser, text)
     text = 'for scenes: number of seeds of each (default 1)'
@@ -60,10 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "for scenes: the first seed (default: the scene's own)"
     options.add_number(parser, '--first-seed', 0, metavar='S', help=text)
     text = "for scenes: a file of sensors, in place of the scene's own; repeat for more"
-    options.add_input(parser, '--sensors', action='append', metavar='FILE', help=text)
+    options.add_file(parser, '--sensors', action='append', metavar='FILE', help=text)
     options.add_number(parser, '--jobs', 1, metavar='J', help='for scenes: processes (default: all cores)')
-    options.add_force(parser)
-    options.add_json(parser)
+    options.add_shared(parser, '--force', '--json')
 
 
 def run(args: argparse.Namespace) -> int:

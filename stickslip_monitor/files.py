@@ -157,7 +157,7 @@ def is_same(one: str | Path, other: str | Path) -> bool:
         return os.path.realpath(one) == os.path.realpath(other)
 
 
-def check_replaceable(path: str | Path, mark: bytes | None, force: bool = False) -> None:
+def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = False) -> None:
     """Refuse to write a file in the place of one that this package did not write.
 
     Args:
@@ -205,7 +205,7 @@ def _check_folder(path: str | Path) -> None:
         raise OutputError(f"output '{printable(str(path))}' cannot be written: its name is too long")
 
 
-def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False) -> None:
+def write_whole(path: str | Path, data: bytes, mark: bytes, *, force: bool = False) -> None:
     """Write a file, or what a link leads to, under its name only when all of it is written.
 
     A file of ours, whose beginning contains the mark, is replaced, any other only by ``force``.
@@ -214,7 +214,7 @@ def write_whole(path: str | Path, data: bytes, mark: bytes, force: bool = False)
         OutputError: What is there is not replaced.
         OSError: It cannot be written; what was there stays.
     """
-    check_replaceable(path, mark, force)
+    check_replaceable(path, mark, force=force)
     replace_file(Path(os.path.realpath(path)), data)
 
 

@@ -46,15 +46,14 @@ _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('--quick', action='store_true', help='a few cases, done in seconds')
-    options.add_input(
+    options.add_file(
         parser, '--from', dest='source', metavar='FILE', help='show an earlier result (.csv); measure nothing'
     )
     text = '.csv: one row for each method and case'
-    options.add_output(parser, '--output', '-o', marks=options.TABLE, was='--csv', help=text)
+    options.add_file(parser, '--output', '-o', marks=options.TABLE, help=text)
     options.add_picture(parser, 'error over time')
     parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
-    options.add_force(parser)
-    options.add_json(parser)
+    options.add_shared(parser, '--force', '--json')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -50,8 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_config(parser)
     parser.add_argument('--speed', required=True, help='shaft speed with unit, e.g. 20rpm')
     parser.add_argument('--load', required=True, help='bearing load with unit, e.g. 1000N')
-    options.add_bearing(parser)
-    options.add_json(parser)
+    options.add_shared(parser, '--bearing', '--json')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -58,26 +58,25 @@ from stickslip_monitor.physics.probability import EXACT, QUANTILES
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = 'recording or log'
-    options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    options.add_file(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser)
-    options.add_bearing(parser, options.ONE_OF_SEVERAL)
+    options.add_shared(parser, '--bearing', help=options.ONE_OF_SEVERAL)
     text = "an operator's reports of vibration"
-    options.add_input(parser, '--reports', metavar='CSV', help=text)
+    options.add_file(parser, '--reports', metavar='CSV', help=text)
     # The result of the last calibration, of an earlier version too, may be renewed in its place.
     result = {'': CALIBRATION_SCHEMA.rpartition('/')[0].encode()}
     text = 'write the result, JSON'
-    options.add_output(parser, '--output', '-o', marks=result, renews=True, help=text)
-    options.add_input(parser, '--add', metavar='FILE', help='start from this earlier result')
+    options.add_file(parser, '--output', '-o', marks=result, renews=True, help=text)
+    options.add_file(parser, '--add', metavar='FILE', help='start from this earlier result')
     text = 'allow a slow drift of the boundary: standard deviation of ln N, e.g. 0.03'
     options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
-    options.add_input(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
+    options.add_file(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
     yaml = {'': FRAGMENT_MARK}
-    options.add_output(
+    options.add_file(
         parser, '--fragment', marks=yaml, help='write damping and friction as a configuration fragment, YAML'
     )
     options.add_picture(parser, 'the map with its bands')
-    options.add_force(parser)
-    options.add_json(parser)
+    options.add_shared(parser, '--force', '--json')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -118,25 +118,22 @@ class Found:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = 'recording, log, folder of these, or - for standard input'
-    options.add_input(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    options.add_file(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser)
-    options.add_bearing(parser)
-    options.add_force(parser)
-    options.add_json(parser)
+    options.add_shared(parser, '--bearing', '--force', '--json')
     text = 'write a report: .html, .png or .json (needs matplotlib)'
-    options.add_output(parser, '--report', '-o', marks=REPORTS, help=text)
+    options.add_file(parser, '--report', '-o', marks=REPORTS, help=text)
     text = "write inputs and verdicts as the node's topics: .mcap"
-    options.add_recording(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
+    options.add_file(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
-    options.add_recording(parser, '--clips', is_folder=True, metavar='DIR', help=text)
+    options.add_file(parser, '--clips', is_folder=True, metavar='DIR', help=text)
     text = (
         "propose a calibration from the configured 'level', an operator's reports (a CSV file),"
         " or the 'truth' of simulated bags"
     )
-    options.add_input(parser, '--learn', metavar='FROM', help=text)
+    options.add_file(parser, '--learn', metavar='FROM', help=text)
     text = 'bags checked at a time (default: one for each core)'
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
-    options.add_gone(parser, '--resume', 'keep the --json of each recording in a file of its own')
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
     parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
 

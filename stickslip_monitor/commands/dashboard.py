@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--config', '-c', required=True, action='append', metavar='FILE', help=text)
     add_page(parser)
     add_port(parser, f'0 for any (default {DEFAULT_PORT})', DEFAULT_PORT)
-    options.add_input(parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2')
+    options.add_file(parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2')
     text = 'speed of the replay (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     text = f"the monitor's full name (default /{NODE_NAME}); again for each further monitor"
@@ -74,7 +74,7 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--name', action='append', default=[], help=text)
     text = 'keep the event log in this file, over restarts of the page'
     parser.add_argument('--log', metavar='FILE', help=text)
-    options.add_diagnostics(parser)
+    options.add_shared(parser, '--diagnostics')
 
 
 def run(args: argparse.Namespace) -> int:

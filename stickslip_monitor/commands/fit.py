@@ -47,7 +47,7 @@ Boundaries = dict[str, list[float]]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.add_input(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
+    options.add_file(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
     for name in NAMES:
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
     text = 'unit of the speeds, if the heading has none'
@@ -58,16 +58,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--viscous', choices=('auto', 'yes', 'no'), default='auto', help=text)
     group = parser.add_argument_group('spread of the boundaries')
     options.add_config(group, required=False)
-    options.add_bearing(group)
+    options.add_shared(group, '--bearing')
     group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
     group.add_argument('--speed', help='shaft speed with unit for the regimes, e.g. 35rpm')
     text = '.csv: the points with fitted values and residuals'
-    options.add_output(parser, '--output', '-o', marks=options.TABLE, help=text)
+    options.add_file(parser, '--output', '-o', marks=options.TABLE, help=text)
     options.add_picture(parser, 'the points and the law')
     yaml = {'': FRAGMENT_MARK.encode()}
-    options.add_output(parser, '--fragment', marks=yaml, help='write the configuration fragment')
-    options.add_force(parser)
-    options.add_json(parser)
+    options.add_file(parser, '--fragment', marks=yaml, help='write the configuration fragment')
+    options.add_shared(parser, '--force', '--json')
 
 
 def run(args: argparse.Namespace) -> int:

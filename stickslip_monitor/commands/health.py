@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--node', help=text)
     own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
     options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
-    options.add_diagnostics(parser)
+    options.add_shared(parser, '--diagnostics')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -25,8 +25,8 @@ SCHEMA = 'stickslip_monitor/info/1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.add_input(parser, 'bag', metavar='BAG', help='recording or log')
-    options.add_json(parser)
+    options.add_file(parser, 'bag', metavar='BAG', help='recording or log')
+    options.add_shared(parser, '--json')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -161,9 +161,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--load-topic', metavar='TOPIC', help=text)
     parser.add_argument('--load-unit', choices=LOAD_UNITS, default='kN', help='its unit')
     marks = {'': MARK.encode()}
-    options.add_output(parser, '--output', '-o', marks=marks, help='parameter file to write')
-    options.add_force(parser)
-    options.add_json(parser)
+    options.add_file(parser, '--output', '-o', marks=marks, help='parameter file to write')
+    options.add_shared(parser, '--force', '--json')
 
 
 def run(args: argparse.Namespace) -> int:

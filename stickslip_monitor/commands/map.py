@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_drawing(parser)
     parser.add_argument('--speeds', metavar='A:B', help='shaft speeds, e.g. 0rpm:60rpm')
     parser.add_argument('--loads', metavar='A:B', help='bearing loads, e.g. 0N:2kN')
-    options.add_input(parser, '--track', metavar='BAG', help='draw the operating points of this bag')
+    options.add_file(parser, '--track', metavar='BAG', help='draw the operating points of this bag')
 
 
 def run(args: argparse.Namespace) -> int:

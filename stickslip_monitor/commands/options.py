@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What commands take: files, numbers, the bearing, ranges, and quantities such as ``20rpm``.
 
-An option that names a file is added by one of the functions here, so that
-:func:`.output.check_files` knows all that a command reads and writes.
+An option that names a file is added by :func:`add_file`, so that :func:`.output.check_files` knows
+all that a command reads and writes.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +29,13 @@ show, as of a table by its headings. The ending '' stands for any other."""
 TABLE: Marks = {'.csv': None}
 ONE_OF_SEVERAL = 'which bearing, where several are configured'
 _QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')
+_SHARED: Mapping[str, Mapping[str, Any]] = {
+    '--bearing': {'metavar': 'NAME', 'help': 'only this bearing'},
+    '--node': {'metavar': 'NAME', 'help': 'full name of the node, where the parameter file is for several'},
+    '--force': {'action': 'store_true', 'help': 'replace files that stickslip did not write'},
+    '--json': {'action': 'store_true', 'help': 'print JSON, SI units, null for none'},
+    '--diagnostics': {'default': '/diagnostics', 'metavar': 'TOPIC', 'help': '(default /diagnostics)'},
+}
 
 _Options = argparse._ActionsContainer  # a parser or a group of its options
 
@@ -64,62 +70,55 @@ class FileOption:
         return paths
 
 
-def _add_file(
-    options: _Options, names: Sequence[str], more: Mapping[str, Any], **kind: Any
-) -> argparse.Action:
-    action = options.add_argument(*names, **more)
-    spelling = (*action.option_strings, action.dest)[0]
-    known = options.get_default('files') or ()
-    options.set_defaults(files=(*known, FileOption(action.dest, spelling, **kind)))
-    return action
-
-
-def add_input(options: _Options, *names: str, **more: Any) -> None:
-    """Add an argument that names what is read; its keywords are argparse's."""
-    _add_file(options, names, more)
-
-
-def add_output(
-    options: _Options, *names: str, marks: Marks, renews: bool = False, was: str = '', **more: Any
+def add_file(
+    options: _Options,
+    *names: str,
+    marks: Marks | None = None,
+    renews: bool = False,
+    is_folder: bool | None = None,
+    **more: Any,
 ) -> None:
-    """Add an option that names a file to write.
+    """Add an argument that names what is read, or a file or recording to write.
 
     Args:
         options: The parser.
         names: The option's spellings.
-        marks: The endings that can be written.
+        marks: Of a file to write, the endings that there are.
         renews: Whether it may take the place of an input of the same kind.
-        was: Its spelling in the last version, which is understood for one version.
+        is_folder: Of a recording to write, whether it is a folder for such.
         more: Argparse's keywords.
     """
-    more = {'metavar': 'FILE'} | more
-    action = _add_file(options, names, more, marks=marks, renews=renews)
-    if was:
-        options.add_argument(was, dest=action.dest, action=_Renamed, help=argparse.SUPPRESS)
+    action = options.add_argument(*names, **({'metavar': 'FILE'} if marks else {}) | more)
+    spelling = (*action.option_strings, action.dest)[0]
+    known = options.get_default('files') or ()
+    options.set_defaults(files=(*known, FileOption(action.dest, spelling, marks, renews, is_folder)))
 
 
-def add_recording(options: _Options, name: str, *, is_folder: bool, **more: Any) -> None:
-    """Add an option that names a recording to write, or a folder for such."""
-    _add_file(options, [name], more, is_folder=is_folder)
+def add_shared(options: _Options, *names: str, **more: Any) -> None:
+    """Add options that several commands have, as ``--json``; keywords go before their own."""
+    for name in names:
+        options.add_argument(name, **{**_SHARED[name], **more})
 
 
 def add_picture(options: _Options, text: str) -> None:
     """Add ``--picture``."""
-    add_output(options, '--picture', marks=PICTURES, help=f'.png or .svg: {text}')
+    add_file(options, '--picture', marks=PICTURES, help=f'.png or .svg: {text}')
 
 
-def add_config(options: _Options, required: bool = True, text: str = '', node: bool = True) -> None:
+def add_config(options: _Options, *, required: bool = True, node: bool = True) -> None:
     """Add ``--config``, and ``--node`` for a file of several nodes."""
-    text = text or 'ROS 2 parameter file'
-    add_input(options, '--config', '-c', required=required, metavar='FILE', help=text)
+    add_file(options, '--config', '-c', required=required, metavar='FILE', help='ROS 2 parameter file')
     if node:
-        text = 'full name of the node, where the parameter file is for several'
-        options.add_argument('--node', metavar='NAME', help=text)
+        add_shared(options, '--node')
 
 
-def add_bearing(options: _Options, text: str = 'only this bearing') -> None:
-    """Add ``--bearing``."""
-    options.add_argument('--bearing', metavar='NAME', help=text)
+def add_drawing(parser: argparse.ArgumentParser) -> None:
+    """Add what both drawing commands take: the bearing and where to write."""
+    add_config(parser)
+    add_shared(parser, '--bearing', help=ONE_OF_SEVERAL)
+    text = 'file to write: .png, .svg or .csv'
+    add_file(parser, '--output', '-o', required=True, marks={**PICTURES, **TABLE}, help=text)
+    add_shared(parser, '--force')
 
 
 def add_number(
@@ -155,68 +154,31 @@ class _Number(argparse.Action):
                 rule = f'a number above {low}' if above else f'at least {low}'
             else:
                 rule = f'above {low} and at most {high}' if above else f'from {low} to {high}'
-            raise ConfigurationError(
-                f'{self.option_strings[0]} {str(value).removesuffix(".0")} must be {rule}'
-            )
+            raise refused(self.option_strings[0], str(value).removesuffix('.0'), rule)
         setattr(args, self.dest, value)
 
 
-def add_diagnostics(options: _Options) -> None:
-    """Add ``--diagnostics``: the topic on which nodes publish their state."""
-    text = '(default /diagnostics)'
-    options.add_argument('--diagnostics', default='/diagnostics', metavar='TOPIC', help=text)
+def refused(what: str, given: str, rule: str) -> ConfigurationError:
+    """What a value that breaks its rule is answered with."""
+    return ConfigurationError(f"{what} '{given}' must be {rule}")
 
 
-def add_force(options: _Options) -> None:
-    """Add ``--force``."""
-    text = 'replace files that stickslip did not write'
-    options.add_argument('--force', action='store_true', help=text)
+def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, str]:
+    """Number and unit of a text such as ``'20rpm'``.
 
+    Letters in the wrong case are understood, as no two units differ by it; the unit '' is none.
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add ``--json``."""
-    parser.add_argument('--json', action='store_true', help='print JSON, SI units, null for none')
-
-
-def add_gone(options: _Options, name: str, heir: str) -> None:
-    """Add an option that there was in the last version, to name what takes its place."""
-    options.add_argument(name, action=_Gone, nargs='?', const=heir, help=argparse.SUPPRESS)
-
-
-class _Gone(argparse.Action):
-    """Refuses an option of the last version, and names its heir."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
-    ) -> None:
-        raise ConfigurationError(f'{name} is gone: {self.const}')
-
-
-class _Renamed(argparse.Action):
-    """An option under the name that it had in the last version."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
-    ) -> None:
-        setattr(args, self.dest, value)
-        say_old(f'{name}', f'--{self.dest}')
-
-
-def say_old(old: str, new: str) -> None:
-    """Warn of a spelling that is understood for one version."""
-    sys.stderr.write(f'{old} is called {new} now; the next version knows only that\n')
-
-
-def _split(what: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
-    """Number and unit; letters in the wrong case are understood, as no two units differ by it."""
+    Raises:
+        ConfigurationError: It is none; the text names the units.
+    """
     match = _QUANTITY.fullmatch(text)
     written = match.group(2) if match else ''
+    named = [unit for unit in units if unit]
     unit = {unit.lower(): unit for unit in units}.get(written.lower())
     if match is None or unit is None or not math.isfinite(float(match.group(1))):
-        why = f", and '{written}' is none of these" if written and unit is None else ''
-        raise ConfigurationError(
-            f"{what} '{text}' must be a number with a unit: one of {', '.join(units)}{why}"
-        )
+        why = f", and '{written}' is none of these" if written and unit is None and named else ''
+        rule = f'a number with a unit: one of {", ".join(named)}{why}' if named else 'a number'
+        raise refused(what, text, rule)
     return float(match.group(1)), unit
 
 
@@ -224,15 +186,14 @@ def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> flo
     """Surface speed [m/s] from a text such as ``'20rpm'``; the unit is required."""
     from stickslip_monitor.physics.bearing import SPEED_UNITS
 
-    value, unit = _split(what, text, SPEED_UNITS)
-    return float(conversion.to_surface(value, unit))
+    return float(conversion.to_surface(*read_quantity(what, text, SPEED_UNITS)))
 
 
 def parse_load(text: str, what: str = 'load') -> float:
     """Load [N] from a text such as ``'1.2kN'``; the unit is required."""
     from stickslip_monitor.monitor.parameters import LOAD_UNITS
 
-    value, unit = _split(what, text, LOAD_UNITS)
+    value, unit = read_quantity(what, text, LOAD_UNITS)
     return value * (1000.0 if unit == 'kN' else 1.0)
 
 
@@ -240,18 +201,8 @@ def parse_loaded(text: str) -> float:
     """Load [N] of what needs one: above 0."""
     load = parse_load(text)
     if load <= 0.0:
-        raise ConfigurationError(f"load '{text}' must be above 0: without load, no friction")
+        raise refused('load', text, 'above 0: without load, no friction')
     return load
-
-
-def add_drawing(parser: argparse.ArgumentParser) -> None:
-    """Declare what both drawing commands take: the bearing and where to write."""
-    add_config(parser)
-    add_bearing(parser, ONE_OF_SEVERAL)
-    marks = {**PICTURES, **TABLE}
-    text = 'file to write: .png, .svg or .csv'
-    add_output(parser, '--output', '-o', required=True, marks=marks, help=text)
-    add_force(parser)
 
 
 def chosen(args: argparse.Namespace) -> MonitorConfig:
@@ -297,10 +248,8 @@ def parse_range(text: str | None, what: str, parse: Callable[[str], float]) -> R
         return None
     parts = text.split(':')
     if len(parts) != 2:
-        raise ConfigurationError(f"{what} '{text}' must be LOW:HIGH, each with its unit")
+        raise refused(what, text, 'LOW:HIGH, each with its unit')
     low, high = parse(parts[0]), parse(parts[1])
     if not 0.0 <= low < high:
-        raise ConfigurationError(
-            f"{what} '{text}' must rise from its first value, not below 0, to its second"
-        )
+        raise refused(what, text, 'rising from its first value, not below 0, to its second')
     return low, high

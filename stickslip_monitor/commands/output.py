@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stickslip_monitor.commands.options import FileOption, Marks, say_old
+from stickslip_monitor.commands.options import FileOption, Marks
 from stickslip_monitor.errors import OutputError, StickslipError, cause
-from stickslip_monitor.files import PICTURES, check_replaceable, holds_mark, is_same, printable, write_whole
+from stickslip_monitor.files import check_replaceable, holds_mark, is_same, printable, write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console, Group
@@ -54,31 +54,17 @@ def check_files(args: argparse.Namespace) -> None:
         OutputError: An output has an ending that cannot be written, is an input by any name, or
             another output, or is there already and not ours.
     """
-    # A picture was asked for by -o in the last version, where that is now a table.
-    path = getattr(args, 'output', None)
-    if path and hasattr(args, 'picture') and Path(path).suffix.lower() in PICTURES:
-        say_old('-o for a picture', '--picture')
-        args.output, args.picture = None, args.picture or path
     inputs, written = _inputs(args), list[str]()
     for option in getattr(args, 'files', ()):
         for path in () if option.is_read else option.paths(args):
             if option.marks is None:
                 _check_recording(path, option, inputs)
                 continue
-            _check_output(path, option.marks, inputs, args.force, option.renews)
+            _check_output(path, option, inputs, force=args.force)
             for other in written:
                 if is_same(path, other):
                     raise OutputError(f"outputs '{other}' and '{path}' are one file: choose two")
             written.append(path)
-
-
-def check_output(path: str | Path, marks: Marks, args: argparse.Namespace) -> None:
-    """The same for a file in a folder that an option names.
-
-    Raises:
-        OutputError: It is an input, or is there already and not ours.
-    """
-    _check_output(str(path), marks, _inputs(args), args.force)
 
 
 def _inputs(args: argparse.Namespace) -> list[str]:
@@ -98,13 +84,14 @@ def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> No
             )
 
 
-def _check_output(path: str, marks: Marks, inputs: Sequence[str], force: bool, renews: bool = False) -> None:
+def _check_output(path: str, option: FileOption, inputs: Sequence[str], *, force: bool) -> None:
+    marks = option.marks or {}
     mark = marks[ending(path, marks)]
-    if Path(path).exists() and not (renews and mark and holds_mark(path, mark)):
+    if Path(path).exists() and not (option.renews and mark and holds_mark(path, mark)):
         for file in itertools.chain.from_iterable(map(_read_with, inputs)):
             if is_same(path, file):
                 raise OutputError(f"output '{path}' is the input '{file}': choose another name")
-    check_replaceable(path, mark, force)
+    check_replaceable(path, mark, force=force)
 
 
 def _read_with(path: str) -> Iterator[Path]:
@@ -149,15 +136,15 @@ def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None
         path = getattr(args, dest)
         if path is not None:
             (marks,) = (option.marks for option in args.files if option.dest == dest)
-            _write(path, make(), marks or {}, args.force)
+            _write(path, make(), marks or {}, force=args.force)
             say_written(path)
 
 
-def _write(path: str, contents: Any, marks: Marks, force: bool) -> None:
+def _write(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
     data = contents.encode() if isinstance(contents, str) else contents
     if isinstance(data, bytes):
         try:
-            write_whole(path, data, marks[ending(path, marks)] or b'', force)
+            write_whole(path, data, marks[ending(path, marks)] or b'', force=force)
         except OSError as error:
             raise OutputError(f"'{path}' cannot be written: {cause(error)}") from error
         return

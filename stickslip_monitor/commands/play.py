@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.add_input(parser, 'bag', metavar='BAG', help='recording')
+    options.add_file(parser, 'bag', metavar='BAG', help='recording')
     text = 'playback speed (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     options.add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')

@@ -18,7 +18,7 @@ from stickslip_monitor.lab.scene import Scene, load_scene, write_bag
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.add_input(parser, 'scene', metavar='SCENE', help='scene file')
+    options.add_file(parser, 'scene', metavar='SCENE', help='scene file')
     text = 'the bag to write: a rosbag2 folder, or one file if the name ends in .mcap'
     parser.add_argument('--output', '-o', required=True, metavar='BAG', help=text)
 

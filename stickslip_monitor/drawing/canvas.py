@@ -290,7 +290,7 @@ def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     with style():
         figure.savefig(file, format=suffix[1:], dpi=_DPI, metadata=named)
     with _writing(path):
-        write_whole(path, file.getvalue(), mark, force)
+        write_whole(path, file.getvalue(), mark, force=force)
 
 
 def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: bool = False) -> None:
@@ -309,7 +309,7 @@ def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: boo
     headings = text.getvalue().encode()
     writer.writerows(['' if v != v else str(v) for v in row] for row in rows)
     with _writing(path):
-        write_whole(path, text.getvalue().encode(), headings, force)
+        write_whole(path, text.getvalue().encode(), headings, force=force)
 
 
 @contextmanager

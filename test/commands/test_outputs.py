@@ -181,22 +181,6 @@ def test_no_recording_is_written_into_the_folder_that_is_checked(
     assert sorted(bag.iterdir()) == before
 
 
-def test_old_spellings_are_understood_and_the_new_ones_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = ['accuracy', '--from', str(ROOT / 'docs' / 'accuracy.csv'), '--json']
-    old, new = tmp_path / 'old', tmp_path / 'new'
-    old.mkdir()
-    new.mkdir()
-    assert main([*line, '--csv', f'{old}/a.csv']) == 0
-    assert '--csv is called --output now' in capsys.readouterr().err
-    assert main([*line, '-o', f'{old}/a.png']) == 0
-    assert '-o for a picture is called --picture now' in capsys.readouterr().err
-    assert main([*line, '-o', f'{new}/a.csv', '--picture', f'{new}/a.png']) == 0
-    for name in ('a.csv', 'a.png'):
-        assert (old / name).read_bytes() == (new / name).read_bytes()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_stopped_leaves_nothing_behind(sent: signal.Signals, tmp_path: Path) -> None:
