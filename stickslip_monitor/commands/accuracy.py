@@ -16,7 +16,6 @@ from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.drawing.studies import MethodMark, draw_pareto
@@ -178,9 +177,7 @@ def _print(out: Console, rows: Sequence[Row]) -> None:
         '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'
     )
     title = 'Relative error of the stick-slip amplitude'
-    table = Table(title=title, title_justify='left', caption=caption)
-    for i, heading in enumerate(headings):
-        table.add_column(heading, justify='right' if i else 'left')
+    table = output.table_of(title, '; '.join(headings), caption=caption)
     for line in lines:
         table.add_row(*line)
     if output.line_width() is None:

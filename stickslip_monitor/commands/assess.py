@@ -90,9 +90,8 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
 
 
 def _table(item: BearingConfig, point: Assessment) -> Table:
-    table = Table(title=f'{item.name}: {point.regime.value}', caption=point.outcome.sentence)
-    table.add_column('quantity')
-    table.add_column('value', justify='right')
+    title = f'{item.name}: {point.regime.value}'
+    table = output.table_of(title, 'quantity; value', caption=point.outcome.sentence)
     units = {'rpm': 1.0 / item.bearing.speed.factor('rpm'), '%': 100.0, 'mm': 1e3}
     for title, name, unit in _ROWS:
         value = getattr(point, name)

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -188,9 +187,7 @@ def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
 
 
 def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
-    table = Table(title=escape('boundaries [rpm]: 5 %, 50 %, 95 %'), title_justify='left', box=SIMPLE_HEAD)
-    for heading in ('load', 'boundary', 'before', 'now'):
-        table.add_column(heading, justify='right', no_wrap=True)
+    table = output.table_of(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')
     before = found.before.hopf_speed, found.before.fold_speed
     for load, *now in found.boundaries():

@@ -10,7 +10,6 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from rich.table import Table
 from rich.text import Text
 
 from stickslip_monitor.bags.reader import open_bag
@@ -37,8 +36,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     out = output.console()
     out.print(printable(_summary(record)), markup=False)
-    table = Table('topic', 'type', 'messages', 'problem')
-    table.columns[2].justify = 'right'
+    table = output.table_of('', 'topic; type; messages; problem', (0, 1, 3))
     for name, topic in sorted(record['topics'].items()):
         texts = name, topic['type'], str(topic['messages']), topic['problem'] or ''
         # A heading may have brackets, which are no markup.

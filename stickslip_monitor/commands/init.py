@@ -13,8 +13,8 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
@@ -37,23 +37,27 @@ from stickslip_monitor.physics.bearing import SPEED_UNITS
 SCHEMA = 'stickslip_monitor/init/1'
 MARK = '# Written by stickslip init'
 _SPREAD = re.compile(r'(.*?)\s*~\s*(\d+(?:\.\d*)?)\s*%\s*')
-_NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*')
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
+class Quantity(NamedTuple):
     """A value that is asked for: an option, and a question of the dialogue."""
 
     name: str
     units: dict[str, float]  # SI per unit
-    text: str
     low: float  # [SI]
     high: float
+    text: str
 
     @property
     def option(self) -> str:
         """Its option."""
         return f'--{self.name.replace("_", "-")}'
+
+    @property
+    def question(self) -> str:
+        """What is asked for, with the units it may have."""
+        units = ' or '.join(unit for unit in self.units if unit)
+        return self.text + (f', in {units}' if units else '')
 
     def read(self, text: str) -> Given:
         """The value of a text such as ``20mm`` or ``0.15~30%``.
@@ -62,76 +66,46 @@ class Quantity:
             ConfigurationError: It is none; the text names the units and the bounds.
         """
         spread = _SPREAD.fullmatch(text)
-        match = _NUMBER.fullmatch(spread.group(1) if spread else text)
-        unit = match and self.units.get(match.group(2))
-        names = ' or '.join(name for name in self.units if name)
-        if not match or unit is None:
-            rule = f'a number in {names}, such as 2{next(iter(self.units))}' if names else 'a number'
-            raise ConfigurationError(f"{self.option} '{text}' must be {rule}")
-        value = float(match.group(1)) * unit
+        number, unit = options.read_quantity(self.option, spread.group(1) if spread else text, self.units)
+        value = number * self.units[unit]
         if not self.low <= value <= self.high:
             name, factor = next(iter(self.units.items()))
-            raise ConfigurationError(
-                f"{self.option} '{text}' must be from {self.low / factor:g} to"
-                f' {self.high / factor:g} {name}'.rstrip()
-            )
+            rule = f'from {self.low / factor:g} to {self.high / factor:g} {name}'.rstrip()
+            raise options.refused(self.option, text, rule)
         if spread and not 0.0 < float(spread.group(2)) < 100.0:
-            raise ConfigurationError(f"{self.option} '{text}' must have a spread of 0 to 100 %")
+            raise options.refused(self.option, text, 'a number with a spread of 0 to 100 %')
         return Given(value, float(spread.group(2)) / 100.0) if spread else Given(value)
 
 
 _LENGTH, _PLAIN = {'mm': 1e-3, 'm': 1.0}, {'': 1.0}
+_RING_DOWN = 'damping ratio of a ring-down of the wet lining (first_alarm.md, section 2)'
+_LOSS = 'loss factor (tan delta) of the rubber, from its data sheet'
+_STATIC = (
+    'friction coefficient at creep, wet (first_alarm.md, section 3; stickslip fit makes all three of a curve)'
+)
+_DECAY = 'decay of friction: one over the speed [m/s] at which 37 % of its fall is left'
 NEEDS = (
-    (Quantity('journal_diameter', _LENGTH, 'diameter of the journal (shaft sleeve)', 0.02, 2.0),),
+    (Quantity('journal_diameter', _LENGTH, 0.02, 2.0, 'diameter of the journal (shaft sleeve)'),),
     (
-        Quantity('length', _LENGTH, 'loaded length of the bearing', 0.01, 5.0),
-        Quantity('area', {'m2': 1.0, 'cm2': 1e-4}, 'loaded area of the lining', 1e-4, 10.0),
+        Quantity('length', _LENGTH, 0.01, 5.0, 'loaded length of the bearing'),
+        Quantity('area', {'m2': 1.0, 'cm2': 1e-4}, 1e-4, 10.0, 'loaded area of the lining'),
     ),
-    (Quantity('thickness', _LENGTH, 'thickness of the rubber', 1e-3, 0.2),),
+    (Quantity('thickness', _LENGTH, 1e-3, 0.2, 'thickness of the rubber'),),
     (
-        Quantity('hardness', _PLAIN, 'hardness of the rubber [Shore A]', 30.0, 90.0),
-        Quantity('shear_modulus', {'MPa': 1e6}, 'shear modulus of the rubber', 1e5, 1e8),
-    ),
-    (
-        Quantity(
-            'damping_ratio',
-            _PLAIN,
-            'damping ratio of a ring-down of the wet lining (first_alarm.md, section 2)',
-            1e-4,
-            0.9,
-        ),
-        Quantity(
-            'loss_factor', _PLAIN, 'loss factor (tan delta) of the rubber, from its data sheet', 1e-3, 1.5
-        ),
+        Quantity('hardness', _PLAIN, 30.0, 90.0, 'hardness of the rubber [Shore A]'),
+        Quantity('shear_modulus', {'MPa': 1e6}, 1e5, 1e8, 'shear modulus of the rubber'),
     ),
     (
-        Quantity(
-            'static',
-            _PLAIN,
-            'friction coefficient at creep, wet (first_alarm.md, section 3;'
-            ' stickslip fit makes all three of a curve)',
-            0.001,
-            3.0,
-        ),
+        Quantity('damping_ratio', _PLAIN, 1e-4, 0.9, _RING_DOWN),
+        Quantity('loss_factor', _PLAIN, 1e-3, 1.5, _LOSS),
     ),
-    (Quantity('kinetic', _PLAIN, 'friction coefficient at full speed, wet', 0.0, 3.0),),
-    (
-        Quantity(
-            'decay',
-            {'s/m': 1.0},
-            'decay of friction: one over the speed [m/s] at which 37 % of its fall is left',
-            0.01,
-            1e4,
-        ),
-    ),
-    (
-        Quantity(
-            'load', {'kN': 1e3, 'N': 1.0}, 'mean load of the bearing, as of the shaft alignment', 1.0, 1e8
-        ),
-    ),
+    (Quantity('static', _PLAIN, 0.001, 3.0, _STATIC),),
+    (Quantity('kinetic', _PLAIN, 0.0, 3.0, 'friction coefficient at full speed, wet'),),
+    (Quantity('decay', {'s/m': 1.0}, 0.01, 1e4, _DECAY),),
+    (Quantity('load', {'kN': 1e3, 'N': 1.0}, 1.0, 1e8, 'mean load, as of the shaft alignment'),),
 )
 """What has to be known: of each line one."""
-_DENSITY = Quantity('density', {'kg/m3': 1.0}, 'density of the rubber', 500.0, 3000.0)
+_DENSITY = Quantity('density', {'kg/m3': 1.0}, 500.0, 3000.0, 'density of the rubber')
 _QUANTITIES = {item.name: item for need in (*NEEDS, (_DENSITY,)) for item in need}
 _CURVE = 'a friction curve of the material in water, then stickslip fit'
 _NEXT = {
@@ -147,10 +121,8 @@ _TOLERANCES = ('damping', 'static', 'kinetic', 'decay', 'load')
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     for item in _QUANTITIES.values():
-        unit = ' or '.join(name for name in item.units if name)
-        text = item.text + (f', in {unit}' if unit else '')
         # A help text is a format of argparse.
-        parser.add_argument(item.option, metavar='VALUE', help=text.replace('%', '%%'))
+        parser.add_argument(item.option, metavar='VALUE', help=item.question.replace('%', '%%'))
     text = 'rubber, for its density (default nitrile)'
     parser.add_argument('--material', choices=DENSITY, default='nitrile', help=text)
     parser.add_argument('--name', default='aft_stern', help='name of the bearing')
@@ -201,8 +173,7 @@ def ask(answer: Callable[[str], str]) -> dict[str, Given]:
     for need in NEEDS:
         while not any(item.name in given for item in need):
             for item in need:
-                units = ' or '.join(name for name in item.units if name)
-                text = answer(f'{item.text}{f", in {units}" if units else ""}: ').strip()
+                text = answer(f'{item.question}: ').strip()
                 try:
                     own = {item.name: item.read(text)} if text else {}
                     _require_fall(given | own)

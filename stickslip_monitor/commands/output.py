@@ -15,7 +15,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -240,6 +240,16 @@ def console() -> Console:
             return _as_list(item) if any(_CUT in text for text in drawn) else item
 
     return SafeConsole(highlight=False, soft_wrap=line_width() is None)
+
+
+def table_of(title: str, headings: str, left: Collection[int] = (0,), caption: str | None = None) -> Table:
+    """A table without rows; its headings, parted by ``;``, are at the right but for some."""
+    from rich.table import Table
+
+    table = Table(title=title or None, title_justify='left', caption=caption)
+    for k, heading in enumerate(headings.split('; ')):
+        table.add_column(heading, justify='left' if k in left else 'right')
+    return table
 
 
 def _as_list(table: Table) -> Group:

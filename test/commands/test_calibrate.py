@@ -76,7 +76,7 @@ def test_one_recording_corrects_a_wrong_drawing(
     for path, advised in ((wrong, True), (configured, False)):
         main(['check', str(COAST_DOWN), '-c', str(path)])
         last = capsys.readouterr().out.splitlines()[-1]
-        assert last.startswith('aft_stern: a tolerance gives') == advised
+        assert last.startswith('aft_stern: add a tolerance') == advised
         assert not advised or len(last) < 80
     assert main(['assess', '-c', str(configured), '--speed', '35rpm', '--load', '1kN']) == 1
     assert 'probability that stick-slip can happen' in capsys.readouterr().out

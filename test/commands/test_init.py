@@ -16,24 +16,8 @@ from stickslip_monitor.lab.bearing_estimate import Given, estimate, fold_shifts,
 from stickslip_monitor.monitor.parameter_file import load_config
 
 DRAWING = (
-    '--journal-diameter',
-    '400mm',
-    '--length',
-    '800mm',
-    '--thickness',
-    '20mm',
-    '--hardness',
-    '70',
-    '--loss-factor',
-    '0.15',
-    '--static',
-    '0.3',
-    '--kinetic',
-    '0.1',
-    '--decay',
-    '10s/m',
-    '--load',
-    '30kN',
+    *('--journal-diameter', '400mm', '--length', '800mm', '--thickness', '20mm', '--hardness', '70'),
+    *('--loss-factor', '0.15', '--static', '0.3', '--kinetic', '0.1', '--decay', '10s/m', '--load', '30kN'),
 )
 
 
@@ -117,12 +101,12 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
         (DRAWING[2:], 'missing: --journal-diameter (diameter of the journal (shaft sleeve))'),
         (DRAWING[:8] + DRAWING[10:], '--damping-ratio or --loss-factor'),
         ((*DRAWING, '--area', '0.3m2'), '--length and --area are given: choose one'),
-        ((*DRAWING, '--thickness', '20'), "--thickness '20' must be a number in mm or m"),
+        ((*DRAWING, '--thickness', '20'), "--thickness '20' must be a number with a unit: one of mm, m"),
         ((*DRAWING, '--journal-diameter', '400m'), 'must be from 20 to 2000 mm'),
         ((*DRAWING, '--kinetic', '0.4'), '--static 0.3 must be above --kinetic 0.4'),
         ((*DRAWING, '--speed-topic', 'x{}y:'), "--speed-topic 'x{}y:' must be a ROS topic name"),
         ((*DRAWING, '--load-topic', ''), "--load-topic '' must be a ROS topic name"),
-        ((*DRAWING, '--static', '0.3~300%'), 'must have a spread of 0 to 100 %'),
+        ((*DRAWING, '--static', '0.3~300%'), 'must be a number with a spread of 0 to 100 %'),
         ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
     ],
 )
@@ -133,25 +117,8 @@ def test_refusals(arguments: tuple[str, ...], sentence: str, capsys: pytest.Capt
 
 def test_dialogue_takes_the_other_value_and_asks_again() -> None:
     """Empty for what may be given otherwise, and values that cannot be, as a person types."""
-    typed = iter(
-        [
-            '400mm',
-            '',
-            '0.32 m2',
-            'thick',
-            '',
-            '20mm',
-            '70',
-            '',
-            '0.15~40%',
-            '0.3',
-            '0.4',
-            '',
-            '0.1',
-            '10s/m',
-            '30 kN',
-        ]
-    )
+    lines = '400mm||0.32 m2|thick||20mm|70||0.15~40%|0.3|0.4||0.1|10s/m|30 kN'
+    typed = iter(lines.split('|'))
     shown: list[str] = []
 
     def answer(text: str) -> str:
@@ -163,7 +130,7 @@ def test_dialogue_takes_the_other_value_and_asks_again() -> None:
     assert given['loss_factor'] == Given(0.15, 0.4)
     assert given['kinetic'] == Given(0.1)
     assert all(any(item.name in given for item in need) for need in NEEDS)
-    assert any("'thick' must be a number in mm or m" in text for text in shown)
+    assert any("'thick' must be a number with a unit: one of mm, m" in text for text in shown)
 
 
 def test_hardness_beyond_the_formula() -> None:
