@@ -197,12 +197,11 @@ def require_all(given: Mapping[str, Given]) -> None:
         if len(found) > 1:
             raise ConfigurationError(f'{" and ".join(found)} are given: choose one')
         if not found:
-            named = ' or '.join(item.option for item in need)
-            missing.append(f'{named} ({need[-1].text})')
+            missing.append(' or '.join(item.option for item in need))
     if missing:
         raise ConfigurationError(
-            f'missing: {"; ".join(missing)}. They have no typical value worth a warning; a spread'
-            ' may follow a tilde, as in 0.15~30%'
+            f'missing: {", ".join(missing)} (see stickslip init --help). None has a typical value worth'
+            ' a warning; a spread may follow a tilde, as in 0.15~30%'
         )
     _require_fall(given)
 

@@ -98,7 +98,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (DRAWING[2:], 'missing: --journal-diameter (diameter of the journal (shaft sleeve))'),
+        (DRAWING[2:], 'missing: --journal-diameter (see stickslip init --help)'),
         (DRAWING[:8] + DRAWING[10:], '--damping-ratio or --loss-factor'),
         ((*DRAWING, '--area', '0.3m2'), '--length and --area are given: choose one'),
         ((*DRAWING, '--thickness', '20'), "--thickness '20' must be a number with a unit: one of mm, m"),
