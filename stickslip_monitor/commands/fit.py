@@ -228,7 +228,7 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: F
         f' ({escape(curve.unit_source)}), from {curve.speed.min():.4g} to'
         f' {curve.speed.max():.4g} m/s'
     )
-    table = _table('Stribeck law', 'coefficient', 'value', 'standard error', '95 % interval', 'unit')
+    table = output.table_of('Stribeck law', 'coefficient; value; standard error; 95 % interval; unit', (0, 4))
     columns = zip(names, fit.estimate, fit.standard_error, fit.intervals, strict=True)
     for name, value, error, (low, high) in columns:
         table.add_row(name, f'{value:.5g}', f'{error:.2g}', f'{low:.5g} to {high:.5g}', UNITS[name])
@@ -252,14 +252,6 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: F
     out.print(escape(fragment(args.curve, fit)), end='')
 
 
-def _table(title: str, *names: str) -> Table:
-    """A table whose first and last columns are names."""
-    table = Table(title=title, title_justify='left')
-    for k, heading in enumerate(names):
-        table.add_column(heading, justify='left' if k in (0, len(names) - 1) else 'right')
-    return table
-
-
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
     aside, curve = int(np.sum(fit.weight < ASIDE)), fit.curve
     out.print(
@@ -273,7 +265,8 @@ def _print_outliers(out: Console, fit: StribeckFit) -> None:
 
 
 def _boundary_table(item: BearingConfig, speeds: Boundaries, load: str) -> Table:
-    table = _table(f'{item.name} with this law at {load}', 'boundary', 'speed', '95 % interval', 'unit')
+    title = f'{item.name} with this law at {load}'
+    table = output.table_of(title, 'boundary; speed; 95 % interval; unit', (0, 3))
     for name, three in speeds.items():
         low, middle, high = (value / item.bearing.speed.factor('rpm') for value in three)
         label = name.replace('_', ' ').replace('hopf', 'Hopf')
