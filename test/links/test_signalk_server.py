@@ -22,7 +22,7 @@ from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.buses import LiveMonitor, MonitorSide, SignalKInput, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
-from stickslip_monitor.monitor.alarms import annunciator
+from stickslip_monitor.monitor import alarm_list
 from stickslip_monitor.monitor.parameter_file import load_parameters
 from stickslip_monitor.monitor.signals import Input
 
@@ -177,7 +177,7 @@ async def test_rounds_with_none_invented_and_none_lost(
     server: RealServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # However many there are in a short time, each is given aloud.
-    monkeypatch.setattr(annunciator, 'WINDOW_NS', 0)
+    monkeypatch.setattr(alarm_list, 'WINDOW_NS', 0)
 
     async with sailing(server) as ship:
         for number in range(8):
