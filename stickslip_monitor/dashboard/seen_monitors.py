@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import csv
 import io
-import math
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.alarms import TABLE, AlarmState
 from stickslip_monitor.monitor.messages import POINT_NUMBERS
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.signals import INPUTS, Status
 from stickslip_monitor.state_file import StateWriter
 
 SILENT = 3.0
@@ -37,6 +37,8 @@ MOST_NAMES = 20
 _BEYOND = 5
 # A map that is made for an operating point has this much room beyond its speed and its load.
 _ROOM = (1.2, 1.5)
+# The latest date of a browser [ms], and the highest whole number that it holds exactly.
+_LATEST, _MOST_COUNTED = 8_640_000_000_000_000, 2**53
 _NO_ANSWER = 'no answer from the monitor: it may not have been done'
 _NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done'
 
@@ -64,15 +66,20 @@ def _may(kind: type, default: Any = None) -> Read:
 
 def _finite(value: Any) -> float | None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    return value if number and math.isfinite(value) else None
+    return value if number and abs(value) <= sys.float_info.max else None
+
+
+def _count(value: Any) -> int:
+    return value if isinstance(value, int) and 0 <= value <= _MOST_COUNTED else 0
 
 
 def _milliseconds(time_ns: Any) -> int | None:
-    return time_ns // 1_000_000 if isinstance(time_ns, int) else None
+    time = time_ns // 1_000_000 if isinstance(time_ns, int) else None
+    return None if time is None or abs(time) > _LATEST else time
 
 
 def _time(time_ns: Any) -> int:
-    return int(_must(int)(time_ns)) // 1_000_000
+    return int(_must(int)(_milliseconds(time_ns)))
 
 
 def _texts(value: Any) -> list[str]:
@@ -95,7 +102,7 @@ NUMBERS = ('rpm', *POINT_NUMBERS)
 PROBABILITIES = tuple(name for name in POINT_NUMBERS if name.startswith('probability'))
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
-_COUNTS = {status.name.lower(): _may(int, 0) for status in Status}
+_COUNTS = {status.name.lower(): _count for status in Status}
 _INPUT: dict[str, Read] = {
     'lost': _may(bool, False),
     'age': _finite,
@@ -110,7 +117,7 @@ _RECORD: dict[str, Read] = {
     'held_until': _milliseconds,
     **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
     **dict.fromkeys(NUMBERS, _finite),
-    'inputs': lambda value: {str(name): _fields(own, _INPUT) for name, own in _must(dict)(value).items()},
+    'inputs': lambda value: {n: _fields(value[n], _INPUT) for n in INPUTS if n in _must(dict)(value)},
 }
 _ALARM = dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _must(str)) | {
     **dict.fromkeys(('sounding', 'silenced'), bool),
@@ -121,12 +128,12 @@ _ALARMS: dict[str, Read] = {
     'time': _time,
     'monitoring': lambda value: value is not False,
     'sounding': _must(bool),
-    'unacknowledged': _must(int),
-    'flood': lambda value: _fields(value, {'flooding': bool, 'alarms_10min': _may(int, 0)}),
+    'unacknowledged': _count,
+    'flood': lambda value: _fields(value, {'flooding': bool, 'alarms_10min': _count}),
     'alarms': _each(_ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}),
     'rows': _each(
         _ALARM
-        | {'kinds': _texts, 'came_back': _may(int, 0)}
+        | {'kinds': _texts, 'came_back': _count}
         | dict.fromkeys(('came_back_since', 'back_since', 'clears_at'), _milliseconds)
     ),
     'changes': _each(dict.fromkeys(_CHANGE, _must(str)) | {'time': _milliseconds}),

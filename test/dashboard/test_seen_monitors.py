@@ -83,13 +83,33 @@ def acknowledge(by: str = 'Ada', bearing: str | None = 'aft_stern') -> ActionReq
 
 def test_what_is_no_number_has_no_value() -> None:
     record = checked_record(
-        status(speed='fast', load=float('inf'), rpm=True, sticking='no', inputs={'speed': {}})
+        status(
+            speed='fast',
+            load=float('inf'),
+            rpm=True,
+            growth_rate=10**400,
+            sticking='no',
+            inputs={'speed': {}},
+        )
     )
     assert [record[name] for name in NUMBERS] == [None] * len(NUMBERS)
     assert record['sticking'] is None
     speed = record['inputs']['speed']
     assert not any(speed.pop('counts').values())
     assert speed == {'lost': False, 'age': None, 'rate': None, 'fault': ''}
+
+
+def test_what_no_browser_can_show_is_not_handed_on() -> None:
+    """Inputs that no bearing has, counts that no float holds, and dates after the last of JavaScript."""
+    own = {'lost': False, 'counts': {'accepted': 10**400, 'repeated': -1, 'no_value': 7}}
+    record = checked_record(status(inputs={'"] img': own, 'load': own}, held_until=10**40))
+    assert list(record['inputs']) == ['load']
+    counts = record['inputs']['load']['counts']
+    assert (counts['accepted'], counts['repeated'], counts['no_value']) == (0, 0, 7)
+    assert record['held_until'] is None
+    last_ms = 8_640_000_000_000_000
+    assert checked_record(status(time_ns=last_ms * 10**6))['time'] == last_ms
+    assert checked_record(status(time_ns=(last_ms + 1) * 10**6)) is None
 
 
 def test_memory_is_bounded(board: DashboardState) -> None:
