@@ -6,17 +6,13 @@ from __future__ import annotations
 import asyncio
 import itertools
 import math
-import re
-import subprocess
-import tempfile
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-import aiohttp
-
 from benchmarks.table import NOT_INSTALLED, Table, absent
-from scripts.make_pictures import CHROMIUM, Page, program
+from scripts.chromium import Page, chromium, first_page
 from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.dashboard.access import Access
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
@@ -93,32 +89,19 @@ async def _feed(config: MonitorConfig, board: DashboardState, rate: float) -> No
 
 
 async def _watch(url: str, tabs: int, seconds: float) -> tuple[float, float]:
-    with (
-        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        program([*CHROMIUM, f'--user-data-dir={folder}'], stderr=subprocess.PIPE) as browser,
-    ):
-        port = await asyncio.to_thread(_port, browser)
-        async with aiohttp.ClientSession() as session:
-            async with session.get(f'http://127.0.0.1:{port}/json') as answer:
-                (tab,) = [tab for tab in await answer.json() if tab['type'] == 'page']
-            async with session.ws_connect(tab['webSocketDebuggerUrl'], max_msg_size=0) as socket:
-                page = Page(socket)
-                await page.call('Performance.enable')
-                for _ in range(tabs - 1):
-                    await page.call('Target.createTarget', url=url, background=True)
-                await page.call('Page.navigate', url=url)
-                await asyncio.sleep(_SETTLE)
-                before = await _busy(page), time.process_time(), time.monotonic()
-                await asyncio.sleep(seconds)
-                after = await _busy(page), time.process_time(), time.monotonic()
+    with ExitStack() as stack:
+        port = await asyncio.to_thread(stack.enter_context, chromium())
+        async with first_page(port) as page:
+            await page.call('Performance.enable')
+            for _ in range(tabs - 1):
+                await page.call('Target.createTarget', url=url, background=True)
+            await page.call('Page.navigate', url=url)
+            await asyncio.sleep(_SETTLE)
+            before = await _busy(page), time.process_time(), time.monotonic()
+            await asyncio.sleep(seconds)
+            after = await _busy(page), time.process_time(), time.monotonic()
     thread, process, passed = (b - a for a, b in zip(before, after, strict=True))
     return thread / passed, process / passed
-
-
-def _port(browser: subprocess.Popen[str]) -> int:
-    assert browser.stderr is not None
-    ready = (re.search(r'DevTools listening on ws://[^:]+:(\d+)', s) for s in browser.stderr)
-    return next(int(found[1]) for found in ready if found)
 
 
 async def _busy(page: Page) -> float:

@@ -4,13 +4,10 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import json
 import shutil
-import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -130,72 +127,32 @@ def dashboard(dashboards: Callable[..., Dashboard]) -> Dashboard:
 
 
 class Browser:
-    """A page in a real Chromium, over the DevTools protocol.
+    """A page in a real Chromium, asked from a test that waits for each answer."""
 
-    Attributes:
-        complaints: What the console, the page's policy and its code complained of.
-    """
-
-    def __init__(self, program: str, folder: Path) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._number = 0
-        self.complaints: list[str] = []
-        command = [program, '--headless=new', '--no-sandbox', '--disable-gpu', '--no-first-run']
-        command += ['--disable-dev-shm-usage', '--disable-background-networking']
-        command += [
-            '--hide-scrollbars',
-            '--remote-debugging-port=0',
-            f'--user-data-dir={folder}',
-            'about:blank',
-        ]
-        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        ready = folder / 'DevToolsActivePort'
-        until(lambda: ready.exists() and '\n' in ready.read_text(), 'Chromium')
-        self._loop.run_until_complete(self._connect(int(ready.read_text().split()[0])))
+    def __init__(self, page: Any, run: Callable[[Any], Any]) -> None:
+        self._page, self._run = page, run
         for domain in ('Page', 'Runtime', 'Log', 'Accessibility'):
             self.call(f'{domain}.enable')
 
-    async def _connect(self, port: int) -> None:
-        import aiohttp
+    @property
+    def complaints(self) -> list[str]:
+        """What the console, the page's policy and its code complained of."""
+        return [text for event in self._page.events if (text := _complaint(event))]
 
-        self._session = aiohttp.ClientSession()
-        async with self._session.get(f'http://127.0.0.1:{port}/json') as answer:
-            (page,) = [tab for tab in await answer.json() if tab['type'] == 'page']
-        self._socket = await self._session.ws_connect(page['webSocketDebuggerUrl'], max_msg_size=0)
+    def forget(self) -> None:
+        """Take no notice of what was complained of."""
+        self._page.events.clear()
 
     def call(self, method: str, **parameters: Any) -> Any:
         """Ask the browser for something."""
-        self._number += 1
-        return self._loop.run_until_complete(
-            asyncio.wait_for(self._ask(self._number, method, parameters), DEADLINE)
-        )
-
-    async def _ask(self, number: int, method: str, parameters: dict[str, Any]) -> Any:
-        await self._socket.send_json({'id': number, 'method': method, 'params': parameters})
-        while True:
-            answer = await self._socket.receive_json()
-            if answer.get('id') == number:
-                assert 'error' not in answer, (method, answer)
-                return answer['result']
-            self._note(answer)
-
-    def _note(self, event: dict[str, Any]) -> None:
-        kind, told = event.get('method'), event.get('params', {})
-        if kind == 'Runtime.exceptionThrown':
-            self.complaints.append(json.dumps(told['exceptionDetails']))
-        elif kind == 'Log.entryAdded' and told['entry']['level'] in ('error', 'warning'):
-            self.complaints.append(f'{told["entry"]["text"]} {told["entry"].get("url", "")}')
-        elif kind == 'Runtime.consoleAPICalled' and told['type'] in ('error', 'warning', 'assert'):
-            self.complaints.append(json.dumps(told['args']))
+        return self._run(self._page.call(method, **parameters))
 
     def open(self, url: str) -> None:
         self.call('Page.navigate', url=url)
 
     def js(self, expression: str) -> Any:
         """The value of an expression; a promise is waited for."""
-        answer = self.call('Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True)
-        assert 'exceptionDetails' not in answer, answer
-        return answer['result'].get('value')
+        return self._run(self._page.js(expression))
 
     def until(self, expression: str, deadline: float = DEADLINE) -> Any:
         """Wait until an expression is true."""
@@ -205,63 +162,63 @@ class Browser:
 
     def choose(self, name: str, value: str) -> None:
         """Choose a value of one of the page's settings."""
-        choice = f'document.getElementById({json.dumps(name)})'
-        self.js(f"{choice}.value = {json.dumps(value)}, {choice}.dispatchEvent(new Event('change'))")
+        self._run(self._page.choose(f'#{name}', value))
 
     def text(self, selector: str) -> str:
         return str(self.js(f'document.querySelector({json.dumps(selector)})?.textContent ?? ""'))
+
+    def click(self, selector: str) -> None:
+        self.js(f'document.querySelector({json.dumps(selector)}).click()')
 
     def press(self, *keys: str) -> None:
         """Press keys one after the other."""
         codes = {'Tab': 9, 'Enter': 13, ' ': 32, 'Escape': 27, 'ArrowLeft': 37, 'Home': 36}
         for key in keys:
-            text = {'Enter': '\r', ' ': ' '}.get(key, '')
-            for kind in ('keyDown', 'keyUp'):
-                self.call(
-                    'Input.dispatchKeyEvent',
-                    type=kind,
-                    key=key,
-                    code='Space' if key == ' ' else key,
-                    windowsVirtualKeyCode=codes[key],
-                    **({'text': text} if text and kind == 'keyDown' else {}),
-                )
+            stroke = {'key': key, 'code': 'Space' if key == ' ' else key}
+            stroke |= {'windowsVirtualKeyCode': codes[key]}
+            text = {'Enter': '\r', ' ': ' '}.get(key)
+            down = stroke if text is None else stroke | {'text': text}
+            self.call('Input.dispatchKeyEvent', type='keyDown', **down)
+            self.call('Input.dispatchKeyEvent', type='keyUp', **stroke)
 
     def type(self, text: str) -> None:
         self.call('Input.insertText', text=text)
 
     def show_as(self, width: int, height: int, dark: bool = False, mobile: bool = False) -> None:
         """Take on the size of a device, and its choice of colours."""
-        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile}
-        self.call('Emulation.setDeviceMetricsOverride', **size)
-        colours = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}
-        self.call('Emulation.setEmulatedMedia', features=[colours])
+        self._run(self._page.show_as(width, height, dark=dark, mobile=mobile))
 
-    def picture(self, path: Path) -> None:
-        shot = self.call('Page.captureScreenshot', captureBeyondViewport=True)
-        path.write_bytes(base64.b64decode(shot['data']))
 
-    def quit(self) -> None:
-        self._loop.run_until_complete(self._session.close())
-        self._loop.close()
-        self._process.terminate()
-        self._process.wait()
+def _complaint(event: dict[str, Any]) -> str:
+    kind, told = event.get('method'), event.get('params', {})
+    if kind == 'Runtime.exceptionThrown':
+        return json.dumps(told['exceptionDetails'])
+    if kind == 'Log.entryAdded' and told['entry']['level'] in ('error', 'warning'):
+        return f'{told["entry"]["text"]} {told["entry"].get("url", "")}'
+    if kind == 'Runtime.consoleAPICalled' and told['type'] in ('error', 'warning', 'assert'):
+        return json.dumps(told['args'])
+    return ''
 
 
 @pytest.fixture(scope='session')
-def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = shutil.which('chromium') or shutil.which('chromium-browser')
-    if program is None:
+def _browser() -> Iterator[Browser]:
+    if shutil.which('chromium') is None:
         pytest.skip('Chromium is not installed (apt install chromium)')
     pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
-    browser = Browser(program, tmp_path_factory.mktemp('chromium'))
-    yield browser
-    browser.quit()
+    from scripts.chromium import chromium, first_page
+
+    loop = asyncio.new_event_loop()
+    with chromium() as port:
+        opened = first_page(port)
+        yield Browser(loop.run_until_complete(opened.__aenter__()), loop.run_until_complete)
+        loop.run_until_complete(opened.__aexit__(None, None, None))
+    loop.close()
 
 
 @pytest.fixture
 def browser(_browser: Browser) -> Iterator[Browser]:
     """The browser, with a page of its own for the test, which nothing complained of."""
-    _browser.complaints.clear()
+    _browser.forget()
     _browser.show_as(1280, 900)
     yield _browser
     _browser.open('about:blank')

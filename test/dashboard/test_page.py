@@ -353,7 +353,7 @@ def test_what_was_not_done_stays_until_it_is_seen(
     assert page.text('#say-now') == page.text('#answer')
     page.js('document.getElementById("answer").click()')
     assert page.js('document.getElementById("answer").hidden')
-    page.complaints.clear()  # Chromium notes the refusal
+    page.forget()  # Chromium notes the refusal
 
 
 def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -> None:
@@ -606,36 +606,40 @@ def test_each_priority_has_its_tone_and_so_has_silence(dashboard: Any, page: Any
     page.until(f'{tone} === "alarm"')
     dashboard.do(lambda: setattr(dashboard.ship.shown, '_received_at', 0.0))
     page.until(f'{tone} === "dead"')
-    page.complaints.clear()  # Chromium wants a touch first
+    page.forget()  # Chromium wants a touch first
+
+
+def watched_beside(dashboard: Any, *bearings: dict[str, Any], rows: list[dict[str, Any]]) -> None:
+    """Show more bearings, each as a change of the record of the first, and rows of alarms."""
+    from stickslip_monitor.dashboard.seen_monitors import Watched
+
+    shown = dashboard.ship.shown
+    own = shown.bearings[BEARING]
+
+    def grow() -> None:
+        # However slow the machine is, they are heard.
+        own.at = shown._received_at = shown._clock() + 1e6
+        for record in bearings:
+            made = shown.bearings[record['bearing']] = Watched(record['bearing'], own.view)
+            made.take(own.record | record, own.at)
+        shown.alarms = shown.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': len(rows)}
+
+    dashboard.do(grow)
 
 
 @pytest.fixture
 def fleet(dashboard: Any, browser: Any) -> Any:
     """Twenty-five bearings on one shaft, whose speed is lost at 22; one is in stick-slip."""
-    from stickslip_monitor.dashboard.seen_monitors import Watched
-
-    shown = dashboard.ship.shown
     dashboard.sail(20.0, 1000.0, 5.0)
-    own = shown.bearings[BEARING]
-    (alarm,) = [a for a in shown.alarms['alarms'] if a['alarm'] == 'stick_slip']
-
-    def grow() -> None:
-        rows = [alarm | {'state': 'acknowledged', 'priority': 'caution', 'kinds': []}]
-        # However slow the machine is, they are heard.
-        own.at = shown._received_at = shown._clock() + 1e6
-        for k in range(24):
-            name, stale = f'b{k:02}', k < 22
-            told = {'reason': 'input_stale' if stale else 'normal', 'fold_margin': 0.9}
-            made = Watched(name, own.view)
-            made.take(own.record | {'bearing': name} | told, own.at)
-            shown.bearings[name] = made
-            if stale:
-                more = {'alarm': 'input_lost', 'priority': 'warning', 'bearing': name}
-                more |= {'state': 'unacknowledged', 'text': f'{name}: no sample for {2 + k % 3} s'}
-                rows.append(alarm | more | {'actions': ['acknowledge'], 'kinds': []})
-        shown.alarms = shown.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': 22}
-
-    dashboard.do(grow)
+    (alarm,) = [a for a in dashboard.ship.shown.alarms['alarms'] if a['alarm'] == 'stick_slip']
+    lost = alarm | {'alarm': 'input_lost', 'priority': 'warning', 'state': 'unacknowledged'}
+    lost |= {'actions': ['acknowledge'], 'kinds': []}
+    rows = [alarm | {'state': 'acknowledged', 'priority': 'caution', 'kinds': []}]
+    names = [f'b{k:02}' for k in range(24)]
+    rows += [lost | {'bearing': n, 'text': f'{n}: no sample for {n[-1]} s'} for n in names[:22]]
+    reasons = ['input_stale'] * 22 + ['normal'] * 2
+    told = ({'bearing': n, 'reason': r, 'fold_margin': 0.9} for n, r in zip(names, reasons, strict=True))
+    watched_beside(dashboard, *told, rows=rows)
     browser.show_as(1280, 800)
     browser.open(dashboard.url)
     browser.until('document.querySelectorAll("#rows tr").length === 25')
@@ -681,25 +685,14 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
 
 
 def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None:
-    from stickslip_monitor.dashboard.seen_monitors import Watched
-
     dashboard.sail(20.0, 1000.0, 5.0)
-    shown = dashboard.ship.shown
-    (own,) = shown.bearings.values()
-    (alarm,) = shown.alarms['rows']
-
-    def grow() -> None:
-        own.at = shown._received_at = shown._clock() + 1e6
-        shown.bearings, rows = {}, []
-        for side, base in (('port', 60), ('stbd', 30)):
-            for k in range(25):
-                name, text = (f'{side}/b{k:02}', f'Stick-slip predicted. Raise speed above {base + k} rpm.')
-                shown.bearings[name] = Watched(name, own.view)
-                shown.bearings[name].take(own.record | {'bearing': name, 'text': text}, own.at)
-                rows.append(alarm | {'bearing': name, 'text': text})
-        shown.alarms = shown.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': 50}
-
-    dashboard.do(grow)
+    (alarm,) = dashboard.ship.shown.alarms['rows']
+    told = [
+        {'bearing': f'{side}/b{k:02}', 'text': f'Stick-slip predicted. Raise speed above {base + k} rpm.'}
+        for side, base in (('port', 60), ('stbd', 30))
+        for k in range(25)
+    ]
+    watched_beside(dashboard, *told, rows=[alarm | own for own in told])
     browser.open(dashboard.url)
     browser.until('document.querySelectorAll("#alarm-list > li").length === 2')
     texts = '[...document.querySelectorAll("#alarm-list .text")].map((e) => e.textContent)'

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording in its own time: never ahead of it, held, sent back, and the same end again."""
+"""A recording in its own time: never ahead of it, held, sent back, and the same end again; its picture."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from shared import CONFIG, ROOT
 
+from stickslip_monitor.cli import main
 from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import check_recording
@@ -100,3 +102,16 @@ def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> N
 
     first, second = asyncio.run(work())
     assert first == second
+
+
+def test_the_picture_says_what_the_program_says(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where this fails, `python scripts/make_pictures.py` takes the picture again."""
+    image: Any = pytest.importorskip('PIL.Image')
+    with image.open(ROOT / 'docs/images/dashboard.png') as picture:
+        shown = json.loads(picture.text['Description'])
+    main(['check', str(ROOT / 'bags/coast_down'), '-c', str(CONFIG), '--json'])
+    (bearing,) = json.loads(capsys.readouterr().out)['bearings'].values()
+    told = [event['text'] for event in bearing['events']]
+    assert len(shown) == 3
+    for text in shown:
+        assert any(each.endswith(text) for each in told), (text, told)
