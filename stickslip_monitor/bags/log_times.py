@@ -3,20 +3,26 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.mcap_chunks import Block, DamagedBlock, Piece, loading, walk
+from stickslip_monitor.bags.mcap_file import McapFile
 from stickslip_monitor.bags.recording import Request, Series
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.
 _STEP_GAPS, _STEP_NS = 2.5, 10**9
 
-# Messages at least on both sides of a step, and how far behind the last one the next is put [ns].
-_LEAST, _BEHIND_NS = 20, 10**7
+# How far behind the last message the next one is put [ns].
+_BEHIND_NS = 10**7
+_NONE = np.empty(0, np.int64)
 # The years 2001 to 2099 [ns].
 _DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
 LATEST_NS = 1 << 62
@@ -94,33 +100,103 @@ def set_back(whose: str, steps_ns: Sequence[int]) -> str:
 
 
 class BlockSteps:
-    """Steps back of a recorder's clock inside of blocks, which are read by their starts.
+    """Where the clock of a recorder was set back, in files that are read block by block.
 
-    A step counts where the messages before it and those behind it go on in time, and it leads to a
-    time that the recording had before: else blocks may have been written in no order of time.
+    What is behind a step goes on behind what was before. A step counts where its topics go on in
+    time from there, which is a time that the recording had before: else blocks were written in no
+    order of time, and none counts. Only blocks that begin before their topics ended are looked at.
+
+    Args:
+        files: The files in order.
+        least_ns: The least log time that is one [ns].
     """
 
-    def __init__(self, start_ns: int) -> None:
-        self._start_ns = start_ns
-        self._steps: list[tuple[int, int]] = []
-        self.steps_ns: list[int] = []
+    def __init__(self, files: Sequence[McapFile], least_ns: int) -> None:
+        self._least_ns, self._shift_ns = least_ns, 0
+        # From which byte of which block on, and by how much.
+        self._steps: list[tuple[int, int, int]] = []
+        self._latest: dict[str, int] = {}
+        self._spans: list[tuple[int, int]] = []
+        blocks = [(file, block) for file in files for block in file.blocks]
+        for number, (file, block) in enumerate(blocks):
+            if not self._take(number, file, block):
+                self._steps = []
+                break
 
-    def follow(self, number: int, time_ns: IntArray) -> IntArray:
-        """The times of messages of the block of a number, as they go on [ns], shape (n,)."""
-        shifted = time_ns + sum(shift for at, shift in self._steps if at < number)
-        back = np.flatnonzero(np.diff(time_ns) < -_STEP_NS)
-        if back.size != 1:
-            return shifted
-        k = int(back[0]) + 1
-        before, behind = time_ns[:k], time_ns[k:]
-        step = int(before.max()) - int(behind[0])
-        is_set = min(before.size, behind.size) >= _LEAST and int(behind.min()) > self._start_ns
-        if not is_set or int(behind.max()) > int(before.max()) - _STEP_NS:
-            return shifted
-        self._steps.append((number, step + _BEHIND_NS))
-        self.steps_ns.append(step)
-        shifted[k:] += step + _BEHIND_NS
-        return shifted
+    @property
+    def text(self) -> str:
+        """That the clock was set back, where it was."""
+        steps = [step - _BEHIND_NS for *_, step in self._steps]
+        return set_back('of the recorder', steps) if steps else ''
+
+    def _take(self, number: int, file: McapFile, block: Block) -> bool:
+        """Take the next block; whether blocks are in an order of time as yet."""
+        names = file.topics_of(block)
+        start, end = block.start_ns + self._shift_ns, block.end_ns + self._shift_ns
+        if any(start < self._latest.get(name, start) - _STEP_NS for name in names):
+            found = _messages(file, block, self._least_ns)
+            if found[0].size:
+                return self._look(number, *found)
+        self._go_on(names, start, end)
+        return True
+
+    def _go_on(self, names: Iterable[str], start: int, end: int) -> None:
+        self._latest.update({name: max(end, self._latest.get(name, end)) for name in names})
+        self._spans.append((start, end))
+
+    def _look(self, number: int, time_ns: IntArray, byte: IntArray, topic: NDArray[Any]) -> bool:
+        """Look for a step among the messages of a block; whether it is in an order of time."""
+        time_ns = time_ns + self._shift_ns
+        is_back = np.zeros(time_ns.size, np.bool_)
+        names = np.unique(topic).tolist()
+        for name in names:
+            rows = np.flatnonzero(topic == name)
+            known = np.append(self._latest.get(name, time_ns[rows[0]]), time_ns[rows])
+            is_back[rows] = time_ns[rows] < np.maximum.accumulate(known)[:-1] - _STEP_NS
+        if np.count_nonzero(is_back) > 1:
+            k = int(is_back.argmax())
+            behind, latest = time_ns[k:], max([*self._latest.values(), *time_ns[:k].tolist()])
+            own = [behind[topic[k:] == name] for name in names]
+            spans = self._spans
+            if k:
+                spans = [*spans, (int(time_ns[:k].min()), int(time_ns[:k].max()))]
+            middle = int(np.median(behind))
+            goes_on = all((np.diff(each) >= -_STEP_NS).all() for each in own)
+            if not goes_on or not any(start <= middle <= end for start, end in spans):
+                return False
+            # Late ones, behind which time goes on, are no step.
+            if is_back[k:].all():
+                self._steps.append((number, int(byte[k]), latest - int(behind[0]) + _BEHIND_NS))
+                self._shift_ns += self._steps[-1][-1]
+                time_ns[k:] += self._steps[-1][-1]
+        self._go_on(names, int(time_ns.min()), int(time_ns.max()))
+        return True
+
+    def span(self, number: int, block: Block) -> tuple[int, int]:
+        """First and last time of the block of a number, as they go on [ns]."""
+        return self._spans[number] if self._steps else (block.start_ns, block.end_ns)
+
+    def follow(self, number: int, piece: Piece) -> IntArray:
+        """The times of the messages of a block of a number, as they go on [ns], shape (n,)."""
+        time_ns = piece.log_time_ns
+        is_time = time_ns >= self._least_ns
+        for at, byte, shift in self._steps:
+            if at <= number:
+                time_ns = time_ns + shift * (is_time & ((at < number) | (piece.offset >= byte)))
+        return time_ns
+
+
+def _messages(file: McapFile, block: Block, least_ns: int) -> tuple[IntArray, IntArray, NDArray[Any]]:
+    """Log times of the messages of a block [ns], where in it they are, and their topics."""
+    topics = np.array([file.channels[key].topic if key in file.channels else '' for key in range(1 << 16)])
+    found: list[tuple[IntArray, IntArray, NDArray[Any]]] = [(_NONE, _NONE, np.empty(0, topics.dtype))]
+    with contextlib.suppress(DamagedBlock):
+        for _, take in loading([block]):
+            for piece in walk(take()):
+                rows = piece.log_time_ns >= least_ns
+                found.append((piece.log_time_ns[rows], piece.offset[rows], topics[piece.channel[rows]]))
+    time_ns, byte, topic = (np.concatenate(each) for each in zip(*found, strict=True))
+    return time_ns, byte, topic
 
 
 MOST = 1.5

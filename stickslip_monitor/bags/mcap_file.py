@@ -52,18 +52,15 @@ _BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
 _DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 _BEGIN = HEAD.size + CHUNK_HEAD.size
 _FOOTER = HEAD.size + 20
-# Of an entry of the index of chunks, to the end of where its chunk begins [bytes].
-_INDEXED = HEAD.size + 24
 
 
-class Contents:
+class McapFile:
     """What one file of some length [bytes] holds.
 
-    A definition counts as it was first given: messages behind one that says otherwise are not
-    read, and it is reported. Channels and schemas are by number, ``counts`` are the messages of
-    each channel; with ``is_stated`` they are those of the summary: nothing was decompressed.
-    ``start_ns`` and ``end_ns`` are the earliest and the latest log time but 0, which ``has_zero``
-    holds [ns].
+    Channels and schemas are by number, and count as they were first defined. ``counts`` are the
+    messages of each channel; with ``is_stated`` they are those of the summary: nothing was
+    decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time but 0, which
+    ``has_zero`` holds [ns].
     """
 
     def __init__(self, path: Path, size: int, findings: Findings) -> None:
@@ -97,44 +94,56 @@ class Contents:
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
+    def topics_of(self, block: Block) -> set[str]:
+        """The topics that a block has messages of, as far as that is known."""
+        held = block.channels
+        return {c.topic for key, c in self.channels.items() if held is None or held >> key & 1}
+
     def define(self, block: Block | None, offset: int, record: bytes) -> bool:
-        """Take a definition; return whether it can be read."""
+        """Take a definition; return whether it can be read.
+
+        Messages behind one that says otherwise than before are not read, and it is reported.
+        """
         key = record[:1] + record[HEAD.size : HEAD.size + 2]
         if self._records.get(key) == record:
             return True
-        is_same = False
         stream = ReadDataStream(BytesIO(record[HEAD.size :]))
+        is_schema = record[0] == Opcode.SCHEMA
+        if not is_schema and len(record) > _LONGEST:
+            return False
         try:
-            if record[0] == Opcode.SCHEMA:
-                # A longer definition is not used, and not kept.
-                schema = Schema.read(stream)
-                schema.data = schema.data[: LONGEST_TEXT + 1]
-                is_same = self.schemas.setdefault(schema.id, schema) == schema
-                users = [c.id for c in self.channels.values() if c.schema_id == schema.id]
-                what = f'schema {schema.id}'
-                if not is_same:
-                    self._ambiguous.add(schema.id)
-            elif len(record) <= _LONGEST:
-                channel = Channel.read(stream)
-                channel.metadata = {}
-                is_same = self.channels.setdefault(channel.id, channel) == channel
-                is_same = is_same and channel.schema_id not in self._ambiguous
-                users, what = [channel.id], f'channel {channel.id}'
-            else:
-                return False
+            what, is_same = self._schema(stream) if is_schema else self._channel(stream)
         except PARSE_ERRORS:
             return False
         if is_same and len(record) <= LONGEST_TEXT:
             self._records[key] = record
         elif not is_same and block is not None:
+            users = [c.id for c in self.channels.values() if what == (c.schema_id if is_schema else c.id)]
             for user in users:
                 place = block.offset, offset
                 self._refused[user] = min(self._refused.get(user, place), place)
             self.findings.lose(
-                f'{block.place} defines {what} otherwise than before: messages of'
-                f' {self._named(users)} from there on were not read'
+                f'{block.place} defines {"schema" if is_schema else "channel"} {what} otherwise than'
+                f' before: messages of {self._named(users)} from there on were not read'
             )
         return True
+
+    def _schema(self, stream: ReadDataStream) -> tuple[int, bool]:
+        """Take a schema; its number, and whether it says what it said before."""
+        schema = Schema.read(stream)
+        # A longer definition is not used, and not kept.
+        schema.data = schema.data[: LONGEST_TEXT + 1]
+        is_same = self.schemas.setdefault(schema.id, schema) == schema
+        if not is_same:
+            self._ambiguous.add(schema.id)
+        return schema.id, is_same
+
+    def _channel(self, stream: ReadDataStream) -> tuple[int, bool]:
+        """The same of a channel."""
+        channel = Channel.read(stream)
+        channel.metadata = {}
+        is_same = self.channels.setdefault(channel.id, channel) == channel
+        return channel.id, is_same and channel.schema_id not in self._ambiguous
 
     def allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
         """Those messages of a channel that come before a definition that says otherwise."""
@@ -171,11 +180,6 @@ class Contents:
             self.findings.note(f"file '{name}' has {odd} of kind 0, which is none: passed over")
         if heads.behind:
             self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
-        for begin, end in heads.holes:
-            self.findings.lose(
-                f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
-                ' behind was found by the index of chunks'
-            )
         last = self._count(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
@@ -271,10 +275,9 @@ class Contents:
     def _cut(self, heads: _Heads, last: int) -> Cut:
         total = self.counts.total()
         messages = plural(total, 'message')
+        saved = f', and {messages} before the cut'
         if heads.has_ended:
             saved = f', behind the last message; all {messages}'
-        else:
-            saved = f', and {messages} before the cut'
         text = (
             f"file '{self.path.name}' is cut: its last whole record ends at byte {heads.offset} of"
             f' {self.size}{saved} {"was" if total == 1 else "were"} saved'
@@ -291,22 +294,21 @@ class FilePass:
     to where it had taken all that it may, and nothing more comes of it.
     """
 
-    def __init__(self, file: Contents) -> None:
+    def __init__(self, file: McapFile) -> None:
         self.file = file
         self.counts: Counter[int] = Counter()
         self.is_over = False
         self._most = self._left = _FREE + _FOR_EACH * file.size
 
-    def spend(self, block: Block, size: int) -> bool:
-        """Take memory [bytes] for a block; whether the pass goes on."""
-        self._left -= size
+    def _spend(self, block: Block) -> None:
+        """Take what a block grows to, unless that is too much for any; the pass may be over."""
+        self._left -= block.size if block.size <= MOST else 0
         if self._left < 0 and not self.is_over:
             self.is_over = True
             self.file.findings.lose(
                 f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
                 f' more than {self._most} bytes, the limit for its size'
             )
-        return not self.is_over
 
     def groups(
         self, block: Block, take: Callable[[], bytes]
@@ -316,7 +318,8 @@ class FilePass:
         Yields:
             The records piece by piece, and which messages of it each channel has.
         """
-        if self.is_over or (block.size <= MOST and not self.spend(block, block.size)):
+        self._spend(block)
+        if self.is_over:
             return
         lose = self.file.findings.lose
         try:
@@ -327,7 +330,8 @@ class FilePass:
             return
         unread = end = 0
         for piece in walk(data):
-            unread, end = unread + self._define(block, piece) + piece.odd, piece.end
+            known = [self.file.define(block, at, record) for at, record in piece.definitions.items()]
+            unread, end = unread + known.count(False) + piece.odd, piece.end
             allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()]
             self.counts.update({key: rows.size for key, rows in allowed})
             yield piece, allowed
@@ -337,15 +341,10 @@ class FilePass:
             rest = plural(len(data) - end, 'byte')
             lose(f'{block.place} has {rest} at its end, no record: not read')
 
-    def _define(self, block: Block, piece: Piece) -> int:
-        """Take the definitions in a piece; return how many cannot be read."""
-        return sum(not self.file.define(block, at, r) for at, r in piece.definitions.items())
-
 
 class _Heads:
-    """The heads of the records of a file, as far as it was walked.
+    """The heads of the records of a file, as far as it was walked: to ``offset``.
 
-    To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
     ``statistics`` and ``definitions`` are those of the summary, ``indexed`` counts the messages of
     each channel after the message indexes.
     """
@@ -356,8 +355,6 @@ class _Heads:
         self.blocks: list[Block] = []
         self.has_ended = self.is_finished = self.behind = False
         self.strange = 0
-        self.holes: list[tuple[int, int]] = []
-        self._places: list[int] | None = None
         self.statistics: Statistics | None = None
         self.definitions: list[bytes] = []
         self.indexed: Counter[int] = Counter()
@@ -372,8 +369,6 @@ class _Heads:
             offset, length = self.offset, length + HEAD.size
             # A crash often leaves a tail of zeros, which are no records.
             if (kind == 0 and length == HEAD.size) or length > self._size - offset:
-                if self._leap():
-                    continue
                 break
             self.offset += length
             if kind == Opcode.FOOTER:
@@ -393,35 +388,6 @@ class _Heads:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
             block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
             self.blocks.append(block)
-
-    def _leap(self) -> bool:
-        """Go on behind damage, where the index of chunks leads on; whether it does."""
-        if self._places is None:
-            self._places = self._read_places()
-        place = next((place for place in self._places if place > self.offset), None)
-        if place is None:
-            return False
-        self.holes.append((self.offset, place))
-        self.offset = place
-        if place == self._places[-1]:
-            self.has_ended, self._summary_start = True, place
-        return True
-
-    def _read_places(self) -> list[int]:
-        """Where the chunks begin after their index, and where the summary does."""
-        end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
-        if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
-            return []
-        start = int.from_bytes(end[HEAD.size : HEAD.size + 8], 'little')
-        if not 0 < start < self._size:
-            return []
-        data, at, places = os.pread(self._file, _MOST_SUMMARY, start), 0, []
-        while at + _INDEXED <= len(data):
-            kind, length = HEAD.unpack_from(data, at)
-            if kind == Opcode.CHUNK_INDEX:
-                places.append(int.from_bytes(data[at + _INDEXED - 8 : at + _INDEXED], 'little'))
-            at += HEAD.size + length
-        return [*sorted(place for place in places if place < start), start]
 
     def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
         """Put a record of the data into a block: the last one, if it may join that."""
@@ -466,7 +432,7 @@ class _Heads:
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False
-        if self.behind or self._has_bare or self.strange or self.holes:
+        if self.behind or self._has_bare or self.strange:
             return False
         footer = Footer.read(ReadDataStream(BytesIO(self._footer[HEAD.size :])))
         length = self.offset - len(MAGIC) - 4 - self._summary_start
@@ -476,7 +442,7 @@ class _Heads:
         return not footer.summary_crc or zlib.crc32(data) == footer.summary_crc
 
 
-def scan_file(path: Path, findings: Findings) -> Contents:
+def scan_file(path: Path, findings: Findings) -> McapFile:
     """Find out what a file holds, and what is wrong with it.
 
     Raises:
@@ -485,9 +451,8 @@ def scan_file(path: Path, findings: Findings) -> Contents:
     try:
         with open_file(path) as file:
             number = file.fileno()
-            begin = os.pread(number, 16, 0)
             # A recorder stopped while it created the file leaves a part of the magic, or nothing.
-            begin = begin[: len(MAGIC)]
+            begin = os.pread(number, len(MAGIC), 0)
             if not MAGIC.startswith(begin):
                 raise BagError(
                     f"bag file '{path}' is not an MCAP recording: it begins with bytes {begin.hex(' ')}"
@@ -495,10 +460,10 @@ def scan_file(path: Path, findings: Findings) -> Contents:
             size = os.fstat(number).st_size
             heads = _Heads(number, path, size)
             heads.walk()
-            contents = Contents(path, size, findings)
-            if not (heads.is_sound and contents.take_summary(heads)):
-                contents = Contents(path, size, findings)
-                contents.read_all(heads)
+            found = McapFile(path, size, findings)
+            if not (heads.is_sound and found.take_summary(heads)):
+                found = McapFile(path, size, findings)
+                found.read_all(heads)
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror}") from None
-    return contents
+    return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One pass over a recording, in the order of log times: numbers in blocks, or messages.
+"""A recording in MCAP: one file, or the files of a rosbag2 folder in order.
 
 The blocks of a recording are taken in the order in which they begin, and what lies before the
 beginning of the next one is put in order and handed on. So memory holds the blocks that overlap
@@ -9,21 +9,21 @@ was written in no order of time, takes memory in proportion to its length.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import operator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mcap.records import Channel
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.log_times import BlockSteps, question_of_unit, set_back
+from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.bags.log_times import BlockSteps, question_of_unit
 from stickslip_monitor.bags.mcap_chunks import Block, Piece, loading
-from stickslip_monitor.bags.mcap_file import DATED, Contents, FilePass
-from stickslip_monitor.bags.message_fields import FieldReader
+from stickslip_monitor.bags.mcap_file import DATED, FilePass, McapFile
+from stickslip_monitor.bags.message_fields import FieldReader, TopicNumbers, series_of
 from stickslip_monitor.bags.recording import (
     Bound,
     Fault,
@@ -38,15 +38,12 @@ from stickslip_monitor.bags.recording import (
     bound_to_topics,
 )
 from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.parameters import MonitorConfig
 
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
 
 _LATEST_NS = (1 << 63) - 1
-# What a number takes that is kept until all before it is known [bytes].
-_ROW = 24
 _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
 _UNSET = 'have log time 0, as of a clock that was not set, and were not used'
 _REFUSED = 'come behind a definition that does not fit, and were not used'
@@ -54,23 +51,26 @@ _REFUSED = 'come behind a definition that does not fit, and were not used'
 Columns = tuple[NDArray[Any], ...]
 """Messages: log times [ns], numbers of their blocks, and what else there is of each: shape
 (n,) or (k, n)."""
+Chosen = list[tuple[int, Channel, IntArray]]
+"""The number of a topic, one of its channels, and which messages of a piece."""
 
 
-class Job(NamedTuple):
-    """A block to read, its place in the recording, and the pass over its file."""
+@dataclass(slots=True, eq=False)
+class Job:
+    """A block to read, its place in the recording, the pass over its file, and when it begins."""
 
     number: int
     block: Block
     way: FilePass
+    start_ns: int
+    end_ns: int
+
+
+MakeColumns = Callable[[Job, Piece, Chosen], Columns]
 
 
 def _part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
     return tuple(column[..., rows] for column in columns)
-
-
-Chosen = list[tuple[int, Channel, IntArray]]
-"""The number of a topic, one of its channels, and which messages of a piece."""
-MakeColumns = Callable[[Job, Piece, Chosen], Columns]
 
 
 class Pass:
@@ -78,6 +78,7 @@ class Pass:
 
     Args:
         files: The recording.
+        steps: Where the clock of its recorder was set back.
         topics: The topics, which are numbered in this order.
         progress: Given the bytes done and the bytes to do after each block.
         spans: The log times wanted; all when None.
@@ -85,29 +86,31 @@ class Pass:
 
     def __init__(
         self,
-        files: Sequence[Contents],
+        files: Sequence[McapFile],
+        steps: BlockSteps,
         topics: Iterable[str],
         progress: Progress | None = None,
         spans: TimeSpans | None = None,
     ) -> None:
-        self._progress = progress
+        self._progress, self._steps = progress, steps
         self.numbers = {topic: number for number, topic in enumerate(topics)}
         self._ways = [FilePass(file) for file in files]
-        blocks = ((block, way) for way in self._ways for block in self._wanted(way.file))
-        jobs = [Job(number, *each) for number, each in enumerate(blocks)]
-        if spans is not None:
-            jobs = [j for j in jobs if spans.overlap(j.block.start_ns, j.block.end_ns)]
-        self._jobs = sorted(jobs, key=lambda job: (job.block.start_ns, job.number))
-        starts = [f.start_ns for f in files if f.start_ns is not None]
-        self._steps = BlockSteps(min(starts, default=0))
+        blocks = ((block, way) for way in self._ways for block in way.file.blocks)
+        jobs = [Job(k, block, way, *steps.span(k, block)) for k, (block, way) in enumerate(blocks)]
+        masks = {way.file.path: sum(1 << key for key in self._keys(way.file)) for way in self._ways}
+        self._jobs = sorted(
+            (
+                job
+                for job in jobs
+                if (job.block.channels is None or job.block.channels & masks[job.block.path])
+                and (spans is None or spans.overlap(job.start_ns, job.end_ns))
+            ),
+            key=operator.attrgetter('start_ns', 'number'),
+        )
 
-    def _keys(self, file: Contents) -> list[int]:
+    def _keys(self, file: McapFile) -> list[int]:
         """The channels of the topics in a file."""
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
-
-    def _wanted(self, file: Contents) -> Iterator[Block]:
-        mask = sum(1 << key for key in self._keys(file))
-        return (b for b in file.blocks if b.channels is None or b.channels & mask)
 
     def stretches(self, columns_of: MakeColumns, most: int) -> Iterator[Columns]:
         """Yield all messages in the order of time, then of place, some at a time.
@@ -118,31 +121,21 @@ class Pass:
         """
         waiting: list[Columns] = []
         size, limit, handed = 0, most, -1
-        # The least number of a block that is still to come.
-        numbers = np.array([job.number for job in self._jobs] + [1 << 62])
-        rest = np.minimum.accumulate(numbers[::-1])[::-1]
         for k, take in self._loaded():
             own = list(self._read(self._jobs[k], take, columns_of, handed))
             waiting += own
             size += sum(columns[0].size for columns in own)
             if size < limit or k + 1 == len(self._jobs):
                 continue
-            handed = self._jobs[k + 1].block.start_ns
-            if waiting:
-                columns = _in_order(waiting)
-                cut = columns[0].searchsorted(handed)
-                if not cut and columns[1].max(initial=-1) < rest[k + 1]:
-                    # So many of one time: it is split, rather than to wait for more.
-                    cut = columns[0].searchsorted(handed, 'right')
-                yield from _some(_part(columns, slice(cut)))
-                waiting = [_part(columns, slice(cut, None))]
-                size = waiting[0][0].size
-                limit = most + 2 * size
+            handed = self._jobs[k + 1].start_ns
+            columns = _in_order(waiting)
+            cut = columns[0].searchsorted(handed)
+            yield from _some(_part(columns, slice(cut)))
+            waiting = [_part(columns, slice(cut, None))]
+            size = waiting[0][0].size
+            limit = most + 2 * size
         if waiting:
             yield from _some(_in_order(waiting))
-        if self._steps.steps_ns:
-            text = set_back('of the recorder', self._steps.steps_ns)
-            self._ways[0].file.findings.note(text)
 
     def _loaded(self) -> Iterator[tuple[int, Callable[[], bytes]]]:
         """Go through the blocks: place of each in the order of time, and what gives its data."""
@@ -175,10 +168,8 @@ class Pass:
                     chosen.append((self.numbers[channel.topic], channel, rows))
             if not chosen:
                 continue
-            piece.log_time_ns = self._steps.follow(job.number, piece.log_time_ns)
+            piece.log_time_ns = self._steps.follow(job.number, piece)
             columns = columns_of(job, piece, chosen)
-            if job.way.is_over:
-                break
             is_late = columns[0] < handed
             late += int(np.count_nonzero(is_late))
             yield _part(columns, ~is_late) if is_late.any() else columns
@@ -216,59 +207,6 @@ def _some(columns: Columns) -> Iterator[Columns]:
         yield columns
 
 
-def merged_messages(
-    files: Sequence[Contents], types: Mapping[str, str], spans: TimeSpans | None, least_ns: int
-) -> Iterator[Message]:
-    """Yield messages of some topics, with their types, by log time, then by place.
-
-    A block is in memory while its time lasts. Without spans, all log times are wanted from the
-    least one on that is one.
-    """
-    wanted = spans or TimeSpans([(least_ns, _LATEST_NS)])
-
-    def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
-        topic = np.full(piece.log_time_ns.size, -1)
-        for number, _, rows in chosen:
-            topic[rows] = number
-        rows = np.flatnonzero((topic >= 0) & wanted.holds(piece.log_time_ns))
-        begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
-        data = np.empty(rows.size, np.object_)
-        data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
-        return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
-
-    names = list(types.items())
-    for columns in Pass(files, types, spans=spans).stretches(encoded, 1):
-        for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True):
-            name, kind = names[topic]
-            yield Message(name, kind, time, data)
-
-
-@dataclass(slots=True)
-class Wanted:
-    """The numbers wanted of one topic with the requests for each, and what was wrong with them.
-
-    ``reasons`` counts the messages without numbers, ``short`` those whose array is too short for
-    one.
-    """
-
-    topic: str
-    requests: Mapping[FieldPath, Sequence[Request]]
-    count: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
-    short: Counter[int] = field(default_factory=Counter)
-
-    def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
-        """What was wrong, for each request."""
-        for row, requests in enumerate(self.requests.values()):
-            short = f"lack the element of field '{requests[0].field}'"
-            faults = tuple(
-                Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
-                for reason, count in ({**self.reasons, short: self.short[row]}).items()
-                if count
-            )
-            yield from ((request, faults) for request in requests)
-
-
 class McapReading:
     """A pass over MCAP files for numbers of some topics.
 
@@ -276,18 +214,14 @@ class McapReading:
         BagError: A path does not lead to a number.
     """
 
-    def __init__(
-        self, files: Sequence[Contents], wanted: Sequence[Wanted], least_ns: int, progress: Progress | None
-    ) -> None:
-        self._wanted, self._least = wanted, least_ns
+    def __init__(self, own: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None) -> None:
+        self._wanted, self._least, self._sequence = wanted, own.least_ns, 0
         self._width = max((len(each.requests) for each in wanted), default=0)
-        self._pass = Pass(files, [each.topic for each in wanted], progress)
-        self._readers: dict[tuple[int, str, bytes], FieldReader | BagError] = {}
-        self._sequence = 0
-        for number, each in enumerate(wanted):
+        self._pass = Pass(own.contents, own.steps, [each.topic for each in wanted], progress)
+        for each in wanted:
             known = [
-                self._reader(number, file, channel)
-                for file in files
+                self._reader(each, file, channel)
+                for file in own.contents
                 for channel in list(file.channels.values())
                 if channel.topic == each.topic
             ]
@@ -302,32 +236,28 @@ class McapReading:
         Raises:
             BagError: A file cannot be read.
         """
-        columns = None
-        for columns in self._pass.stretches(self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)):
-            yield self._series(*columns)
-        if columns is None:
+        is_empty = True
+        for time, _, topic, *numbers in self._pass.stretches(
+            self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)
+        ):
+            is_empty = False
+            yield series_of(self._wanted, self._sequence, time, topic, *numbers)
+            self._sequence += time.size
+        if is_empty:
             none = np.empty(0, np.int64)
-            yield self._series(none, none, none, none, np.empty((self._width, 0)))
+            yield series_of(self._wanted, 0, none, none, none, np.empty((self._width, 0)))
         self._pass.compare()
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """What was wrong with the messages read."""
         return dict(pair for each in self._wanted for pair in each.faults())
 
-    def _reader(self, number: int, file: Contents, channel: Channel) -> FieldReader | BagError:
+    def _reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
         """What reads the messages of a channel, or why nothing can."""
-        schema = file.schemas.get(channel.schema_id)
-        problem = file.problem(channel)
+        schema, problem = file.schemas.get(channel.schema_id), file.problem(channel)
         if schema is None or problem:
             return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
-        key = number, schema.name, schema.data
-        if key not in self._readers:
-            try:
-                requests = tuple(self._wanted[number].requests)
-                self._readers[key] = FieldReader(channel.topic, schema, requests)
-            except BagError as error:
-                self._readers[key] = error
-        return self._readers[key]
+        return wanted.reader(schema)
 
     def _columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
         times = stamp = piece.log_time_ns
@@ -335,63 +265,51 @@ class McapReading:
         values = np.full((self._width, times.size), np.nan)
         for number, channel, rows in chosen:
             wanted, own_times = self._wanted[number], times[rows]
-            wanted.count += rows.size
             if own_times.min() < self._least:
                 beyond = int((own_times < 0).sum())
                 wanted.reasons[_BEYOND] += beyond
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
-            reader = self._reader(number, job.way.file, channel)
+            reader = self._reader(wanted, job.way.file, channel)
             if isinstance(reader, BagError):
                 job.way.file.findings.lose(f'{job.block.place} has messages of another definition: {reader}')
+                wanted.count += rows.size
                 wanted.reasons[_REFUSED] += rows.size
                 continue
-            numbers = reader.read(piece.data, piece.offset[rows], piece.size[rows])
-            job.way.spend(job.block, _ROW * rows.size)
-            wanted.reasons.update(numbers.faults)
-            wanted.short.update(numbers.short)
+            found, stamps = wanted.read(reader, piece.data, piece.offset[rows], piece.size[rows], own_times)
             topic[rows] = number
-            for column, own in zip(values, numbers.values, strict=False):
+            for column, own in zip(values, found, strict=False):
                 column[rows] = own
-            if numbers.stamp_ns is not None:
-                if stamp is times:
-                    stamp = stamp.copy()
-                stamp[rows] = np.where(numbers.stamp_ns == 0, own_times, numbers.stamp_ns)
+            if stamps is not own_times:
+                stamp = stamp.copy() if stamp is times else stamp
+                stamp[rows] = stamps
         is_wanted = (topic >= 0) & (times >= self._least)
         columns = times, block, topic, stamp, values
         return columns if is_wanted.all() else _part(columns, is_wanted)
 
-    def _series(
-        self, log_time: IntArray, _: IntArray, topic: IntArray, stamp: IntArray, values: FloatArray
-    ) -> dict[Request, Series]:
-        """The series of some messages."""
-        result: dict[Request, Series] = {}
-        for number, wanted in enumerate(self._wanted):
-            rows = np.flatnonzero(topic == number)
-            times = log_time[rows], stamp[rows], rows + self._sequence
-            for value, requests in zip(values, wanted.requests.values(), strict=False):
-                result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
-        self._sequence += log_time.size
-        return result
-
 
 class McapRecording(Recording):
-    """The files of a recording in MCAP."""
+    """The files of a recording in MCAP.
+
+    Attributes:
+        contents: What the files hold.
+        least_ns: The least log time that is one: among dates, 0 is that of a clock that was not
+            set [ns].
+        steps: Where the clock of the recorder was set back.
+    """
 
     def __init__(
-        self, path: Path, files: Sequence[Contents], findings: Findings, kept: object = None
+        self, path: Path, files: Sequence[McapFile], findings: Findings, kept: object = None
     ) -> None:
         # Holds a folder of unpacked files for as long as the recording lives.
         self.path, self._kept = path, kept
         self._topics = _list_topics(files)
-        self._contents = tuple(files)
-        self._findings = findings
+        self.contents, self._findings = tuple(files), findings
         self.files = tuple(file.path for file in files)
         self._message_count = sum(file.counts.total() for file in files)
         self.cuts = tuple(file.cut for file in files if file.cut is not None)
-        # The least log time that is one: among dates, 0 is that of a clock that was not set.
-        self._least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
+        self.least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
         starts = [file.start_ns for file in files if file.start_ns is not None]
-        if self._least_ns == 0 and any(file.has_zero for file in files):
+        if self.least_ns == 0 and any(file.has_zero for file in files):
             starts.append(0)
         ends = [file.end_ns for file in files if file.end_ns is not None]
         self.start_ns = min(starts, default=None)
@@ -399,6 +317,9 @@ class McapRecording(Recording):
         most = max((topic.count for topic in self.topics.values()), default=0)
         if question := question_of_unit(self.start_ns, self.end_ns, most):
             findings.note(question)
+        self.steps = BlockSteps(files, self.least_ns)
+        if self.steps.text:
+            findings.note(self.steps.text)
 
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration, and which inputs the recording lacks."""
@@ -409,7 +330,7 @@ class McapRecording(Recording):
         self._readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data
-            for file in self._contents
+            for file in self.contents
             for channel in file.channels.values()
             if channel.topic == topic
         )
@@ -417,19 +338,38 @@ class McapRecording(Recording):
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> McapReading:
         """Read numbers of some topics in blocks."""
-        wanted = [Wanted(topic, paths) for topic, paths in self._asked(requests).items()]
-        return McapReading(self._contents, wanted, self._least_ns, progress)
+        wanted = [TopicNumbers(topic, paths) for topic, paths in self._asked(requests).items()]
+        return McapReading(self, wanted, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield messages by log time, then by place in the recording."""
-        names = list(self.topics if topics is None else topics)
-        types = {name: self._topic(name).type for name in names}
-        return merged_messages(self._contents, types, spans, self._least_ns)
+        """Yield messages by log time, then by place in the recording.
+
+        A block is in memory while its time lasts.
+        """
+        names = [(name, self._topic(name).type) for name in (self.topics if topics is None else topics)]
+        wanted = spans or TimeSpans([(self.least_ns, _LATEST_NS)])
+
+        def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
+            topic = np.full(piece.log_time_ns.size, -1)
+            for number, _, rows in chosen:
+                topic[rows] = number
+            rows = np.flatnonzero((topic >= 0) & wanted.holds(piece.log_time_ns))
+            begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
+            data = np.empty(rows.size, np.object_)
+            data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
+            return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
+
+        way = Pass(self.contents, self.steps, [name for name, _ in names], spans=spans)
+        return (
+            Message(names[topic][0], names[topic][1], time, data)
+            for columns in way.stretches(encoded, 1)
+            for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True)
+        )
 
 
-def _list_topics(files: Iterable[Contents]) -> dict[str, TopicInfo]:
+def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
     """List the topics of all files, by name."""
     found: dict[str, list[TopicInfo]] = {}
     for file in files:

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.bags.mcap_chunks import view
+from stickslip_monitor.bags.recording import Fault, Request, Series, short_name
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import NAMES, ByName, FieldPath, NumberField
 from stickslip_monitor.files import read_file
@@ -125,12 +126,6 @@ Definitions = Mapping[str, tuple[Field, ...]]
 
 # What the decoder assumes where the text does not define them.
 _TIME = (Field('sec', 'uint32'), Field('nanosec', 'uint32'))
-
-
-def short_name(name: str) -> str:
-    """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``."""
-    parts = name.split('/')
-    return f'{parts[0]}/{parts[-1]}'
 
 
 def parse_schema(name: str, data: bytes) -> Definitions:
@@ -474,6 +469,80 @@ def _has_header(definitions: Definitions, root: str) -> bool:
         return all(number_at(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
     except SchemaError:
         return False
+
+
+@dataclass(slots=True)
+class TopicNumbers:
+    """The numbers wanted of one topic with the requests for each, and what was wrong with them.
+
+    ``reasons`` counts the messages without numbers, ``short`` those whose array is too short for
+    one.
+    """
+
+    topic: str
+    requests: Mapping[FieldPath, Sequence[Request]]
+    count: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    short: Counter[int] = field(default_factory=Counter)
+    _readers: dict[tuple[str, bytes], FieldReader | BagError] = field(default_factory=dict)
+
+    def reader(self, schema: Schema) -> FieldReader | BagError:
+        """What reads the messages of a schema, or why nothing can."""
+        key = schema.name, schema.data
+        if key not in self._readers:
+            try:
+                self._readers[key] = FieldReader(self.topic, schema, tuple(self.requests))
+            except BagError as error:
+                self._readers[key] = error
+        return self._readers[key]
+
+    def read(
+        self, reader: FieldReader, data: bytes, offset: IntArray, size: IntArray, log_time_ns: IntArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Read n messages at some offsets of what they lie in [bytes].
+
+        Returns:
+            A row of n values for each path, and the stamps [ns]: the log times where there are none.
+        """
+        numbers = reader.read(data, offset, size)
+        self.count += len(offset)
+        self.reasons.update(numbers.faults)
+        self.short.update(numbers.short)
+        if numbers.stamp_ns is None:
+            return numbers.values, log_time_ns
+        return numbers.values, np.where(numbers.stamp_ns == 0, log_time_ns, numbers.stamp_ns)
+
+    def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
+        """What was wrong, for each request."""
+        for row, requests in enumerate(self.requests.values()):
+            short = f"lack the element of field '{requests[0].field}'"
+            faults = tuple(
+                Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
+                for reason, count in ({**self.reasons, short: self.short[row]}).items()
+                if count
+            )
+            yield from ((request, faults) for request in requests)
+
+
+def series_of(
+    wanted: Sequence[TopicNumbers],
+    first: int,
+    log_time_ns: IntArray,
+    topic: IntArray,
+    stamp_ns: IntArray,
+    values: FloatArray,
+) -> dict[Request, Series]:
+    """The series of n messages of some topics, by the number of each one's topic.
+
+    ``first`` is how many messages came before them.
+    """
+    result: dict[Request, Series] = {}
+    for number, each in enumerate(wanted):
+        rows = np.flatnonzero(topic == number)
+        times = log_time_ns[rows], stamp_ns[rows], rows + first
+        for value, requests in zip(values, each.requests.values(), strict=False):
+            result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
+    return result
 
 
 _BUILT_IN = Path(__file__).with_name('definitions.txt')

@@ -18,7 +18,7 @@ import yaml
 import zstandard
 
 from stickslip_monitor.bags.mcap_chunks import MAGIC
-from stickslip_monitor.bags.mcap_file import Contents, scan_file
+from stickslip_monitor.bags.mcap_file import McapFile, scan_file
 from stickslip_monitor.bags.mcap_recording import McapRecording
 from stickslip_monitor.bags.recording import METADATA_NAME, METADATA_ROOT, MOST_NAMED, Findings, Recording
 from stickslip_monitor.bags.sqlite_recording import MAGIC as SQLITE
@@ -154,7 +154,7 @@ def _unpacked(path: Path, folder: Path) -> Path:
     return target
 
 
-def _follow_on(files: Sequence[Contents]) -> bool:
+def _follow_on(files: Sequence[McapFile]) -> bool:
     """Whether the spans of some files are those of parts of one recording."""
     known = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(

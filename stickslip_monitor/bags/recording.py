@@ -13,7 +13,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.bags.message_fields import short_name
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
@@ -312,6 +311,12 @@ def joined(reading: Reading) -> dict[Request, Series]:
         request: Series(**{name: whole(request, name) for name in _COLUMNS}, faults=faults[request])
         for request in parts[0]
     }
+
+
+def short_name(name: str) -> str:
+    """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``."""
+    parts = name.split('/')
+    return f'{parts[0]}/{parts[-1]}'
 
 
 def missing_topic(topics: Collection[str], name: str) -> str:

@@ -8,6 +8,7 @@ Nothing is written to a file: one with a journal is read as a copy.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import shutil
 import sqlite3
 import tempfile
@@ -21,9 +22,8 @@ import numpy as np
 import zstandard
 from mcap.records import Schema
 
-from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.log_times import LATEST_NS, StepClock
-from stickslip_monitor.bags.message_fields import FieldReader, definition_of
+from stickslip_monitor.bags.message_fields import FieldReader, TopicNumbers, definition_of, series_of
 from stickslip_monitor.bags.recording import (
     Bound,
     Fault,
@@ -38,7 +38,6 @@ from stickslip_monitor.bags.recording import (
     bound_to_topics,
 )
 from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.parameters import MonitorConfig
 
 MAGIC = b'SQLite format 3\0'
@@ -286,7 +285,8 @@ class SqliteRecording(Recording):
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> SqliteReading:
         """Read numbers in blocks."""
-        return SqliteReading(self, self._asked(requests), progress)
+        wanted = [TopicNumbers(topic, paths) for topic, paths in self._asked(requests).items()]
+        return SqliteReading(self, wanted, progress)
 
 
 def _is_time(value: object) -> bool:
@@ -301,68 +301,51 @@ def _unpacked(unpack: zstandard.ZstdDecompressor, data: bytes) -> bytes | None:
 
 
 class SqliteReading:
-    """A pass over the files for numbers of some topics."""
+    """A pass over the files for numbers of some topics.
+
+    Raises:
+        BagError: A path does not lead to a number.
+    """
 
     def __init__(
-        self,
-        recording: SqliteRecording,
-        asked: Mapping[str, Mapping[FieldPath, Sequence[Request]]],
-        progress: Progress | None,
+        self, recording: SqliteRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
     ) -> None:
-        self._recording, self._asked, self._progress = recording, asked, progress
+        self._recording, self._wanted, self._progress = recording, wanted, progress
+        self._width = max((len(each.requests) for each in wanted), default=0)
         self._sequence = 0
-        self._counts: Counter[str] = Counter()
-        self._reasons: dict[str, Counter[str]] = {topic: Counter() for topic in asked}
-        self._short: Counter[Request] = Counter()
-        self._readers = {
-            topic: FieldReader(topic, _schema(recording, topic), list(paths))
-            for topic, paths in asked.items()
-        }
+        self._readers: list[FieldReader] = []
+        for each in wanted:
+            reader = each.reader(_schema(recording, each.topic))
+            if isinstance(reader, BagError):
+                raise reader
+            self._readers.append(reader)
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one batch after the other."""
-        is_empty, total = True, sum(self._recording.topics[t].count for t in self._asked)
-        for batch in self._recording.batches(self._asked):
-            is_empty = False
-            yield self._series(batch)
+        numbers = {each.topic: number for number, each in enumerate(self._wanted)}
+        total = sum(self._recording.topics[topic].count for topic in numbers)
+        for batch in itertools.chain(self._recording.batches(numbers), ([],)):
+            if batch or not self._sequence:
+                yield self._series(batch, numbers)
+            self._sequence += len(batch)
             if self._progress is not None:
                 self._progress(self._sequence, max(total, self._sequence))
-        if is_empty:
-            yield self._series([])
 
-    def _series(self, batch: Sequence[_Row]) -> dict[Request, Series]:
-        result: dict[Request, Series] = {}
-        for topic, paths in self._asked.items():
-            rows = np.array([k for k, row in enumerate(batch) if row.topic == topic], np.int64)
-            own = [batch[k] for k in rows.tolist()]
-            size = np.array([len(row.data) for row in own], np.int64)
-            data = b''.join(row.data for row in own)
-            numbers = self._readers[topic].read(data, np.cumsum(size) - size, size)
-            time: IntArray = np.array([row.time_ns for row in own], np.int64)
-            stamp = time
-            if numbers.stamp_ns is not None:
-                stamp = np.where(numbers.stamp_ns == 0, time, numbers.stamp_ns)
-            self._counts[topic] += rows.size
-            self._reasons[topic].update(numbers.faults)
-            place = rows + self._sequence
-            for number, (values, requests) in enumerate(zip(numbers.values, paths.values(), strict=True)):
-                self._short.update(dict.fromkeys(requests, numbers.short[number]))
-                result.update(dict.fromkeys(requests, Series(time, stamp, place, values, ())))
-        self._sequence += len(batch)
-        return result
+    def _series(self, batch: Sequence[_Row], numbers: Mapping[str, int]) -> dict[Request, Series]:
+        times = np.array([row.time_ns for row in batch], np.int64)
+        topic = np.array([numbers[row.topic] for row in batch], np.int64)
+        size = np.array([len(row.data) for row in batch], np.int64)
+        offset, data = np.cumsum(size) - size, b''.join(row.data for row in batch)
+        stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
+        for number, (wanted, reader) in enumerate(zip(self._wanted, self._readers, strict=True)):
+            rows = np.flatnonzero(topic == number)
+            found, stamps[rows] = wanted.read(reader, data, offset[rows], size[rows], times[rows])
+            values[: len(found), rows] = found
+        return series_of(self._wanted, self._sequence, times, topic, stamps, values)
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """What was wrong with the messages read."""
-        found: dict[Request, tuple[Fault, ...]] = {}
-        for topic, paths in self._asked.items():
-            for request in (request for own in paths.values() for request in own):
-                short = f"lack the element of field '{request.field}'"
-                reasons = {**self._reasons[topic], short: self._short[request]}
-                what = f"of {self._counts[topic]} messages of '{topic}'"
-                found[request] = tuple(
-                    Fault(count, f'{count} {what} {reason}') for reason, count in reasons.items() if count
-                )
-        return found
+        return dict(pair for each in self._wanted for pair in each.faults())
 
 
 def _schema(recording: SqliteRecording, topic: str) -> Schema:
