@@ -125,7 +125,7 @@ class Pass:
             own = list(self._read(self._jobs[k], take, columns_of, handed))
             waiting += own
             size += sum(columns[0].size for columns in own)
-            if size < limit or k + 1 == len(self._jobs):
+            if not waiting or size < limit or k + 1 == len(self._jobs):
                 continue
             handed = self._jobs[k + 1].start_ns
             columns = _in_order(waiting)

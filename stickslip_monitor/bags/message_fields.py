@@ -558,7 +558,7 @@ def definition_of(kind: str) -> str | None:
     if not _collect(short_name(kind), parts):
         return None
     first, *others = parts.items()
-    return '\n'.join((first[1], *(f'{_RULE}\nMSG: {name}\n{text}' for name, text in others)))
+    return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in others)
 
 
 def _collect(name: str, parts: dict[str, str]) -> bool:
@@ -590,7 +590,7 @@ def _sourced(name: str) -> str | None:
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         try:
             path = Path(prefix) / 'share' / package / 'msg' / f'{own}.msg'
-            return read_file(path, _LARGEST).decode('utf-8', 'replace')
+            return read_file(path, _LARGEST).decode('utf-8', 'replace').rstrip() + '\n'
         except OSError:
             continue
     return None

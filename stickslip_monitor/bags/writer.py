@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing a rosbag2 folder or a single MCAP file: all of it, or nothing."""
+"""Writing a rosbag2 folder or a single MCAP file, all of it or nothing; and messages in CDR."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import os
 import shutil
 import struct
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -23,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.bags.mcap_chunks import HEAD
+from stickslip_monitor.bags.message_fields import definition_of
 from stickslip_monitor.bags.recording import METADATA_NAME, METADATA_ROOT
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import hold, open_file, sweep
@@ -30,56 +31,17 @@ from stickslip_monitor.files import hold, open_file, sweep
 COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
-
-
-class McapFile:
-    """The records of one file; ``channels`` are ids by topic, ``counts`` the messages of each."""
-
-    def __init__(self, file: IO[bytes], compression: str, chunk_size: int) -> None:
-        self._writer = Writer(file, chunk_size, COMPRESSIONS[compression])
-        self._writer.start(Profile.ROS2, _LIBRARY)
-        self._schemas: dict[str, int] = {}
-        self.channels: dict[str, int] = {}
-        self.counts: Counter[int] = Counter()
-        self.times: tuple[int, int] | None = None
-        """Earliest and latest log time [ns]."""
-
-    def add_label(self, name: str) -> None:
-        """Write a label before the first message."""
-        self._writer.add_metadata(name, {})
-
-    def add_channel(self, topic: str, kind: str, known: MessageType) -> None:
-        """Define a channel, and the schema of its type where that is new."""
-        if kind not in self._schemas:
-            text = known.definition.encode()
-            self._schemas[kind] = self._writer.register_schema(kind, SchemaEncoding.ROS2, text)
-        self.channels[topic] = self._writer.register_channel(
-            topic,
-            MessageEncoding.CDR,
-            self._schemas[kind],
-            {'offered_qos_profiles': '', 'topic_type_hash': known.type_hash},
-        )
-
-    def add(self, columns: Iterable[tuple[int, list[int], Sequence[bytes]]]) -> None:
-        """Write messages of several channels with their log times, merged by these [ns]."""
-        rows: list[tuple[int, int, bytes]] = []
-        for channel, times, messages in columns:
-            rows += zip(times, itertools.repeat(channel, len(times)), messages, strict=True)
-        rows.sort(key=operator.itemgetter(0))
-        for time, channel, message in rows:
-            self._writer.add_message(channel, time, message, time, self.counts[channel])
-            self.counts[channel] += 1
-        if rows:
-            start, end = self.times or (rows[0][0], rows[-1][0])
-            self.times = min(start, rows[0][0]), max(end, rows[-1][0])
-
-    def finish(self) -> None:
-        """Write the last chunk and the summary."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-
-
 # Fixed, so that equal recordings are equal files whatever version wrote them.
 _LIBRARY = 'stickslip_monitor'
+# Of the types that this package writes itself (REP 2016).
+TYPE_HASHES = {
+    'diagnostic_msgs/msg/DiagnosticArray': '5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e',
+    'geometry_msgs/msg/TwistStamped': '5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64',
+    'geometry_msgs/msg/WrenchStamped': '8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
+    'std_msgs/msg/Bool': 'feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9',
+    'std_msgs/msg/Float64': '705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
+    'std_msgs/msg/String': 'df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
+}
 
 
 class BagWriter:
@@ -96,6 +58,15 @@ class BagWriter:
 
     Raises:
         BagError: The path exists already, or the compression is unknown.
+
+    >>> import tempfile
+    >>> from stickslip_monitor.bags.reader import open_bag
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> with BagWriter(f'{folder.name}/voyage') as bag:
+    ...     bag.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
+    ...     bag.write_float64s({'/shaft/speed': ([0, 10**9], [60.0, 61.5])})
+    >>> open_bag(f'{folder.name}/voyage').message_count
+    2
     """
 
     def __init__(
@@ -106,14 +77,17 @@ class BagWriter:
         if compression not in COMPRESSIONS:
             known = ', '.join(COMPRESSIONS)
             raise BagError(f"compression '{compression}' is unknown: use one of {known}")
-        self._options = compression, chunk_size
+        self._options = chunk_size, COMPRESSIONS[compression]
         self._is_file = self.path.suffix == _SUFFIX
         self._file_name = f'{self.path.name}_0{_SUFFIX}'
         self._label = label
         self._is_broken = False
-        self._types: dict[str, MessageType] = {}
-        # The type of each topic.
-        self._topics: dict[str, str] = {}
+        self._schemas: dict[str, int] = {}
+        self._hashes: dict[str, str] = {}
+        # The type and the channel of each topic, and the messages of each channel.
+        self._topics: dict[str, tuple[str, int]] = {}
+        self._counts: Counter[int] = Counter()
+        self._times: tuple[int, int] | None = None
         with self._trouble():
             self._refuse_existing()
 
@@ -125,9 +99,7 @@ class BagWriter:
                     raise BagError(f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder")
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._draft, self._file = self._begin_draft()
-            self._records = McapFile(self._file, *self._options)
-            if self._label is not None:
-                self._records.add_label(self._label)
+            self._writer = _begun(self._file, self._label, *self._options)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -159,15 +131,19 @@ class BagWriter:
         """
         if name in self._topics:
             raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
-        known = MESSAGE_TYPES.get(type) if definition is None else MessageType(definition)
-        known = self._types.get(type, known)
-        if known is None:
-            names = ', '.join(MESSAGE_TYPES)
-            raise BagError(f"type '{type}' needs a definition: built in are only {names}")
-        self._types[type] = known
+        known = definition_of(type)
+        text = known if definition is None else definition
+        if type not in self._schemas:
+            if text is None:
+                raise BagError(f"type '{type}' needs a definition: it is not built in")
+            own = f'RIHS01_{TYPE_HASHES[type]}' if type in TYPE_HASHES and text == known else ''
+            self._hashes[type] = own
+            with self._trouble():
+                self._schemas[type] = self._writer.register_schema(type, SchemaEncoding.ROS2, text.encode())
         with self._trouble():
-            self._records.add_channel(name, type, known)
-        self._topics[name] = type
+            facts = {'offered_qos_profiles': '', 'topic_type_hash': self._hashes[type]}
+            channel = self._writer.register_channel(name, MessageEncoding.CDR, self._schemas[type], facts)
+        self._topics[name] = type, channel
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
         """Write one message.
@@ -209,21 +185,29 @@ class BagWriter:
         Raises:
             BagError: As for :meth:`write`.
         """
-        parts = []
+        rows: list[tuple[int, int, bytes]] = []
         for name, time, messages in columns:
             times: list[int] = np.asarray(time, np.int64).tolist()
-            parts.append((self._channel(name, times), times, messages))
+            channel = self._channel(name, times)
+            rows += zip(times, itertools.repeat(channel, len(times)), messages, strict=True)
+        if not rows:
+            return
+        rows.sort(key=operator.itemgetter(0))
         with self._trouble():
-            self._records.add(parts)
+            for log_time, channel, message in rows:
+                self._writer.add_message(channel, log_time, message, log_time, self._counts[channel])
+                self._counts[channel] += 1
+        start, end = self._times or (rows[0][0], rows[-1][0])
+        self._times = min(start, rows[0][0]), max(end, rows[-1][0])
 
-    def _channel(self, topic: str, log_times: Collection[int]) -> int:
+    def _channel(self, topic: str, log_times: Sequence[int]) -> int:
         """The channel of a topic, for messages with some log times [ns]."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         for log_time in (min(log_times), max(log_times)) if log_times else ():
             if not 0 <= log_time <= _LATEST:
                 raise BagError(f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}")
-        return self._records.channels[topic]
+        return self._topics[topic][1]
 
     def break_off(self) -> None:
         """Leave the recording as one that lost power in mid-write; nothing more can be written.
@@ -233,7 +217,7 @@ class BagWriter:
         """
         with self._trouble():
             begin = self._file.tell()
-            self._records.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.seek(begin)
             head = self._file.read(HEAD.size)
             self._file.truncate(begin + (HEAD.size + HEAD.unpack(head)[1]) // 2)
@@ -259,12 +243,11 @@ class BagWriter:
     @property
     def message_counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
-        counts = self._records.counts
-        return {topic: counts[channel] for topic, channel in self._records.channels.items()}
+        return {topic: self._counts[channel] for topic, (_, channel) in self._topics.items()}
 
     def _finish(self) -> None:
         if not self._is_broken:
-            self._records.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             if not self._is_file:
                 (self._draft / METADATA_NAME).write_text(self._metadata(), 'utf-8')
         self._file.close()
@@ -290,7 +273,7 @@ class BagWriter:
 
     def _metadata(self) -> str:
         """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
-        start_ns, end_ns = self._records.times or (0, 0)
+        start_ns, end_ns = self._times or (0, 0)
 
         def span() -> dict[str, Any]:
             # The same object twice would become a YAML alias, which rosbag2's reader need not
@@ -298,7 +281,7 @@ class BagWriter:
             return {
                 'starting_time': {'nanoseconds_since_epoch': start_ns},
                 'duration': {'nanoseconds': end_ns - start_ns},
-                'message_count': self._records.counts.total(),
+                'message_count': self._counts.total(),
             }
 
         listed = [
@@ -308,11 +291,11 @@ class BagWriter:
                     'type': kind,
                     'serialization_format': 'cdr',
                     'offered_qos_profiles': [],
-                    'type_description_hash': self._types[kind].type_hash,
+                    'type_description_hash': self._hashes[kind],
                 },
-                'message_count': self.message_counts[topic],
+                'message_count': self._counts[channel],
             }
-            for topic, kind in self._topics.items()
+            for topic, (kind, channel) in self._topics.items()
         ]
         information = {
             'version': 9,
@@ -329,12 +312,19 @@ class BagWriter:
         return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
 
 
+def _begun(file: IO[bytes], label: str | None, *options: Any) -> Writer:
+    """A file that has begun, with its label before the first message."""
+    writer = Writer(file, *options)
+    writer.start(Profile.ROS2, _LIBRARY)
+    if label is not None:
+        writer.add_metadata(label, {})
+    return writer
+
+
 def is_labelled(path: Path, label: str) -> bool:
     """Whether a file is a recording that this package wrote with a label."""
     begin = io.BytesIO()
-    own = Writer(begin)
-    own.start(Profile.ROS2, _LIBRARY)
-    own.add_metadata(label, {})
+    _begun(begin, label)
     try:
         with open_file(path) as file:
             return not path.is_symlink() and file.read(begin.tell()) == begin.getvalue()
@@ -344,24 +334,26 @@ def is_labelled(path: Path, label: str) -> bool:
 
 # Message types that are a header and some numbers, with the paths of those.
 STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
-    'geometry_msgs/msg/TwistStamped': tuple(
-        f'twist.{part}.{axis}' for part in ('linear', 'angular') for axis in 'xyz'
-    ),
-    'geometry_msgs/msg/WrenchStamped': tuple(
-        f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'
-    ),
+    f'geometry_msgs/msg/{name.title()}Stamped': tuple(
+        f'{name}.{part}.{axis}' for part in parts for axis in 'xyz'
+    )
+    for name, parts in (('twist', ('linear', 'angular')), ('wrench', ('force', 'torque')))
 }
 # All types of which numbers can be written by the column.
 NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {'std_msgs/msg/Float64': ('data',), **STAMPED_FIELDS}
 STAMP_END = (1 << 31) * 1_000_000_000
-_HEAD = b'\x00\x01\x00\x00'
+_CDR = b'\x00\x01\x00\x00'
 
 
 def encode_float64s(values: ArrayLike) -> list[bytes]:
-    """Encode ``std_msgs/Float64`` messages of n numbers."""
+    """Encode ``std_msgs/Float64`` messages of n numbers.
+
+    >>> encode_float64s([0.5])[0].hex()
+    '00010000000000000000e03f'
+    """
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
-    rows['head'], rows['data'] = np.void(_HEAD), numbers
+    rows['head'], rows['data'] = np.void(_CDR), numbers
     return _items(rows)
 
 
@@ -384,7 +376,7 @@ def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: Arra
     # The empty frame is a length of one and a zero, then comes padding to a multiple of eight.
     layout = [('head', 'V4'), ('sec', '<i4'), ('nanosec', '<u4'), ('frame', '<u8')]
     rows = np.zeros(stamp.size, np.dtype([*layout, ('numbers', '<f8', len(fields))]))
-    rows['head'], rows['frame'] = np.void(_HEAD), 1
+    rows['head'], rows['frame'] = np.void(_CDR), 1
     rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
     rows['numbers'][:, fields.index(field)] = values
     return _items(rows)
@@ -397,12 +389,12 @@ def _items(rows: NDArray[np.void]) -> list[bytes]:
 
 def encode_bool(value: bool) -> bytes:
     """Encode one ``std_msgs/Bool`` message."""
-    return _HEAD + struct.pack('<?', value)
+    return _CDR + struct.pack('<?', value)
 
 
 def encode_string(text: str) -> bytes:
     """Encode one ``std_msgs/String`` message."""
-    return _HEAD + _text(text)
+    return _CDR + _text(text)
 
 
 def _text(text: str) -> bytes:
@@ -438,83 +430,4 @@ def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes
         put(struct.pack('<I', len(status.values)))
         for text in itertools.chain.from_iterable(status.values.items()):
             put(_text(text))
-    return _HEAD + bytes(body)
-
-
-@dataclass(frozen=True, slots=True)
-class MessageType:
-    """A message type: its ``ros2msg`` text, and its hash (REP 2016), empty when unknown."""
-
-    definition: str
-    type_hash: str = ''
-
-
-_RULE = '=' * 80
-_HEADER = f"""{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_VECTOR3 = f"""{_RULE}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
-
-
-def _stamped(name: str, first: str, second: str) -> str:
-    """Definition of a header and a pair of vectors."""
-    return (
-        f'std_msgs/Header header\ngeometry_msgs/{name} {name.lower()}\n{_HEADER}'
-        f'{_RULE}\nMSG: geometry_msgs/{name}\n'
-        f'geometry_msgs/Vector3 {first}\ngeometry_msgs/Vector3 {second}\n{_VECTOR3}'
-    )
-
-
-_DIAGNOSTICS = f"""std_msgs/Header header
-diagnostic_msgs/DiagnosticStatus[] status
-{_HEADER}{_RULE}
-MSG: diagnostic_msgs/DiagnosticStatus
-byte OK=0
-byte WARN=1
-byte ERROR=2
-byte STALE=3
-byte level
-string name
-string message
-string hardware_id
-diagnostic_msgs/KeyValue[] values
-{_RULE}
-MSG: diagnostic_msgs/KeyValue
-string key
-string value
-"""
-
-
-MESSAGE_TYPES: Mapping[str, MessageType] = {
-    'diagnostic_msgs/msg/DiagnosticArray': MessageType(
-        _DIAGNOSTICS, 'RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e'
-    ),
-    'geometry_msgs/msg/TwistStamped': MessageType(
-        _stamped('Twist', 'linear', 'angular'),
-        'RIHS01_5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64',
-    ),
-    'geometry_msgs/msg/WrenchStamped': MessageType(
-        _stamped('Wrench', 'force', 'torque'),
-        'RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
-    ),
-    'std_msgs/msg/Bool': MessageType(
-        'bool data\n', 'RIHS01_feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9'
-    ),
-    'std_msgs/msg/Float64': MessageType(
-        'float64 data\n', 'RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a'
-    ),
-    'std_msgs/msg/String': MessageType(
-        'string data\n', 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
-    ),
-}
+    return _CDR + bytes(body)

@@ -14,7 +14,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from stickslip_monitor.bags.recording import Recording, TimeSpans
-from stickslip_monitor.bags.writer import MESSAGE_TYPES, BagWriter, is_labelled
+from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
@@ -88,9 +88,7 @@ class ClipFolder:
             for number, message in enumerate(clip.messages, 1):
                 if message.topic not in known:
                     known.add(message.topic)
-                    kind = message.type
-                    own = None if kind in MESSAGE_TYPES else clip.definitions.get(kind)
-                    writer.add_topic(message.topic, kind, own)
+                    writer.add_topic(message.topic, message.type, clip.definitions.get(message.type))
                 writer.write(message.topic, message.time_ns, message.data)
                 if number % _SLICE == 0:
                     yield

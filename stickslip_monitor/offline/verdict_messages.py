@@ -18,7 +18,6 @@ import numpy as np
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.bags.recording import Message, Recording, TimeSpans
 from stickslip_monitor.bags.writer import (
-    MESSAGE_TYPES,
     BagWriter,
     StatusFields,
     encode_diagnostics,
@@ -131,8 +130,7 @@ class VerdictWriter(StretchSink):
 def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
     """Name, type and, where it is not built in, definition of every topic of the verdicts."""
     for name in input_topics(bag, config):
-        kind = bag.topics[name].type
-        yield name, kind, None if kind in MESSAGE_TYPES else bag.definition(name)
+        yield name, bag.topics[name].type, bag.definition(name)
     for name, kind in output_topics(config.bearings, f'/{NODE}').items():
         yield name, kind, None
 
