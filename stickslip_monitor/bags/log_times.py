@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.bags.mcap_chunks import Block, DamagedBlock, Piece, loading, walk
 from stickslip_monitor.bags.mcap_file import McapFile
-from stickslip_monitor.bags.recording import Request, Series
+from stickslip_monitor.bags.recording import Request, Series, TimeSpans
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.
@@ -104,7 +105,8 @@ class BlockSteps:
 
     What is behind a step goes on behind what was before. A step counts where its topics go on in
     time from there, which is a time that the recording had before: else blocks were written in no
-    order of time, and none counts. Only blocks that begin before their topics ended are looked at.
+    order of time, and none counts. Blocks are looked at where they, or those behind them, begin
+    before their topics had ended; the last one is when it is read.
 
     Args:
         files: The files in order.
@@ -118,68 +120,78 @@ class BlockSteps:
         self._latest: dict[str, int] = {}
         self._spans: list[tuple[int, int]] = []
         blocks = [(file, block) for file in files for block in file.blocks]
-        for number, (file, block) in enumerate(blocks):
-            if not self._take(number, file, block):
-                self._steps = []
+        self._last = len(blocks) - 1
+        for (file, block), (other, behind) in itertools.pairwise(blocks):
+            names = file.topics_of(block)
+            end = block.end_ns + self._shift_ns
+            is_next = self._is_early(other.topics_of(behind), behind, self._later(dict.fromkeys(names, end)))
+            is_odd = is_next or self._is_early(names, block, self._latest)
+            found = _messages(file, block, least_ns) if is_odd else None
+            if found is None or not found[0].size:
+                self._go_on(dict.fromkeys(names, end), block.start_ns + self._shift_ns)
+            elif not self._look(*found, is_next):
+                self._steps, self._last = [], -1
                 break
+
+    def _is_early(self, names: Iterable[str], block: Block, ends: Mapping[str, int]) -> bool:
+        start = block.start_ns + self._shift_ns
+        return any(start < ends.get(name, start) - _STEP_NS for name in names)
+
+    def _later(self, ends: Mapping[str, int]) -> dict[str, int]:
+        return self._latest | {name: max(end, self._latest.get(name, end)) for name, end in ends.items()}
+
+    def _go_on(self, ends: Mapping[str, int], start: int) -> None:
+        """Take up a block by the last time of each of its topics and its first [ns]."""
+        self._latest = self._later(ends)
+        self._spans.append((start, max(ends.values(), default=start)))
+
+    def _look(self, time_ns: IntArray, byte: IntArray, topic: NDArray[Any], is_next: bool = False) -> bool:
+        """Look for a step in the next block; whether it is in an order of time.
+
+        ``is_next`` is whether the block behind it begins too early as well.
+        """
+        time_ns = time_ns + self._shift_ns
+        is_back = np.zeros(time_ns.size, np.bool_)
+        rows = {name: np.flatnonzero(topic == name) for name in np.unique(topic).tolist()}
+        for name, own in rows.items():
+            known = np.append(self._latest.get(name, time_ns[own[0]]), time_ns[own])
+            is_back[own] = time_ns[own] < np.maximum.accumulate(known)[:-1] - _STEP_NS
+        # Of one alone it is not known.
+        if np.count_nonzero(is_back) + is_next > 1 and is_back.any():
+            k = int(is_back.argmax())
+            before, behind = time_ns[:k], time_ns[k:]
+            spans = [*self._spans, *([(int(before.min()), int(before.max()))] if k else [])]
+            had = np.mean(TimeSpans(spans).holds(time_ns[is_back])) > 0.5
+            goes_on = all((np.diff(time_ns[own[own >= k]]) >= -_STEP_NS).all() for own in rows.values())
+            if not goes_on or not had:
+                return False
+            step = max([*self._latest.values(), *before.tolist()]) - int(behind[0])
+            # Behind late ones time leaps to where it was.
+            if is_back[k:].all() or 2 * int(np.diff(behind).max()) < step:
+                self._steps.append((len(self._spans), int(byte[k]), step + _BEHIND_NS))
+                self._shift_ns += step + _BEHIND_NS
+                time_ns[k:] += step + _BEHIND_NS
+        self._go_on({name: int(time_ns[own].max()) for name, own in rows.items()}, int(time_ns.min()))
+        return True
 
     @property
     def text(self) -> str:
-        """That the clock was set back, where it was."""
+        """That the clock was set back, as far as that is known; else empty."""
         steps = [step - _BEHIND_NS for *_, step in self._steps]
         return set_back('of the recorder', steps) if steps else ''
 
-    def _take(self, number: int, file: McapFile, block: Block) -> bool:
-        """Take the next block; whether blocks are in an order of time as yet."""
-        names = file.topics_of(block)
-        start, end = block.start_ns + self._shift_ns, block.end_ns + self._shift_ns
-        if any(start < self._latest.get(name, start) - _STEP_NS for name in names):
-            found = _messages(file, block, self._least_ns)
-            if found[0].size:
-                return self._look(number, *found)
-        self._go_on(names, start, end)
-        return True
-
-    def _go_on(self, names: Iterable[str], start: int, end: int) -> None:
-        self._latest.update({name: max(end, self._latest.get(name, end)) for name in names})
-        self._spans.append((start, end))
-
-    def _look(self, number: int, time_ns: IntArray, byte: IntArray, topic: NDArray[Any]) -> bool:
-        """Look for a step among the messages of a block; whether it is in an order of time."""
-        time_ns = time_ns + self._shift_ns
-        is_back = np.zeros(time_ns.size, np.bool_)
-        names = np.unique(topic).tolist()
-        for name in names:
-            rows = np.flatnonzero(topic == name)
-            known = np.append(self._latest.get(name, time_ns[rows[0]]), time_ns[rows])
-            is_back[rows] = time_ns[rows] < np.maximum.accumulate(known)[:-1] - _STEP_NS
-        if np.count_nonzero(is_back) > 1:
-            k = int(is_back.argmax())
-            behind, latest = time_ns[k:], max([*self._latest.values(), *time_ns[:k].tolist()])
-            own = [behind[topic[k:] == name] for name in names]
-            spans = self._spans
-            if k:
-                spans = [*spans, (int(time_ns[:k].min()), int(time_ns[:k].max()))]
-            middle = int(np.median(behind))
-            goes_on = all((np.diff(each) >= -_STEP_NS).all() for each in own)
-            if not goes_on or not any(start <= middle <= end for start, end in spans):
-                return False
-            # Late ones, behind which time goes on, are no step.
-            if is_back[k:].all():
-                self._steps.append((number, int(byte[k]), latest - int(behind[0]) + _BEHIND_NS))
-                self._shift_ns += self._steps[-1][-1]
-                time_ns[k:] += self._steps[-1][-1]
-        self._go_on(names, int(time_ns.min()), int(time_ns.max()))
-        return True
-
     def span(self, number: int, block: Block) -> tuple[int, int]:
         """First and last time of the block of a number, as they go on [ns]."""
-        return self._spans[number] if self._steps else (block.start_ns, block.end_ns)
+        if self._steps and number < len(self._spans):
+            return self._spans[number]
+        return block.start_ns + self._shift_ns, block.end_ns + self._shift_ns
 
-    def follow(self, number: int, piece: Piece) -> IntArray:
+    def follow(self, number: int, file: McapFile, piece: Piece) -> IntArray:
         """The times of the messages of a block of a number, as they go on [ns], shape (n,)."""
         time_ns = piece.log_time_ns
         is_time = time_ns >= self._least_ns
+        if number == self._last == len(self._spans) and is_time.any():
+            self._look(*_of_piece(file, piece, is_time))
         for at, byte, shift in self._steps:
             if at <= number:
                 time_ns = time_ns + shift * (is_time & ((at < number) | (piece.offset >= byte)))
@@ -188,15 +200,19 @@ class BlockSteps:
 
 def _messages(file: McapFile, block: Block, least_ns: int) -> tuple[IntArray, IntArray, NDArray[Any]]:
     """Log times of the messages of a block [ns], where in it they are, and their topics."""
-    topics = np.array([file.channels[key].topic if key in file.channels else '' for key in range(1 << 16)])
-    found: list[tuple[IntArray, IntArray, NDArray[Any]]] = [(_NONE, _NONE, np.empty(0, topics.dtype))]
+    found = [(_NONE, _NONE, np.empty(0, 'U1'))]
     with contextlib.suppress(DamagedBlock):
         for _, take in loading([block]):
-            for piece in walk(take()):
-                rows = piece.log_time_ns >= least_ns
-                found.append((piece.log_time_ns[rows], piece.offset[rows], topics[piece.channel[rows]]))
+            found += [_of_piece(file, piece, piece.log_time_ns >= least_ns) for piece in walk(take())]
     time_ns, byte, topic = (np.concatenate(each) for each in zip(*found, strict=True))
     return time_ns, byte, topic
+
+
+def _of_piece(file: McapFile, piece: Piece, rows: BoolArray) -> tuple[IntArray, IntArray, NDArray[Any]]:
+    keys, which = np.unique(piece.channel[rows], return_inverse=True)
+    names = [file.channels[key].topic if key in file.channels else '' for key in keys.tolist()]
+    topic = np.array(names, np.str_)[which]
+    return piece.log_time_ns[rows], piece.offset[rows], topic
 
 
 MOST = 1.5

@@ -136,6 +136,8 @@ class Pass:
             limit = most + 2 * size
         if waiting:
             yield from _some(_in_order(waiting))
+        if self._steps.text:
+            self._ways[0].file.findings.note(self._steps.text)
 
     def _loaded(self) -> Iterator[tuple[int, Callable[[], bytes]]]:
         """Go through the blocks: place of each in the order of time, and what gives its data."""
@@ -168,7 +170,7 @@ class Pass:
                     chosen.append((self.numbers[channel.topic], channel, rows))
             if not chosen:
                 continue
-            piece.log_time_ns = self._steps.follow(job.number, piece)
+            piece.log_time_ns = self._steps.follow(job.number, file, piece)
             columns = columns_of(job, piece, chosen)
             is_late = columns[0] < handed
             late += int(np.count_nonzero(is_late))

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from shared import CONFIG, START
 
-from stickslip_monitor.bags.log_times import BlockSteps, StepClock, question_of_unit
+from stickslip_monitor.bags.log_times import StepClock, question_of_unit
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter, encode_float64s, encode_stamped
@@ -21,27 +25,106 @@ SECOND = 10**9
 STAMPED = 'geometry_msgs/msg/WrenchStamped'
 
 
-@pytest.mark.parametrize('chunk_size', [2000, 1 << 20])
-def test_what_follows_a_step_back_comes_behind_what_was_before(tmp_path: Path, chunk_size: int) -> None:
-    path, times = tmp_path / 'a.mcap', START + np.arange(400) * SECOND
-    times[300:] -= 200 * SECOND
-    with BagWriter(path, chunk_size=chunk_size) as bag:
-        bag.add_topic('/x', 'std_msgs/msg/Float64')
-        for data, time in zip(encode_float64s(np.arange(400.0)), times.tolist(), strict=True):
-            bag.write('/x', time, data)
-    recording = open_bag(path)
-    series = recording.read([Request('/x', 'data')])[Request('/x', 'data')]
+Rows = list[tuple[str, int, float]]
+X, Y = Request('/x', 'data'), Request('/y', 'data')
+
+
+def write_chunks(path: Path, chunks: Sequence[Rows]) -> None:
+    """Write chunks of messages: topic, log time [ns] and value."""
+    with path.open('wb') as file:
+        writer = Writer(file, 1 << 30)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+        names = dict.fromkeys(topic for rows in chunks for topic, *_ in rows)
+        channels = {name: writer.register_channel(name, 'cdr', schema) for name in names}
+        for rows in chunks:
+            for topic, time, value in rows:
+                writer.add_message(channels[topic], time, encode_float64s([value])[0], time)
+            writer.flush()
+        writer.finish()
+
+
+def counted(times: Sequence[int], topic: str = '/x') -> Rows:
+    return [(topic, int(time), float(k)) for k, time in enumerate(times)]
+
+
+def in_chunks(rows: Rows, size: int) -> list[Rows]:
+    return [rows[k : k + size] for k in range(0, len(rows), size)]
+
+
+@pytest.mark.parametrize('step', [199, 200, 201, 300])
+@pytest.mark.parametrize('size', [1, 7, 100, 101, 300, 1000])
+def test_what_follows_a_step_back_comes_behind_what_was_before(tmp_path: Path, size: int, step: int) -> None:
+    """Steps inside of chunks, exactly between two, and beside such a boundary."""
+    times = START + np.arange(400) * SECOND
+    times[step:] -= 150 * SECOND
+    write_chunks(tmp_path / 'a.mcap', in_chunks(counted(times.tolist()), size))
+    recording = open_bag(tmp_path / 'a.mcap')
+    series = recording.read([X])[X]
     np.testing.assert_array_equal(series.value, np.arange(400.0))
     assert (np.diff(series.log_time_ns) > 0).all()
-    assert 'was set back once, by 199 s' in ' '.join(recording.warnings)
+    assert [m.log_time_ns for m in recording.messages()] == series.log_time_ns.tolist()
+    assert 'was set back once, by 149 s' in ' '.join(recording.warnings)
 
 
-def test_blocks_in_no_order_of_time_keep_their_times() -> None:
-    rng = np.random.default_rng(5)
-    times = rng.permutation(np.arange(500) * SECOND)
-    steps = BlockSteps(0)
-    np.testing.assert_array_equal(steps.follow(0, times), times)
-    assert steps.steps_ns == []
+def test_steps_of_several_topics_are_one(tmp_path: Path) -> None:
+    times = START + np.arange(300) * SECOND
+    times[200:] -= 150 * SECOND
+    rows = [row for k, at in enumerate(times.tolist()) for row in (('/x', at, k), ('/y', at + 9, k))]
+    write_chunks(tmp_path / 'a.mcap', in_chunks(rows, 50))
+    recording = open_bag(tmp_path / 'a.mcap')
+    for series in recording.read([X, Y]).values():
+        np.testing.assert_array_equal(series.value, np.arange(300.0))
+    assert 'was set back once' in ' '.join(recording.warnings)
+
+
+@pytest.mark.parametrize('order', ['messages', 'chunks', 'topics', 'late'])
+def test_blocks_in_no_order_of_time_keep_their_times(tmp_path: Path, order: str) -> None:
+    times, rng = START + np.arange(600) * SECOND, np.random.default_rng(5)
+    rows = counted(times.tolist())
+    if order == 'messages':
+        chunks = in_chunks([rows[k] for k in rng.permutation(600)], 100)
+    elif order == 'chunks':
+        chunks = [in_chunks(rows, 100)[k] for k in (0, 3, 1, 2, 5, 4)]
+    elif order == 'topics':
+        chunks = in_chunks([*rows, *counted(times.tolist(), '/y')], 350)
+    else:
+        late = [k + 30 if k % 60 == 0 else k for k in range(600)]
+        chunks = in_chunks([rows[k] for k in np.argsort(late, kind='stable')], 100)
+    write_chunks(tmp_path / 'a.mcap', chunks)
+    recording = open_bag(tmp_path / 'a.mcap')
+    for request in [X, Y][: 1 + (order == 'topics')]:
+        series = recording.read([request])[request]
+        np.testing.assert_array_equal(series.log_time_ns, times)
+        np.testing.assert_array_equal(series.value, np.arange(600.0))
+    assert 'set back' not in ' '.join(recording.warnings)
+
+
+@pytest.mark.parametrize('before', [-1, 0, 1])
+def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path, before: int) -> None:
+    """A slow-down on either side of a step, whose chunk begins beside it, is told as without it."""
+    seconds = np.arange(0, 600, 0.1)
+    rpm = 60.0 - 50.0 * np.exp(-(((seconds % 300.0 - 150.0) / 40.0) ** 2))
+    time = START + np.arange(seconds.size) * (SECOND // 10)
+    found = []
+    for step in (0, 280 * SECOND):
+        own = time - step * (seconds >= 300.0)
+        rows: Rows = []
+        for at, value in zip(own.tolist(), rpm.tolist(), strict=True):
+            rows += [('/shaft/speed', at, value), ('/bearing/aft/load', at + 10**6, 1000.0)]
+        edges = [0, 2000, 4000, 6000 + before, 8000, len(rows)]
+        path = tmp_path / f'{step}.mcap'
+        write_chunks(path, [rows[a:b] for a, b in itertools.pairwise(edges)])
+        config = load_config(CONFIG)
+        (bearing,) = config.bearings
+        inputs = {
+            'speed': replace(bearing.speed, topic='/shaft/speed'),
+            'load': replace(bearing.load, topic='/bearing/aft/load'),
+        }
+        report = check_recording(path, replace(config, bearings=(replace(bearing, **inputs),)))
+        found.append([(e.before, e.after) for e in report.bearings[bearing.name].events])
+    assert len(found[0]) >= 8
+    assert found[1] == found[0]
 
 
 def test_one_late_line_is_no_step() -> None:
