@@ -69,37 +69,23 @@ __all__ = [
 
 __version__ = '0.3.0.dev0'
 
-
-_HOMES = {
-    'errors': ('StickslipError',),
-    'monitor.assessment': ('Assessment', 'Assessments', 'Outcome', 'Regime', 'assess'),
-    'monitor.parameters': ('MonitorConfig',),
-    'monitor.configuration': ('build_config',),
-    'monitor.monitor': ('Monitor',),
-    'monitor.signals': ('Sample', 'Stream'),
-    'physics.averaging': (
-        'StationaryAmplitudes',
-        'amplitude_rate',
-        'fold_load',
-        'fold_speed',
-        'growth_rate',
-        'hopf_load',
-        'hopf_speed',
-        'stationary_amplitudes',
-    ),
-    'physics.cycles': ('Cycle', 'CycleKind', 'exact_cycle', 'exact_fold_speed', 'exact_unstable_cycle'),
-    'physics.friction': ('Coulomb', 'FrictionLaw', 'Stribeck', 'Tabulated'),
-    'physics.bearing': ('Bearing', 'BearingSpeed'),
-}
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
+# Where they are: what others build on comes first, so that little is loaded for a name of physics.
+_HOMES = (
+    *('errors', 'physics.bearing', 'physics.friction', 'physics.averaging', 'physics.cycles'),
+    *('monitor.signals', 'monitor.parameters', 'monitor.configuration', 'monitor.assessment'),
+    'monitor.monitor',
+)
 
 
 def __getattr__(name: str) -> Any:
     """What a name of :data:`__all__` stands for."""
-    if name not in _HOME:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    found = globals()[name] = getattr(_import_module(f'{__name__}.{_HOME[name]}'), name)
-    return found
+    if name in __all__:
+        for home in _HOMES:
+            module = _import_module(f'{__name__}.{home}')
+            if hasattr(module, name):
+                globals()[name] = getattr(module, name)
+                return globals()[name]
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:

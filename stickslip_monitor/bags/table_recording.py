@@ -100,7 +100,7 @@ class TableRecording(Recording):
         cells = [[row[k] for row in rows if len(row) > most] for k in self.table.clock.columns]
         if not cells[0]:
             return np.empty(0, np.int64)
-        times, is_timed = self.table.known_times(cells)
+        times, is_timed = self.table.clock.read(cells)
         return times[is_timed]
 
     def _long_columns(self) -> tuple[int, int] | None:

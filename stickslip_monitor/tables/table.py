@@ -19,7 +19,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS
-from stickslip_monitor.tables.clock import WITHOUT_ZONE, Cells, Clock, TableColumns, Times, find_clock
+from stickslip_monitor.tables.clock import WITHOUT_ZONE, Cells, Clock, TableColumns, find_clock, scaled_reader
 from stickslip_monitor.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
 
 # Rows that are handed on at a time: few enough for the caches.
@@ -79,10 +79,6 @@ class NumberTable(ABC):
     def numbers(self, cells: Any) -> Numbers:
         """The numbers of cells of a column."""
 
-    def known_times(self, columns: Sequence[Sequence[Any]]) -> Times:
-        """The times of cells of the head or the tail."""
-        return self.clock.read(columns)
-
 
 def texts_of(cells: Any) -> list[str]:
     """Cells of a block as texts."""
@@ -94,6 +90,20 @@ def some_cells(cells: Any, chosen: BoolArray) -> Any:
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
     return cells.filter(chosen)
+
+
+def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
+    """The numbers of cells some of which are words or empty."""
+    result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
+    for k, cell in enumerate(cells):
+        text = cell.strip()
+        if not text:
+            result.is_there[k] = False
+        elif (found := parse_number(text, decimal)) is not None:
+            result.value[k] = found
+        else:
+            result.words[text[:20]] += 1
+    return result
 
 
 def open_table(path: Path) -> NumberTable:
@@ -142,16 +152,7 @@ class TextTable(NumberTable):
                 value = np.fromiter(map(float, fast), float, len(cells))
                 if '_' not in joined and np.isfinite(value).all():
                     return Numbers(value, np.ones(len(cells), np.bool_))
-        result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
-        for k, cell in enumerate(cells):
-            text = cell.strip()
-            if not text:
-                result.is_there[k] = False
-            elif (found := parse_number(text, decimal)) is not None:
-                result.value[k] = found
-            else:
-                result.words[text[:20]] += 1
-        return result
+        return _mixed_numbers(cells, decimal)
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Some columns, in the order of the file."""
@@ -325,11 +326,11 @@ class ParquetTable(NumberTable):
         stamped = [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
-            self.clock = Clock((stamped[0],), _stamps, () if has_zone else (WITHOUT_ZONE,))
+            read = scaled_reader(1, 0, '.')  # as _texts() writes them
+            self.clock = Clock((stamped[0],), read, () if has_zone else (WITHOUT_ZONE,))
         else:
-            self.clock = find_clock(
-                path, TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
-            )
+            rows = tuple(self.head)
+            self.clock = find_clock(path, TableColumns(self.names, headings, self.units, '.', rows, ()))
         self.said = self.clock.said
 
     def numbers(self, cells: Any) -> Numbers:
@@ -339,18 +340,7 @@ class ParquetTable(NumberTable):
             value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)
             return Numbers(np.where(np.isfinite(value), value, np.nan), is_there)
         except (ValueError, NotImplementedError):  # pyarrow's errors are of these
-            texts = _texts(cells)
-        found = [parse_number(text) for text in texts]
-        value = np.array([np.nan if each is None else each for each in found], float)
-        words = Counter(t[:20] for t, each in zip(texts, found, strict=True) if t and each is None)
-        return Numbers(value, is_there & np.array([bool(text) for text in texts]), words)
-
-    def known_times(self, columns: Sequence[Sequence[str]]) -> Times:
-        """The times of cells of the head or the tail."""
-        if self.clock.read is not _stamps:
-            return self.clock.read(columns)
-        times = np.array(columns[0], np.int64)
-        return times, times > np.iinfo(np.int64).min
+            return _mixed_numbers(_texts(cells))
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Some columns, in the order of the file."""
@@ -360,9 +350,7 @@ class ParquetTable(NumberTable):
         try:
             for batch in _opened(self._path).iter_batches(BLOCK, columns=[self.names[k] for k in every]):
                 own = dict(zip(every, batch.columns, strict=True))
-                stamps = [own[k] for k in self.clock.columns]
-                is_text = self.clock.read is not _stamps
-                times = self.clock.read([_texts(column) for column in stamps] if is_text else stamps)
+                times = self.clock.read([_texts(own[k]) for k in self.clock.columns])
                 untimed += int((~times[1]).sum())
                 yield Rows(*times, [own[k] for k in wanted])
         except Exception as error:  # pyarrow's errors have no common root
@@ -392,10 +380,7 @@ def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
 def _texts(column: Any) -> list[str]:
     """The cells as a text table would have them; a timestamp by its nanoseconds."""
     if str(column.type).startswith('timestamp'):
-        return [str(ns) for ns in _stamps([column])[0].tolist()]
+        times = column.to_numpy(zero_copy_only=False).astype('M8[ns]')
+        # What is no time becomes a number beyond all times.
+        return [str(ns) for ns in times.astype(np.int64).tolist()]
     return ['' if cell is None else str(cell) for cell in column.to_pylist()]
-
-
-def _stamps(columns: Sequence[Any]) -> Times:
-    times = columns[0].to_numpy(zero_copy_only=False).astype('M8[ns]')
-    return times.astype(np.int64), ~np.isnat(times)
