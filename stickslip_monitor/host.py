@@ -9,8 +9,11 @@ thread hands on what the reader takes.
 from __future__ import annotations
 
 import fcntl
+import math
 import os
+import re
 import select
+import socket
 import sys
 import threading
 import time
@@ -142,3 +145,32 @@ def unblocked() -> Iterator[int]:
             sys.stderr.flush()
         os.dup2(target, descriptor)
         thread.join(2.0 * LAST_WORDS)
+
+
+class ServiceManager:
+    """What started the node, as far as it wants notice, by the datagrams of sd_notify(3).
+
+    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent.
+    """
+
+    def __init__(self) -> None:
+        # A name in the abstract space is given with an @ in the place of the zero byte.
+        self._address = re.sub('^@', '\0', os.environ.get('NOTIFY_SOCKET', ''))
+        limit = os.environ.get('WATCHDOG_USEC', '')
+        # Half the limit, as sd_watchdog_enabled(3) recommends.
+        self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
+        self._told = -math.inf
+
+    def notify(self, state: str) -> None:
+        """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
+        if self._address:
+            kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
+            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as own:
+                own.sendto(state.encode(), self._address)
+
+    def beat(self) -> None:
+        """Say that the node is alive, as often as the watchdog wants."""
+        now = time.monotonic()
+        if now - self._told >= self._period:
+            self._told = now
+            self.notify('WATCHDOG=1')

@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ask a running monitor over ROS 2 whether it works: for a container, a cron job or a script.
+"""Ask a running monitor whether it works: for a container, a cron job or a script.
 
-Exits 0 if it monitors, 1 if it runs but reports a fault, 2 if there is no message from it. An
-active alarm is not a fault of the monitor.
+Over ROS 2, or with --page the page of `stickslip watch` or `stickslip dashboard`. Exits 0 if it
+monitors, 1 if it runs but reports a fault, 2 if there is no message from it. An active alarm is no
+fault of the monitor.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 from typing import Any
 
 from stickslip_monitor.commands import options
-from stickslip_monitor.errors import RosError, no_ros
+from stickslip_monitor.errors import DashboardError, RosError, no_ros
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.messages import NOT_MONITORING
 from stickslip_monitor.monitor.severity import Level
@@ -31,10 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
     options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
     options.add_shared(parser, '--diagnostics')
+    text = 'ask this page, such as http://127.0.0.1:8370, of which ROS is not needed'
+    parser.add_argument('--page', metavar='URL', help=text)
+    parser.add_argument('--token-file', metavar='FILE', help='file with the token that opens the page')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    if args.page is not None:
+        return _of_page(args)
     try:
         from stickslip_monitor.ros.other_nodes import receive_health
     except ImportError as error:
@@ -57,6 +64,28 @@ def run(args: argparse.Namespace) -> int:
     level, text = found[name]
     sys.stdout.write(f'{name}: {printable(text)}\n')
     return int(level >= Level.ERROR or NOT_MONITORING in text)
+
+
+def _of_page(args: argparse.Namespace) -> int:
+    """Ask a page for its figures: whether monitors are there, and the links to buses work."""
+    from urllib.request import Request, urlopen
+
+    try:
+        request = Request(f'{args.page.rstrip("/")}/metrics')
+        if args.token_file is not None:
+            from stickslip_monitor.dashboard.access import read_token
+
+            request.add_header('Authorization', f'Bearer {read_token(args.token_file)}')
+        with urlopen(request, timeout=args.timeout) as answer:
+            figures = answer.read().decode()
+    except (OSError, ValueError) as error:
+        raise DashboardError(f"--page '{args.page}' gives no figures: {error}") from error
+    ups = re.findall(r'^stickslip_(monitor|link)_up\{\w+="([^"]*)"\} (\S+)$', figures, re.MULTILINE)
+    down = [f'{what} {name}' for what, name, value in ups if float(value) != 1.0]
+    works = bool(ups) and not down
+    text = 'Monitoring.' if works else f'it does not work: {", ".join(down) or "no monitor"}'
+    sys.stdout.write(f'{printable(text)}\n')
+    return int(not works)
 
 
 def _wait(found: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:

@@ -29,6 +29,7 @@ from urllib.parse import urlsplit
 
 from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
+from stickslip_monitor.host import ServiceManager, unblocked
 from stickslip_monitor.links.buses import (
     SECTION,
     LinksConfig,
@@ -85,12 +86,13 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if find_spec('aiohttp') is None:
         raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
-    logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
-    config, links = load_watch(args.config, args.node)
-    if args.request_token:
-        return asyncio.run(_request_token(links))
-    with _board(args, config) as board:
-        asyncio.run(_watch(args, config, links, board))
+    with unblocked():
+        logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
+        config, links = load_watch(args.config, args.node)
+        if args.request_token:
+            return asyncio.run(_request_token(links))
+        with _board(args, config) as board:
+            asyncio.run(_watch(args, config, links, board))
     return 0
 
 
@@ -272,7 +274,10 @@ async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: F
 
 
 async def _tick(clients: Sequence[Client], feed: Feed) -> None:
+    manager = ServiceManager()
+    manager.notify('READY=1')
     while True:
+        manager.beat()
         for client in clients:
             client.tick(feed.there)
         await asyncio.sleep(_TICK)

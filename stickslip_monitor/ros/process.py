@@ -4,17 +4,12 @@
 from __future__ import annotations
 
 import faulthandler
-import math
 import os
-import re
 import signal
-import socket
 import sys
-import time
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -23,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import RosError, StickslipError, program_fault
 from stickslip_monitor.files import printable
-from stickslip_monitor.host import unblocked
+from stickslip_monitor.host import ServiceManager, unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.ros.inputs import ROS_FAULTS
@@ -55,35 +50,6 @@ def make_executor() -> Executor:
     except ImportError:
         return SingleThreadedExecutor()
     return EventsExecutor()
-
-
-class ServiceManager:
-    """What started the node, as far as it wants notice, by the datagrams of sd_notify(3).
-
-    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent.
-    """
-
-    def __init__(self) -> None:
-        # A name in the abstract space is given with an @ in the place of the zero byte.
-        self._address = re.sub('^@', '\0', os.environ.get('NOTIFY_SOCKET', ''))
-        limit = os.environ.get('WATCHDOG_USEC', '')
-        # Half the limit, as sd_watchdog_enabled(3) recommends.
-        self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
-        self._told = -math.inf
-
-    def notify(self, state: str) -> None:
-        """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
-        if self._address:
-            kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
-            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as own:
-                own.sendto(state.encode(), self._address)
-
-    def beat(self) -> None:
-        """Say that the node is alive, as often as the watchdog wants."""
-        now = time.monotonic()
-        if now - self._told >= self._period:
-            self._told = now
-            self.notify('WATCHDOG=1')
 
 
 def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:

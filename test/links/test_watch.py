@@ -4,13 +4,18 @@
 from __future__ import annotations
 
 import asyncio
+import io
+import itertools
 import logging
 import re
+import signal
 import socket
+import string
 import subprocess
 import sys
+import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +87,10 @@ def test_a_ship_without_ros(watch: Callable[..., Program], tmp_path: Path) -> No
     stale = 'condition="input_stale",namespace="/"} 1.0'
     ship.until(bus.sails('', lambda: stale in metrics()))
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics()
+    assert main(['health', '--page', page]) == 0
     assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
     assert ship.stop() == 0
+    assert main(['health', '--page', page]) == 2
     bus.listen()
     assert bus.beats[-1] == 'V'  # nobody watches any more
     assert 'Traceback' not in ship.output
@@ -202,3 +209,56 @@ def test_copies_are_not_published_where_no_stamp_is_seen(caplog: pytest.LogCaptu
     assert published == [1.0, 1.1, 1.1, 1.1, 1.1]
     (record,) = caplog.records
     assert record.message.startswith('speed of aft: the sender repeats stamp and value')
+
+
+@pytest.mark.parametrize(
+    ('figures', 'code', 'said'),
+    [
+        ('stickslip_monitor_up{namespace="/"} 1.0\nstickslip_link_up{link="nmea_in"} 1.0', 0, 'Monitoring.'),
+        ('stickslip_monitor_up{namespace="/"} 0.0', 1, 'it does not work: monitor /'),
+        (
+            'stickslip_monitor_up{namespace="/"} 1.0\nstickslip_link_up{link="nmea_in"} 0.0',
+            1,
+            'it does not work: link nmea_in',
+        ),
+        ('<html>', 1, 'it does not work: no monitor'),
+    ],
+)
+def test_health_by_a_page(
+    figures: str, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(urllib.request, 'urlopen', lambda *_, **__: io.BytesIO(figures.encode()))
+    assert main(['health', '--page', 'http://127.0.0.1:1']) == code
+    assert capsys.readouterr().out == f'{said}\n'
+
+
+@pytest.mark.slow
+def test_a_log_that_nobody_reads_stops_nothing(tmp_path: Path) -> None:
+    """A line for each of 1,296 talkers is more than a pipe of 64 kB holds."""
+    bus = Bus()
+    path = str(ship_file(tmp_path, bus.links('aft_stern')))
+    letters = string.ascii_uppercase + string.digits
+    others = [f'{a}{b}RPM,S,1,50.0,,A' for a in letters for b in letters]
+    command = [sys.executable, '-c', WITHOUT_ROS, 'watch', '-c', path]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as ship:
+
+        def sails(condition: Callable[[], Any], *more: Iterable[str]) -> None:
+            look, end = bus.sails('20.0', condition), time.monotonic() + DEADLINE
+            for bodies in itertools.chain(more, itertools.repeat(())):
+                bus.say(*bodies)
+                if look() and not bodies:
+                    return
+                assert time.monotonic() < end
+                time.sleep(0.02)
+
+        try:
+            sails(lambda: bus.alarms.get('10002') == 'V')
+            sails(lambda: True, *(others[k : k + 8] for k in range(0, len(others), 8)))
+            bus.beats.clear()
+            sails(lambda: len(bus.beats) > 1)
+            ship.send_signal(signal.SIGINT)
+            assert ship.wait(DEADLINE) == 0
+        finally:
+            ship.kill()
+    bus.listen()
+    assert bus.beats[-1] == 'V'

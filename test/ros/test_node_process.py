@@ -276,7 +276,7 @@ def test_what_health_says(
 
     monkeypatch.setattr(other_nodes, 'receive_health', receive)
     monkeypatch.setattr(health, 'ALONE', 0.0)
-    args: Any = SimpleNamespace(node=name, timeout=0.01, diagnostics='/diagnostics')
+    args: Any = SimpleNamespace(node=name, timeout=0.01, diagnostics='/diagnostics', page=None)
     if isinstance(expected, int):
         assert health.run(args) == expected
         return
