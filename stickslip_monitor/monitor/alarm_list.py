@@ -26,7 +26,6 @@ from stickslip_monitor.monitor.alarms import (
     kinds_of,
 )
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 MONITOR, TIMER = 'monitor', 'timer'
@@ -234,9 +233,9 @@ class Annunciator:
             return [self._give(worst, change)]
         return self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
 
-    def take_fault(self, bearing: str, place: int, status: Status, time_ns: int) -> list[AlarmChange]:
-        """A sample of one input was refused for its value."""
-        self.causes[bearing].take_fault(place, status, self.now_ns)
+    def take_fault(self, bearing: str, place: int, what: str, time_ns: int) -> list[AlarmChange]:
+        """A sample of one input was refused for its value, or is from one of two sources."""
+        self.causes[bearing].take_fault(place, what, self.now_ns)
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition, SentenceEnum
-from stickslip_monitor.monitor.signals import INPUTS, STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.verdict import Event
 
 AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
@@ -144,8 +144,8 @@ class Causes:
             if before < rung <= now or rung == now:
                 self.texts[kind] = says
 
-    def take_fault(self, place: int, status: Status, now_ns: int) -> None:
-        """A sample's value was not valid.
+    def take_fault(self, place: int, what: str, now_ns: int) -> None:
+        """A sample's value was not valid, or is of nobody knows which source.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the
         off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
@@ -158,8 +158,7 @@ class Causes:
         self._absurd |= now_ns - self._absurd_since >= self.config.alarm.on_delay_ns
         topic = self.config.inputs[INPUTS[place]].topic
         self.texts[AlarmKind.INPUT_IMPLAUSIBLE] = (
-            f'{self.config.name}: Input {INPUTS[place]} implausible: values on {topic} are'
-            f' {STATUS_SENTENCES[status]}.'
+            f'{self.config.name}: Input {INPUTS[place]} implausible: on {topic}, {what}.'
         )
 
     def take_point(self, resting: bool, now_ns: int) -> bool:

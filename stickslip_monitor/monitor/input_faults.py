@@ -68,12 +68,9 @@ def least_gap(config: BearingConfig, place: int) -> float:
 
 
 def fault_text(fault: SourceFault, config: InputConfig) -> str:
-    """The fault as a clause, with levels as they stand in the messages."""
-    low, high = (
-        (level / config.factor - config.offset) / config.scale if config.scale else level
-        for level in fault.levels
-    )
-    return f'{fault.kind.sentence} (here {low:.4g} and {high:.4g})'
+    """The fault as a clause, with its levels in the unit of the input."""
+    low, high = (level / config.factor for level in fault.levels)
+    return f'{fault.kind.sentence} (here {low:.4g} and {high:.4g} {config.unit})'
 
 
 @dataclass(slots=True)
@@ -352,13 +349,20 @@ class InputWatch:
         self._looks = 0
         self._lost = False
 
-    def take(self, bearing: str, place: int, value: float, valid: bool, now_ns: int, behind_ns: int) -> None:
-        """Take note of a sample that came at a time of the steady clock, valid or not."""
+    def take(
+        self, bearing: str, place: int, value: float, now_ns: int, behind_ns: int, *, valid: bool
+    ) -> SourceFault | None:
+        """Take note of a sample that came at a time of the steady clock, valid or not.
+
+        Returns:
+            The fault of its source that stands.
+        """
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
         # A level that jumps between two values is what is looked for, and no fault.
         track.source.see(now_ns, math.nan if place == LEVEL else si_value(live, place, value))
+        return track.source.standing(now_ns)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """The inputs of a bearing by quantity."""
@@ -417,6 +421,8 @@ class InputWatch:
         self._lost |= lost
         timeout, odd = source.timeout_ns * 1e-9, track.source.standing(now_ns)
         lately = _grown(track.last, track.marks[0][1]) if track.marks else ()
+        # A sender of whole seconds repeats itself honestly.
+        refused = tuple(0 if status == Status.REPEATED else n for status, n in enumerate(lately))
         if source.topic not in self._publishers:
             publishers = self._publishers[source.topic] = self._graph.publishers(source.topic)
             if publishers:
@@ -429,8 +435,8 @@ class InputWatch:
             publishers=self._publishers[source.topic],
             receiving=_age(track, now_ns) < 0.5 * timeout,
             refused=_worst(_grown(track.last, track.refused)),
-            share=1.0 - _valid(lately) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
-            reason=_worst(lately),
+            share=sum(refused[1:]) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
+            reason=_worst(refused),
             without_clock=without_clock,
             behind=track.behind_ns * 1e-9,
             undecodable=self._graph.is_undecodable(source.topic),

@@ -239,10 +239,13 @@ class Session:
         # While simulated time is silent nobody knows when it came.
         arrival = now.time_ns or None
         update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
+        odd = VALUE_FAULTS.get(update.status)
         if self._inputs is not None:
             behind_ns = 0 if arrival is None else arrival - time_ns
             valid = update.status.valid
-            self._inputs.take(name, place, value, valid, now.steady_ns, behind_ns)
+            source = self._inputs.take(name, place, value, now.steady_ns, behind_ns, valid=valid)
+            # Of which source a value is nobody knows: a verdict on both is no all-clear.
+            odd = source.kind.sentence if odd is None and source else odd
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -251,8 +254,8 @@ class Session:
             self._say(name, bool(update.events), now)
         self._announce(update.events)
         changes = []
-        if update.status in VALUE_FAULTS:
-            changes += self.annunciator.take_fault(name, place, update.status, time_ns)
+        if odd:
+            changes += self.annunciator.take_fault(name, place, odd, time_ns)
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)
         self._alarm(changes, update.events)

@@ -107,7 +107,10 @@ STATUS_SENTENCES = {
     Status.REPEATED: 'same time stamp and value as the one before',
     Status.OUT_OF_ORDER: 'older than the one before',
 }
-VALUE_FAULTS = (Status.NOT_FINITE, Status.NO_VALUE, Status.IMPLAUSIBLE, Status.BELOW_MINIMUM)
+VALUE_FAULTS = {
+    status: f'values are {STATUS_SENTENCES[status]}'
+    for status in (Status.NOT_FINITE, Status.NO_VALUE, Status.IMPLAUSIBLE, Status.BELOW_MINIMUM)
+}
 """What is wrong with a number, whenever it comes."""
 NO_VALUES = (
     1e20,  # and any of greater magnitude: fill values of netCDF and others

@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciato
 from stickslip_monitor.monitor.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.signals import Input, Status
+from stickslip_monitor.monitor.signals import VALUE_FAULTS, Input, Status
 from stickslip_monitor.monitor.verdict import Verdict
 
 Configure = Callable[..., MonitorConfig]
@@ -66,7 +66,7 @@ class Panel:
         return self
 
     def absurd(self) -> Panel:
-        self.log += self.alarms.take_fault('aft', 0, Status.IMPLAUSIBLE, self.stamp)
+        self.log += self.alarms.take_fault('aft', 0, VALUE_FAULTS[Status.IMPLAUSIBLE], self.stamp)
         return self
 
     def does(self, action: str, kind: str | None = None, by: str = 'Ada') -> list[AlarmChange]:
@@ -161,7 +161,7 @@ def test_absurd_values(panel: Build) -> None:
     aft.at(3).absurd()
     assert aft.states == {'input_implausible': 'unacknowledged'}
     assert aft.log[-1].text == (
-        'aft: Input speed implausible: values on /shaft/speed are beyond the largest plausible magnitude.'
+        'aft: Input speed implausible: on /shaft/speed, values are beyond the largest plausible magnitude.'
     )
     aft.does('acknowledge')
     aft.at(12.9)

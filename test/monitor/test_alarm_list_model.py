@@ -23,7 +23,6 @@ from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action, AlarmChange, A
 from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
 from stickslip_monitor.monitor.alarms import LATCHING, RUNG_OF, AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.monitor.verdict import Verdict
 
 SECOND = 10**9
@@ -108,7 +107,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(place=st.integers(0, 1))
     def absurd_value(self, place: int) -> None:
-        self.heard(self.annunciator.take_fault('b', place, Status.NOT_FINITE, self.now))
+        self.heard(self.annunciator.take_fault('b', place, 'values are odd', self.now))
 
     @rule(turning=st.integers(0, 1))
     def operating_point(self, turning: int) -> None:

@@ -137,7 +137,7 @@ def test_what_is_said(configure: Callable[..., MonitorConfig]) -> None:
     assert least_gap(config, 0) == pytest.approx(3.0 / 60.0 * np.pi * 0.1)
     assert least_gap(config, 1) == 0.0
     fault = SourceFault(TWO, 0, 0, (600.0, 1500.0))
-    assert fault_text(fault, config.load).endswith('(here 0.05 and 0.5)')
+    assert fault_text(fault, config.load).endswith('(here 0.6 and 1.5 kN)')
 
 
 FLOAT = 'std_msgs/msg/Float64'

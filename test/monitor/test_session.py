@@ -54,6 +54,25 @@ def test_a_mostly_dead_sensor_is_told_with_its_share(ship: Ship) -> None:
     assert ship.sail(60.0)['level'] == 'OK'
 
 
+def test_an_honest_sender_of_whole_seconds_repeats_itself_without_complaint(ship: Ship) -> None:
+    for _ in range(300):
+        ship.steady_ns += SECOND // 5
+        for place, value in enumerate((60.0, 1000.0)):
+            ship.take('aft', place, value, ship.now.time_ns // SECOND * SECOND)
+        ship.tick()
+    record = ship.look()
+    assert (record['level'], record['reason']) == ('OK', 'normal')
+    assert record['inputs']['speed']['counts']['repeated'] == 300 - 61  # of 61 seconds
+
+
+def test_two_quantities_on_one_input_are_an_alarm(ship: Ship) -> None:
+    """1000 on the topic of 20 rpm, whose medians no verdict can be made of."""
+    ship.sail(10.0, rpm=lambda k: 20.0 if k % 2 else 1000.0)
+    assert ship.states()['input_implausible'] == 'unacknowledged'
+    (text,) = (a['text'] for a in ship.published[-1]['alarms'] if a['alarm'] == 'input_implausible')
+    assert text.startswith('aft: Input speed implausible: on /shaft/speed, values jump between two levels')
+
+
 def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
     ship.sail(20.0, rpm=20.0)
     told = len(ship.events)
