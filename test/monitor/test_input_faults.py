@@ -181,9 +181,8 @@ LOST = replace(FINE, lost=True, receiving=False)
         (LOST, '/plc publishes on /speed, but nothing arrives.'),
         (
             replace(LOST, publishers=[replace(PLC, latched=True)]),
-            '/plc publishes on /speed, but nothing arrives: a value that was published once is'
-            ' kept for those who ask for durability transient_local and reliability reliable'
-            ' (qos_overrides).',
+            '/plc publishes on /speed, but nothing arrives: a value that was published once is kept for those'
+            ' who ask for durability transient_local and reliability reliable (qos_overrides).',
         ),
         (
             replace(LOST, publishers=[], gone='/plc'),
