@@ -163,7 +163,7 @@ class Sent:
     def scan(self) -> Scan:
         """The verdicts, worked out when they are first asked for."""
         # Of many voyages a second of compiling is soon repaid.
-        own = BearingScan(self.config, self.start_ns, jit.has_compiler())
+        own = BearingScan(self.config, self.start_ns, long=jit.has_compiler())
         return own.finish(self.stream, self.end_ns)
 
 

@@ -170,7 +170,7 @@ class Ship(Sink):
         if self._display is not None:
             self._display.take_alarms(record)
 
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
+    def take_states(self, states: list[BearingState], *, whole: bool) -> None:
         self.standing = states
         for state in states if self._display is not None else ():
             self._display.take_record(bearing_record(state))

@@ -240,7 +240,7 @@ class Annunciator:
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
         """An operating point was measured."""
-        if self.causes[verdict.bearing].take_point(verdict.speed == 0.0, self.now_ns):
+        if self.causes[verdict.bearing].take_point(self.now_ns, resting=verdict.speed == 0.0):
             return self._sync(verdict.bearing, verdict.time_ns)
         return []
 

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError
 from stickslip_monitor.monitor.alarm_list import (
@@ -24,18 +24,18 @@ from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
 ALARM_SCHEMA = 'stickslip_monitor/alarm/1'
 STATE_SCHEMA = 'stickslip_monitor/alarm_state/1'
 _SHOWN = (*STANDING, AlarmState.LATCHED, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
-# What of an alarm is kept over a restart, and of which types it is in JSON.
-_KEPT: dict[str, tuple[type, ...]] = {
-    'state': (str,),
-    'active': (bool,),
-    'occurred': (bool,),
-    'suppressed_by': (list,),
-    'since': (int, type(None)),
-    'changed': (int, type(None)),
-    'by': (str,),
-    'shelf_left': (int,),
-    'text': (str,),
+# What of an alarm is kept over a restart: its attribute, and its types in JSON.
+_KEPT: dict[str, tuple[str, tuple[type, ...]]] = {
+    'state': ('state', (str,)),
+    'active': ('active', (bool,)),
+    'occurred': ('occurred', (bool,)),
+    'suppressed_by': ('suppressed_by', (list,)),
+    'since': ('since_ns', (int, type(None))),
+    'changed': ('changed_ns', (int, type(None))),
+    'by': ('by', (str,)),
+    'text': ('text', (str,)),
 }
+_T = TypeVar('_T')
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,7 @@ def alarms_record(
     changes: Iterable[AlarmChange],
     time_ns: int,
     sequence: int,
+    *,
     monitoring: bool = True,
     notes: Iterable[Note] = (),
     text_of: Callable[[str], str] = str,
@@ -151,11 +152,14 @@ def row_records(
         }
 
 
-def state_record(annunciator: Annunciator, time_ns: int) -> dict[str, Any]:
-    """What is to be kept over a restart."""
+def state_record(
+    annunciator: Annunciator, time_ns: int, memories: Mapping[str, dict[str, Any]] | None = None
+) -> dict[str, Any]:
+    """What is to be kept over a restart: the alarms, and what is remembered of each bearing."""
     return {
         'schema': STATE_SCHEMA,
         'time': time_ns,
+        'states': memories or {},
         'bearings': {
             name: {
                 'shaft_locked': annunciator.causes[name].shaft_locked,
@@ -167,32 +171,28 @@ def state_record(annunciator: Annunciator, time_ns: int) -> dict[str, Any]:
 
 
 def _kept(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
-    return {
-        'state': alarm.state.value,
-        'active': alarm.active,
-        'occurred': alarm.occurred,
-        'suppressed_by': list(alarm.suppressed_by),
-        'since': alarm.since_ns,
-        'changed': alarm.changed_ns,
-        'by': alarm.by,
-        'shelf_left': max(alarm.shelf_end_ns - now_ns, 0),
-        'text': alarm.text,
-    }
+    own = {key: getattr(alarm, name) for key, (name, _) in _KEPT.items()}
+    left_ns = max(alarm.shelf_end_ns - now_ns, 0)
+    reasons = list(alarm.suppressed_by)
+    return own | {'state': alarm.state.value, 'suppressed_by': reasons, 'shelf_left': left_ns}
 
 
-def recall_state(annunciator: Annunciator, document: Any, time_ns: int) -> None:
+def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> dict[str, Any]:
     """Take over what was kept, into an annunciator that is still fresh.
 
     Bearings that are no longer configured are passed over; new ones start fresh. The time that
     has passed meanwhile, as far as the clock shows, counts for the shelves.
 
+    Returns:
+        What was remembered of each bearing.
+
     Raises:
         AlarmStateError: The document is not one of :func:`state_record`; nothing is taken over.
     """
     kept_ns = _entry(document, 'time', (int,), 'the document')
-    if document.get('schema') != STATE_SCHEMA:
-        raise AlarmStateError(f'schema = {document.get("schema")!r} must be {STATE_SCHEMA!r}')
-    bearings = _entry(document, 'bearings', (dict,), 'the document')
+    if (schema := _entry(document, 'schema', (str,), 'the document')) != STATE_SCHEMA:
+        raise AlarmStateError(f'schema = {schema!r} must be {STATE_SCHEMA!r}')
+    bearings, memories = (_entry(document, key, (dict,), 'the document') for key in ('bearings', 'states'))
     for name in bearings:
         _check(name, bearings[name])
     passed_ns = max(time_ns - kept_ns, 0)
@@ -207,33 +207,34 @@ def recall_state(annunciator: Annunciator, document: Any, time_ns: int) -> None:
                     alarm.shelf_end_ns = annunciator.now_ns + left_ns
                     alarm.shelved_until_ns = time_ns + left_ns
     annunciator.restart()
+    return memories
 
 
-def _check(name: str, record: Any) -> None:
+def _check(name: str, record: object) -> None:
     _entry(record, 'shaft_locked', (bool,), name)
     for kind, kept in _entry(record, 'alarms', (dict,), name).items():
         if kind not in {each.value for each in AlarmKind}:
             raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
-        for key, types in _KEPT.items():
+        for key, (_, types) in _KEPT.items():
             _entry(kept, key, types, f'{name}.{kind}')
+        _entry(kept, 'shelf_left', (int,), f'{name}.{kind}')
         if kept['state'] not in {each.value for each in AlarmState}:
             raise AlarmStateError(f'{name}.{kind}: there is no state {kept["state"]!r}')
 
 
-def _entry(record: Any, key: str, types: tuple[type, ...], where: str) -> Any:
+def _entry(record: object, key: str, types: tuple[type[_T], ...], where: str) -> _T:
     if not isinstance(record, dict) or key not in record:
         raise AlarmStateError(f"{where} has no '{key}'")
-    if type(record[key]) not in types:
-        raise AlarmStateError(f'{where}: {key} = {record[key]!r} is not of its type')
-    return record[key]
+    found: _T = record[key]
+    if type(found) not in types:
+        raise AlarmStateError(f'{where}: {key} = {found!r} is not of its type')
+    return found
 
 
 def _take_over(alarm: LiveAlarm, record: dict[str, Any]) -> None:
-    alarm.state = AlarmState(record['state'])
-    alarm.active, alarm.occurred = record['active'], record['occurred']
-    alarm.since_ns, alarm.changed_ns = record['since'], record['changed']
-    alarm.by, alarm.text = record['by'], record['text']
-    alarm.suppressed_by = tuple(record['suppressed_by'])
+    for key, (name, _) in _KEPT.items():
+        setattr(alarm, name, record[key])
+    alarm.state, alarm.suppressed_by = AlarmState(record['state']), tuple(record['suppressed_by'])
 
 
 ACTION_SCHEMA = 'stickslip_monitor/action/1'
@@ -266,7 +267,7 @@ def request_record(request: ActionRequest) -> dict[str, Any]:
     }
 
 
-def parse_request(document: Any, bearings: Collection[str]) -> ActionRequest:
+def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     """Take a request from somebody who may have sent anything.
 
     Args:
@@ -295,7 +296,7 @@ def parse_request(document: Any, bearings: Collection[str]) -> ActionRequest:
     return ActionRequest(action, by, bearing, kind, reason.strip())
 
 
-def checked_name(name: Any) -> str:
+def checked_name(name: object) -> str:
     """Somebody's name for the log, without space around it.
 
     Raises:
@@ -311,7 +312,7 @@ def checked_name(name: Any) -> str:
     return text
 
 
-def _choice(document: dict[str, Any], field: str, choices: dict[str, Any]) -> Any:
+def _choice(document: dict[str, Any], field: str, choices: dict[str, _T]) -> _T | None:
     value = document.get(field)
     if value is None:
         return None
@@ -320,6 +321,6 @@ def _choice(document: dict[str, Any], field: str, choices: dict[str, Any]) -> An
     return choices[value]
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) <= LONGEST_NAME else f'{text[:LONGEST_NAME]}...'

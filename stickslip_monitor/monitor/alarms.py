@@ -161,7 +161,7 @@ class Causes:
             f'{self.config.name}: Input {INPUTS[place]} implausible: on {topic}, {what}.'
         )
 
-    def take_point(self, resting: bool, now_ns: int) -> bool:
+    def take_point(self, now_ns: int, *, resting: bool) -> bool:
         """An operating point was measured; return whether anything may have changed."""
         if self.recalled and self._recalled_until is None:
             alarm = self.config.alarm

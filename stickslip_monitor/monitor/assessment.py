@@ -410,7 +410,7 @@ def assess(
     if table is None and v.size > _FEW:
         table = known_table(bearing)
     with np.errstate(all='ignore'):
-        columns = in_blocks(partial(_judge, bearing, table, sums), v, n)
+        columns = in_blocks(partial(_judge, bearing, table, sums=sums), v, n)
     stored = (restore(part, shape) for part in (v, n, *columns))
     found = _of(stored, bearing, belief, one=not shape)
     if belief is not None:
@@ -419,7 +419,7 @@ def assess(
 
 
 def _judge(
-    bearing: Bearing, table: BoundaryTable | None, sums: bool, speed: FloatArray, load: FloatArray
+    bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray, *, sums: bool
 ) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
     law = bearing.friction

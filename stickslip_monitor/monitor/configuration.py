@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -159,12 +159,13 @@ def belief_of(
             ' above 0 and rising'
         )
     speed = math.hypot(floor, tolerance.speed, tolerance.scatter)
-    return Belief(found, covariance, speed, tolerance.load, (low, high), True)
+    return Belief(found, covariance, speed, tolerance.load, (low, high), calibrated=True)
 
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
 _TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
+_Input = TypeVar('_Input', bound=InputConfig)
 _NEWTONS = {'N': 1.0, 'kN': 1000.0}
 
 
@@ -335,8 +336,7 @@ def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
     """The input of the load, or the constant that stands for it, which comes with the speed."""
     constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
     if math.isnan(constant):
-        load: LoadConfig = _input(LoadConfig, name, 'load', own, factor)
-        return load
+        return _input(LoadConfig, name, 'load', own, factor)
     for key in ('topic', 'column'):
         if own[f'load.{key}']:
             raise ConfigurationError(
@@ -361,8 +361,8 @@ def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
 
 
 def _input(
-    kind: type[Any], name: str, quantity: str, own: Mapping[str, Any], factor: float, deadband: float = 0.0
-) -> Any:
+    kind: type[_Input], name: str, quantity: str, own: Mapping[str, Any], factor: float, deadband: float = 0.0
+) -> _Input:
     """The configuration of one input, of that dataclass."""
     topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
     if not topic and not own[f'{quantity}.column']:
@@ -406,7 +406,7 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConf
                     f' {value!r} is given: name the topic of the measured vibration'
                 )
         return None
-    level: LevelConfig = _input(LevelConfig, name, 'level', own, 1.0)
+    level = _input(LevelConfig, name, 'level', own, 1.0)
     threshold, unit = level.threshold, level.unit
     if threshold <= 0.0 and unit != 'dB':
         raise ConfigurationError(

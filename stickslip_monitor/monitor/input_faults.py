@@ -371,18 +371,18 @@ class InputWatch:
             for name, track in zip(INPUTS, self._tracks[bearing], strict=False)
         }
 
-    def explain(self, bearing: str, now_ns: int, without_clock: bool) -> str:
+    def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
         """What is wrong with the lost inputs of a bearing right now; arguments as for look."""
         self._publishers.clear()
         lost = self._bearings[bearing].lost()
         found = (
-            input_fault(self._facts(bearing, place, now_ns, without_clock))
+            input_fault(self._facts(bearing, place, now_ns, without_clock=without_clock))
             for place, name in enumerate(QUANTITIES)
             if name in lost
         )
         return ' '.join(dict.fromkeys(text for text in found if text))
 
-    def look(self, now_ns: int, without_clock: bool) -> list[tuple[str, str]]:
+    def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str]]:
         """Look at every input; to be called once a second.
 
         Args:
@@ -400,21 +400,21 @@ class InputWatch:
             (name, track.reported)
             for name, tracks in self._tracks.items()
             for place, track in enumerate(tracks)
-            if self._look_at(name, place, track, now_ns, without_clock)
+            if self._look_at(name, place, track, now_ns, without_clock=without_clock)
         ]
         return list(dict.fromkeys(found))  # that /clock is silent holds for all inputs
 
-    def _look_at(self, bearing: str, place: int, track: _Track, now_ns: int, without_clock: bool) -> bool:
+    def _look_at(self, bearing: str, place: int, track: _Track, now_ns: int, *, without_clock: bool) -> bool:
         """Look at one input; whether there is a fault that was not reported before."""
         track.look(now_ns, tuple(map(int, self._bearings[bearing].counts[place])))
-        fault = input_fault(self._facts(bearing, place, now_ns, without_clock))
+        fault = input_fault(self._facts(bearing, place, now_ns, without_clock=without_clock))
         track.looks = track.looks + 1 if fault else 0
         reported = fault if track.looks >= PATIENCE else ''
         new = bool(reported) and _NUMBERS.sub('', reported) != _NUMBERS.sub('', track.reported)
         track.reported = reported
         return new
 
-    def _facts(self, bearing: str, place: int, now_ns: int, without_clock: bool) -> InputFacts:
+    def _facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
         source = monitor.config.inputs[INPUTS[place]]
         lost = monitor.last_ns(place) is None or monitor.is_lost(place)

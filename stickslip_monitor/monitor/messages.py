@@ -10,8 +10,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import plural
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment
+from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments
 from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig
@@ -85,9 +88,13 @@ def verdict_values(bearing: BearingConfig) -> dict[str, Callable[[Verdict], floa
 
 
 def _number_of(name: str, verdict: Verdict) -> float:
-    """A number, worked out only where somebody wants it."""
-    value = float(getattr(verdict.assessment, name))
-    return WITHOUT_CYCLE.get(name, value) if math.isnan(value) else value
+    return float(topic_number(name, verdict.assessment))
+
+
+def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
+    """A number of one point or many as its topic says it, worked out only where somebody wants it."""
+    value = np.asarray(getattr(points, name))
+    return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
 
 def number(value: float) -> float | None:
@@ -334,7 +341,7 @@ class NodeHealth:
     longest_delay: float = 0.0  # for how long at most [s]
     state_file_fault: str = ''  # why the alarms are not kept
     clip_fault: str = ''  # why the last event clip is lost
-    changed: dict[str, tuple[Any, Any]] = field(default_factory=dict)
+    changed: dict[str, tuple[object, object]] = field(default_factory=dict)
     """What was changed over ROS and not acknowledged: value before and now, by parameter."""
     _failed_at: float = math.inf
     _failures_seen: int = 0
@@ -345,7 +352,7 @@ class NodeHealth:
             self._failures_seen, self._failed_at = self.failures, steady
         self.failing = bool(self.failures) and steady - self._failed_at < FAILURE_PERIOD
 
-    def change(self, name: str, before: Any, after: Any) -> None:
+    def change(self, name: str, before: object, after: object) -> None:
         """Take note that a parameter was changed; one that is as it was needs no attention."""
         before = self.changed.pop(name, (before,))[0]
         if before != after:

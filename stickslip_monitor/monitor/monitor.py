@@ -12,7 +12,6 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.over_arrays import Scan, scan_bearing
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.rule_state import NEVER, State, settings_of
+from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict, size_cycle
@@ -68,7 +67,7 @@ class BearingMonitor(Standing):
             if (old.scale[place], old.offset[place]) != (new.scale[place], new.offset[place]):
                 self._rescale(place, old)
 
-    def _rescale(self, place: int, old: Any) -> None:
+    def _rescale(self, place: int, old: RuleNumbers) -> None:
         """Convert what is remembered of an input from the old settings into those of now."""
         state, new = self.state, self.settings.live
         if place == Input.LEVEL:
@@ -150,7 +149,7 @@ class BearingMonitor(Standing):
         verdict = self.judge([*state.value, *chances], self.measured)
         onset = state.onsets > onsets
         if onset or rule.condition(state) != before:
-            events.append(self.event(before, state.now, onset))
+            events.append(self.event(before, state.now, onset=onset))
         return Update(status, verdict, events)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, MutableSequence, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib import import_module
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -227,10 +227,10 @@ def scan_bearing(config: BearingConfig, stream: Stream, start_ns: int | None, en
     return BearingScan(config, start_ns).finish(stream, end_ns)
 
 
-class _Snapshots(list[Any]):
+class _Snapshots(list[State]):
     """Room for copies of a memory, filled as an array of records is."""
 
-    def __setitem__(self, place: Any, state: Any) -> None:
+    def __setitem__(self, place: SupportsIndex, state: State) -> None:  # type: ignore[override]
         super().__setitem__(place, state.copy())
 
 
@@ -246,7 +246,7 @@ class BearingScan:
     samples that went in.
     """
 
-    def __init__(self, config: BearingConfig, start_ns: int | None, long: bool | None = None) -> None:
+    def __init__(self, config: BearingConfig, start_ns: int | None, *, long: bool | None = None) -> None:
         self.config = config
         self.settings = settings_of(config)
         self.state = State()
@@ -260,7 +260,7 @@ class BearingScan:
 
     def take(self, stream: Stream) -> Scan:
         """Take the next samples; what is known of the recording with them comes out."""
-        return self._take(stream, None, False)
+        return self._take(stream, None, final=False)
 
     def finish(self, stream: Stream, end_ns: int | None) -> Scan:
         """Take the last samples, perhaps none; the rest comes out.
@@ -269,9 +269,9 @@ class BearingScan:
             stream: The samples.
             end_ns: When the recording ends: inputs may go stale until then [ns].
         """
-        return self._take(stream, end_ns, True)
+        return self._take(stream, end_ns, final=True)
 
-    def _take(self, stream: Stream, end_ns: int | None, final: bool) -> Scan:
+    def _take(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
         size, has_level = stream.time_ns.size, self.config.level is not None
         notes, points = self._room(stream)
         changes = self._run(stream, notes, points)
@@ -283,7 +283,7 @@ class BearingScan:
             last = int(np.searchsorted(made, row[SAMPLE], 'left' if lost else 'right')) - 1
             standing = self._standing(state, points[made[last]] if last >= 0 else self._last)
             before, time_ns, onset = row[[BEFORE, TIME, ONSET]].tolist()
-            events.append(standing.event(before, time_ns, bool(onset)))
+            events.append(standing.event(before, time_ns, onset=bool(onset)))
             at.append(int(row[SAMPLE]) + self._taken)
         if made.size:
             self._last = points[made[-1]].copy()
@@ -393,7 +393,9 @@ class BearingScan:
             while begin < end:
                 if count:
                     rows = np.zeros((_CHANGES, 5), np.int64)
-                    room: Any = np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([None] * _CHANGES)
+                    room: Any = (
+                        np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([self.state] * _CHANGES)
+                    )
                 begin, count = loop(states, *given, columns, begin, end, notes, points, rows, room)
                 state = states.view(np.recarray)[0] if long else self.state
                 if rule.amplitude_due(state, settings.live):

@@ -29,7 +29,7 @@ class _Loader(yaml.SafeLoader):
     ``2026-11-26`` are none; rcl asks ``strtol`` and ``strtod``.
     """
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Refuse an alias, as ROS 2 does."""
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()  # type: ignore[no-untyped-call]
@@ -109,7 +109,7 @@ class _ParameterLoader(_Loader):
             )
 
 
-def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> Any:
+def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
     """Parse one YAML file.
 
     Raises:

@@ -341,7 +341,7 @@ class AlarmConfig:
         ' goes is one alarm.',
     )
     latch: bool = parameter(
-        False, 'The stick-slip and amplitude alarms stay until they are reset.', live=True
+        default=False, text='The stick-slip and amplitude alarms stay until they are reset.', live=True
     )
     startup_inhibit_ns: int = duration(
         0.0, 'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.'
@@ -426,7 +426,9 @@ class MonitorConfig:
     """The configuration of the monitor and its node; ``notes`` says what of it has no effect."""
 
     bearings: tuple[BearingConfig, ...]
-    autostart: bool = parameter(True, 'Configure and activate the node by itself when it starts.')
+    autostart: bool = parameter(
+        default=True, text='Configure and activate the node by itself when it starts.'
+    )
     publish_period: float = parameter(
         0.0,
         "Least time between two publications of a bearing's values; 0 publishes every evaluation."

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias, TypeVar
 
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Input, Status
 from stickslip_monitor.monitor.vibration_rule import (
@@ -36,6 +37,7 @@ from stickslip_monitor.physics.scalar_law import friction_slope
 Numbers: TypeAlias = Sequence[float]
 Model: TypeAlias = tuple[Numbers, Sequence[Sequence[Numbers]], Numbers]
 Rows: TypeAlias = Sequence[MutableSequence[float]]
+_Number = TypeVar('_Number', float, FloatArray)
 
 SPEED, LOAD, LEVEL = Input
 ACCEPTED, NOT_FINITE, NO_VALUE, IMPLAUSIBLE, BELOW_MINIMUM, REPEATED, OUT_OF_ORDER = Status
@@ -67,7 +69,7 @@ SIZED = 10**9
 """Time after which the amplitude of the cycle is worked out again [ns]."""
 
 
-def si_value(c: RuleNumbers, place: int, number: Any) -> Any:
+def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
     """A number as it stands in a message in SI units (a level in its own), deadband applied.
 
     It may be an array of them as well.

@@ -291,7 +291,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         runs_chance=alarm.runs_probability,
         amplitude_limit=alarm.amplitude_limit,
         amplitude_off=alarm.amplitude_limit * (1.0 - alarm.hysteresis),
-        threshold=math.nan if level is None else _decibels(level.threshold, in_db),
+        threshold=math.nan if level is None else _decibels(level.threshold, in_db=in_db),
         hysteresis=0.0 if level is None else level.hysteresis,
         table_first=table.first,
         table_step=table.step,
@@ -307,5 +307,5 @@ def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
     return int(min(DECAY, onset_growth * DECAY) * 2e9 * bearing.mass / bearing.damping)
 
 
-def _decibels(level: float, in_db: bool) -> float:
+def _decibels(level: float, *, in_db: bool) -> float:
     return level if in_db or math.isnan(level) else 20.0 * math.log10(level)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from stickslip_monitor.errors import AlarmStateError, cause
@@ -50,23 +51,25 @@ class Log(Protocol):
 class Store(Protocol):
     """Keeps one document over a restart."""
 
-    path: Any
+    @property
+    def path(self) -> str | Path:
+        """Where it is kept."""
 
-    def read(self) -> Any:
+    def read(self) -> object:
         """The document; ``None`` where there is none yet.
 
         Raises:
             AlarmStateError: It cannot be read.
         """
 
-    def write(self, document: Any) -> None:
+    def write(self, document: dict[str, Any]) -> None:
         """Put a new document in the place of the old one.
 
         Raises:
             OSError: It cannot be written; the old one is untouched.
         """
 
-    def set_aside(self) -> Any:
+    def set_aside(self) -> str | Path:
         """Rename a damaged document and return its new name.
 
         Raises:
@@ -94,7 +97,7 @@ class Sink:
     def take_alarms(self, record: dict[str, Any]) -> None:
         """The list of alarms; see :func:`.alarm_records.alarms_record`."""
 
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
+    def take_states(self, states: list[BearingState], *, whole: bool) -> None:
         """The state of some bearings, or of the whole ship."""
 
 
@@ -118,7 +121,7 @@ class Shown(Sink):
         """Show the list of alarms."""
         self._display.take_alarms(record)
 
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
+    def take_states(self, states: list[BearingState], *, whole: bool) -> None:
         """Show the state of each bearing."""
         for state in states:
             self._display.take_record(bearing_record(state))
@@ -170,7 +173,7 @@ class Session:
             document = store.read()
             if document is None:
                 return {}
-            alarm_records.recall_state(self.annunciator, document, self._clock())
+            kept = alarm_records.recall_state(self.annunciator, document, self._clock())
         except AlarmStateError as error:
             try:
                 end = f'it is now {store.set_aside()}, and the alarms start fresh'
@@ -178,9 +181,8 @@ class Session:
                 end = f'the alarms start fresh; it cannot be set aside: {cause(other)}'
             self._log.error(f'state_file {store.path} cannot be used: {error}; {end}')
             return {}
-        known, states = {}, document.get('states')
-        # The file of the last version has none.
-        for name, record in states.items() if isinstance(states, dict) else ():
+        known = {}
+        for name, record in kept.items():
             try:
                 known[name] = State.of_record(record)
             except (ValueError, AttributeError) as error:
@@ -222,7 +224,7 @@ class Session:
         self.config = config
 
     def take(
-        self, name: str, place: int, time_ns: int, value: float, now: Moment, latest: bool = True
+        self, name: str, place: int, time_ns: int, value: float, now: Moment, *, latest: bool = True
     ) -> Update:
         """Take one number of one input.
 
@@ -251,7 +253,7 @@ class Session:
         if update.verdict is not None:
             self._unsaid[name] = update.verdict
         if latest or update.events:
-            self._say(name, bool(update.events), now)
+            self._say(name, now, changed=bool(update.events))
         self._announce(update.events)
         changes = []
         if odd:
@@ -290,7 +292,7 @@ class Session:
     def catch_up(self, now: Moment) -> None:
         """Nothing waits any more: publish the verdicts that were held back."""
         for name in list(self._unsaid):
-            self._say(name, True, now)
+            self._say(name, now, changed=True)
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
         """Let the alarms' running time pass (since :meth:`begin`), and look at the inputs."""
@@ -303,7 +305,7 @@ class Session:
         if self._looked_ns is not None and now.steady_ns - self._looked_ns < LOOK_NS:
             return
         self._looked_ns = now.steady_ns
-        looked = self._inputs.look(now.steady_ns, now.time_ns == 0) if self._inputs else ()
+        looked = self._inputs.look(now.steady_ns, without_clock=now.time_ns == 0) if self._inputs else ()
         for bearing, text in looked:
             self._log.warning(f'{bearing}: {text}')
             self.note('input', f'{bearing}: {text}')
@@ -325,14 +327,14 @@ class Session:
     def show(self, now: Moment) -> None:
         """Publish the state of every bearing."""
         self._changed.clear()
-        self._sink.take_states(self.states(self.monitor.bearings, now), True)
+        self._sink.take_states(self.states(self.monitor.bearings, now), whole=True)
 
     def flush(self, now: Moment) -> None:
         """Publish the state of the bearings whose condition has changed since the last time."""
         if self._changed:
             states = self.states(sorted(self._changed), now)
             self._changed.clear()
-            self._sink.take_states(states, False)
+            self._sink.take_states(states, whole=False)
 
     def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
         """The state of some bearings."""
@@ -346,7 +348,7 @@ class Session:
             for name in names
         ]
 
-    def _say(self, name: str, changed: bool, now: Moment) -> None:
+    def _say(self, name: str, now: Moment, *, changed: bool) -> None:
         """Publish the latest verdict of a bearing, or at most one each period."""
         verdict = self._unsaid.pop(name, None)
         if verdict is None:
@@ -381,9 +383,9 @@ class Session:
             changes,
             self._clock(),
             self._sequence,
-            self.monitoring,
-            notes,
-            lambda name: self.monitor.bearings[name].text(),
+            monitoring=self.monitoring,
+            notes=notes,
+            text_of=lambda name: self.monitor.bearings[name].text(),
         )
         self._sink.take_alarms(record)
         for change in changes:
@@ -399,7 +401,7 @@ class Session:
         if self._store is None:
             return
         states = {name: b.state.record() for name, b in self.monitor.bearings.items()}
-        document = alarm_records.state_record(self.annunciator, self._clock()) | {'states': states}
+        document = alarm_records.state_record(self.annunciator, self._clock(), states)
         try:
             self._store.write(document)
             self._unkept = ''
@@ -415,7 +417,7 @@ class Session:
         found = []
         for event in events:
             if event.after is Condition.INPUT_STALE:
-                why = self._inputs.explain(event.bearing, now.steady_ns, now.time_ns == 0)
+                why = self._inputs.explain(event.bearing, now.steady_ns, without_clock=now.time_ns == 0)
                 event = replace(event, text=f'{event.text} {why}'.rstrip())
             found.append(event)
         return found

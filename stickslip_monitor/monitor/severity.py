@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from enum import Enum, IntEnum
 from inspect import get_annotations
-from typing import Any, TypeVar
+from typing import TypeVar
 
 _SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
 
@@ -15,7 +15,7 @@ class SentenceEnum(str, Enum):
 
     sentence: str
 
-    def __new__(cls: type[_SentenceEnum], name: str, *facts: Any) -> _SentenceEnum:
+    def __new__(cls: type[_SentenceEnum], name: str, *facts: object) -> _SentenceEnum:
         """Make a member from its name and its facts, the sentence last."""
         member = str.__new__(cls, name)
         member._value_ = name

@@ -127,7 +127,7 @@ class Standing:
     def is_loud(self) -> bool:
         """Whether the level is above its threshold and no higher than usual."""
         s, c = self.state, self.settings.live
-        high = rule.hears(s, c) and is_over(s, c, False) and not s.sticking
+        high = rule.hears(s, c) and is_over(s, c, raised=False) and not s.sticking
         return high and decibels(c, s.level) < s.background + RISE
 
     @property
@@ -187,7 +187,7 @@ class Standing:
         rule.pass_time(state, self.settings.live, time_ns)
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 
-    def event(self, before: int, time_ns: int, onset: bool = False) -> Event:
+    def event(self, before: int, time_ns: int, *, onset: bool = False) -> Event:
         """The change of alarm, or the onset, that has just come.
 
         Args:

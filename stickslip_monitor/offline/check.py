@@ -207,7 +207,7 @@ class _BearingCheck:
         series = [_NOTHING if request is None else part[request] for request in self.requests]
         stream = merged(series)
         if self._scan is None:
-            self._scan = BearingScan(self.config, start_ns, self._long)
+            self._scan = BearingScan(self.config, start_ns, long=self._long)
         scan = self._scan.take(stream)
         self._add(scan)
         for each, own in zip(self._inputs, series, strict=True):

@@ -33,6 +33,7 @@ from stickslip_monitor.monitor.messages import (
     diagnostic_record,
     event_json,
     output_topics,
+    topic_number,
     topic_numbers,
     topic_words,
 )
@@ -266,10 +267,7 @@ class _Follower:
     ) -> Iterator[tuple[str, Sequence[bytes]]]:
         """What the topics of a bearing say of some points, by their last part."""
         for name in topic_numbers(self._config):
-            values = getattr(points, name)
-            if name.startswith('amplitude'):
-                values = np.where(np.isnan(values), 0.0, values)  # there is no cycle
-            yield name, encode_float64s(values)
+            yield name, encode_float64s(topic_number(name, points))
         for name in topic_words(self._config):
             known, codes = (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
             encoded = [encode_string(str(word)) for word in known]

@@ -216,7 +216,7 @@ class Outputs(Sink):
         """The list of alarms, with what has just changed."""
         self._send(self._alarms, String(data=json.dumps(record, allow_nan=False)))
 
-    def take_states(self, states: list[BearingState], whole: bool) -> None:
+    def take_states(self, states: list[BearingState], *, whole: bool) -> None:
         """The state of bearings, and with all of them that of the node itself."""
         now = self._node.get_clock().now()
         if self._wanted(self._records):

@@ -157,7 +157,7 @@ class Running:
         # held up some was left out, so that the arrivals of the rest have gaps that are ours.
         if now.set_ns == self._set_ns and not self._late:
             now = now._replace(time_ns=arrival_ns)
-        update = self._session.take(name, place, time_ns, value, now, self._latest)
+        update = self._session.take(name, place, time_ns, value, now, latest=self._latest)
         if update.status.valid and place != LEVEL:
             self._watchdog.note(name)
 

@@ -64,7 +64,7 @@ def test_compiled_equals_interpreted(number: int) -> None:
     own = sequence(number)
     (config,) = own.config.bearings
     one, other = (
-        BearingScan(config, own.start_ns, long).finish(_stream(own.messages), own.end_ns)
+        BearingScan(config, own.start_ns, long=long).finish(_stream(own.messages), own.end_ns)
         for long in (False, True)
     )
     _require_same(one, other)
