@@ -6,7 +6,6 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections.abc import Iterator
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,6 @@ from hypothesis import HealthCheck, settings
 import stickslip_monitor
 from stickslip_monitor.physics.scalar_law import scalar_law
 
-# Without ROS 2 its adapter has no examples to run.
-collect_ignore_glob = [] if find_spec('rclpy') else ['stickslip_monitor/ros/*']
 # How long drawing takes is the machine's affair.
 settings.register_profile('any machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('any machine')
