@@ -159,7 +159,8 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named:
     fits = is_named or (not has_unit and is_rising and len(set(values)) > 0.5 * len(values))
     if not values or not fits or len(values) <= _MOSTLY * len(found):
         return None
-    unit, size = (written or '').lower(), max(map(abs, values))
+    # In brackets, or the last of several words: 'time [ms]', 't_ms'.
+    unit, size = (written or words.partition(' ')[2]).lower(), max(map(abs, values))
 
     def clock(factor: int, said: str, zero: int = 0) -> Clock:
         read = scaled_reader(factor, zero, table.decimal)

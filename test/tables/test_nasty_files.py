@@ -124,6 +124,9 @@ LOGS = {
     'milliseconds by the heading': Log(
         'time [ms],speed,load\n0,30,900\n100,31,901\n', times=since(0, 0.1), says='ms since the start'
     ),
+    'milliseconds by their name': Log(
+        't_ms,n_rpm,load_kN\n0,30,0.9\n100,31,0.901\n', times=since(0, 0.1), says='ms since the start'
+    ),
     'no heading': Log('2026-04-13 10:00:00,30,900\n2026-04-13 10:00:01,31,901\n'),
     'date and time apart': Log(
         'Date,Time,speed,load\n13/04/2026,10:00:00,30,900\n13/04/2026,10:00:01.5,31,901\n',
