@@ -162,9 +162,9 @@ def main(
     except StickslipError as error:
         return _failed(str(error), 2)
     except BrokenPipeError:
-        # The reader (head, less) has gone: nothing is wrong, and nothing more can be printed.
+        # The reader (head, less) has gone. What it has not read may be a warning.
         _to_nowhere(sys.stdout.fileno())
-        return 0
+        return 1
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
         place = f"'{error.filename}': " if error.filename else ''

@@ -238,3 +238,12 @@ def test_a_stream_that_takes_nothing_is_no_fault_of_the_program(
         assert json.loads(done.stdout)['error'] == "bag '-' is empty: 0 bytes"
     if closed == '>/dev/full':
         assert done.stderr.endswith('ERROR: No space left on device\n')
+
+
+def test_a_reader_that_has_gone_is_no_all_clear() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, '-m', 'stickslip_monitor', 'check', str(BAG), '-c', str(CONFIG)]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, b'')
