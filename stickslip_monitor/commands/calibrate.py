@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -25,39 +24,27 @@ from rich.table import Table
 
 from stickslip_monitor import __version__
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.errors import ConfigurationError, cause, plural
-from stickslip_monitor.files import read_json
+from stickslip_monitor.drawing.studies import draw_calibration, draw_levels
+from stickslip_monitor.errors import plural
 from stickslip_monitor.lab.calibration import (
     FRAGMENT_MARK,
     Calibration,
     Evidence,
     EvidenceSource,
     fragment,
-    inputs_of,
-    known_recordings,
-    prior_from,
-    prior_with_bench,
     to_document,
 )
-from stickslip_monitor.lab.evidence import LevelBins, NoTwoModes, read_reports
-from stickslip_monitor.lab.posterior import Prior
-from stickslip_monitor.monitor.configuration import (
-    CALIBRATION_SCHEMA,
-    LARGEST_JSON,
-    belief_of,
-    load_calibration,
-    require_same_sensors,
-)
+from stickslip_monitor.lab.evidence import NoTwoModes, read_reports
+from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.offline.check import Kept, check_recording
-from stickslip_monitor.physics.probability import EXACT, QUANTILES
+from stickslip_monitor.physics.probability import QUANTILES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = 'recording or log'
-    options.add_file(parser, 'bags', nargs='+', metavar='BAG', help=text)
+    options.add_file(parser, 'bags', nargs='+', metavar='BAG', help='recording or log')
     options.add_config(parser)
     options.add_shared(parser, '--bearing', help=options.ONE_OF_SEVERAL)
     text = "an operator's reports of vibration"
@@ -66,15 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result = {'': CALIBRATION_SCHEMA.rpartition('/')[0].encode()}
     text = 'write the result, JSON'
     options.add_file(parser, '--output', '-o', marks=result, renews=True, help=text)
-    options.add_file(parser, '--add', metavar='FILE', help='start from this earlier result')
     text = 'allow a slow drift of the boundary: standard deviation of ln N, e.g. 0.03'
     options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
-    options.add_file(parser, '--bench', metavar='FIT', help='result of stickslip fit --json')
     yaml = {'': FRAGMENT_MARK}
-    options.add_file(
-        parser, '--fragment', marks=yaml, help='write damping and friction as a configuration fragment, YAML'
-    )
-    options.add_picture(parser, 'the map with its bands')
+    text = 'write damping and friction as a configuration fragment, YAML'
+    options.add_file(parser, '--fragment', marks=yaml, help=text)
+    options.add_picture(parser, 'the level with its edges, and the boundaries')
     options.add_shared(parser, '--force', '--json')
 
 
@@ -83,57 +67,27 @@ def run(args: argparse.Namespace) -> int:
     whole = load_config(args.config, args.node)
     config = options.the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
     source = source_of(args.reports, whole)
-    earlier = _earlier(args.add, config)
-    prior = _prior(args, config, earlier)
-    known = [] if earlier is None else known_recordings(args.add, earlier)
     with output.ProgressBar() as meter:
         evidence = _evidence(args.bags, config, source, meter)
     try:
-        found = source.calibrated(config, evidence, prior, args.forget, known)
+        found = source.calibrated(config, evidence, args.forget)
     except NoTwoModes as error:
         levels = error.levels
-        output.write_outputs(args, picture=lambda: _levels(config, levels))
+        output.write_outputs(args, picture=lambda: draw_levels(config, levels))
         raise
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
-    document = to_document(config, found, earlier, now, __version__)
+    document = to_document(config, found, now, __version__)
     output.write_outputs(
         args,
         output=lambda: output.json_text(document),
         fragment=lambda: fragment(config, found),
-        picture=lambda: _drawn(config, found),
+        picture=lambda: draw_calibration(config, found),
     )
     if args.json:
         output.print_json(document)
     else:
         _print(output.console(), config, found)
     return int(bool(found.warnings))
-
-
-def _earlier(path: str | None, config: BearingConfig) -> Mapping[str, Any] | None:
-    if path is None:
-        return None
-    document = load_calibration(path)
-    require_same_sensors(path, document, config.name, inputs_of(config))
-    belief_of(path, document, config.bearing, EXACT)  # refuses what is damaged before it is read
-    return document
-
-
-def _prior(
-    args: argparse.Namespace, config: BearingConfig, earlier: Mapping[str, Any] | None
-) -> Prior | None:
-    if earlier is not None:
-        if args.bench is not None:
-            raise ConfigurationError(
-                '--bench is a prior for a first calibration, and --add already has one: give one of them'
-            )
-        return prior_from(args.add, earlier, config.bearing)
-    if args.bench is None:
-        return None
-    try:
-        document = read_json(args.bench, LARGEST_JSON)
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f'{args.bench} cannot be read: {cause(error)}') from error
-    return prior_with_bench(config.bearing, config.tolerance, args.bench, document)
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
@@ -152,19 +106,6 @@ def _evidence(
         check_recording(path, MonitorConfig((config,)), [kept])
         found.append(source.of_recording(kept, config))
     return found
-
-
-def _levels(config: BearingConfig, levels: Sequence[LevelBins]) -> Any:
-    from stickslip_monitor.drawing.studies import draw_levels
-
-    return draw_levels(config, levels)
-
-
-def _drawn(config: BearingConfig, found: Calibration) -> Any:
-    # Drawing takes time to import.
-    from stickslip_monitor.drawing.studies import draw_calibration
-
-    return draw_calibration(config, found)
 
 
 def _print(out: Console, config: BearingConfig, found: Calibration) -> None:

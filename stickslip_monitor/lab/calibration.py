@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration: another bearing with its uncertainty, and what its evidence is worth.
-
-A calibration as the documented JSON object, and the prior that an earlier one makes.
-
-The evidence in recordings of a bearing: its speed and load, and when it vibrated.
+"""A calibration: what recordings tell of a bearing's boundaries, as another bearing with its uncertainty.
 
 The evidence is an operator's list, the bearing's level of vibration, or the truth in a simulated
 recording; never the verdict of the monitor itself, which would be a circle. :func:`learned`
@@ -13,7 +9,7 @@ says in a sentence what a calibration would change, which changes nothing by its
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -22,25 +18,23 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import CalibrationError, PhysicsError, plural
+from stickslip_monitor.errors import CalibrationError, plural
 from stickslip_monitor.lab.edges import Edges, End, Reference, edges_of
 from stickslip_monitor.lab.evidence import (
-    TRUTH_TOLERANCE,
-    TRUTH_TRUST,
     LevelBins,
     TelemetryBins,
     VibrationReport,
-    alternating,
     course_of,
     level_over_speed,
     level_reports,
     modes_of,
+    true_reports,
 )
 from stickslip_monitor.lab.posterior import Posterior, Prior, Spreads, doubt, infer
 from stickslip_monitor.lab.truth import has_truth, read_truth
 from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KEYS
 from stickslip_monitor.monitor.over_arrays import Scan
-from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging import fold_speed
@@ -50,7 +44,7 @@ from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belie
 
 FLOOR = 0.01
 """Relative error of a boundary's speed that no evidence takes away: the model's own."""
-DAMPING, _DECAY, LOAD = 0.40, 0.30, 0.03
+_DAMPING, _DECAY, _LOAD = 0.40, 0.30, 0.03
 """Deviations where the configuration has none."""
 _DOUBTFUL = 0.5
 _MOST_ROWS, _ONE_LOAD = 5, 1.1
@@ -58,6 +52,9 @@ _MOST_ROWS, _ONE_LOAD = 5, 1.1
 # both that difference and the trend must be.
 _FEWEST_ENDS, _LAST, _CHANGED = 5, 3, 3.0
 _LEAST_SCATTER = 0.02
+_LEAST_LEVEL, _DIGITS = 1e-20, 6
+FRAGMENT_MARK = b'Made by stickslip calibrate'
+"""Marks a fragment among the files of others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +91,7 @@ def prior_of(bearing: Bearing, tolerance: Tolerance) -> Prior:
     ``mu_s - mu_k``.
     """
     fall = tolerance.of_fall(bearing.friction) or UNKNOWN_FALL
-    decay, damping = tolerance.decay or _DECAY, tolerance.damping or DAMPING
+    decay, damping = tolerance.decay or _DECAY, tolerance.damping or _DAMPING
     other = damping**2 + fall**2
     return Prior(np.zeros(2), np.array([[decay**2, -(decay**2)], [-(decay**2), decay**2 + other]]))
 
@@ -126,12 +123,9 @@ class Calibration:
     def factors(self) -> tuple[float, float]:
         """``ln r`` and ``ln q`` in the middle."""
         u, log_q = self.posterior.fold.middle
-        return u - self._bend(log_q), log_q
-
-    def _bend(self, log_q: float) -> float:
         n = self.posterior.load
         there, here = self.reference.fold(np.array([n + log_q, n]))
-        return float(there - here)
+        return u - float(there - here), log_q
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -183,12 +177,12 @@ class Calibration:
     def doubts(self) -> list[tuple[End, float]]:
         """Ends and bounds that are more likely worthless than not, with that probability."""
         log_r, log_q = self.factors
-        each = []
-        for later, end in enumerate(reversed(self.edges.ends)):
-            moved_on = self.spreads.forget * math.sqrt(later)
+        count, each = len(self.edges.ends), []
+        for k, end in enumerate(self.edges.ends):
+            moved_on = self.spreads.forget * math.sqrt(count - 1 - k)
             spread = math.hypot(0.02, self.spreads.load, moved_on)
             each.append((end, doubt(end, self.reference, log_r, log_q, spread)))
-        return [(end, p) for end, p in reversed(each) if p > _DOUBTFUL]
+        return [(end, p) for end, p in each if p > _DOUBTFUL]
 
     def misses(self) -> list[tuple[float, float, float]]:
         """Of each end its time [s], how far ``ln V`` is off the fold, and the spread of that."""
@@ -204,17 +198,18 @@ class Calibration:
     def warnings(self) -> list[str]:
         """What makes the result worth less, a sentence each."""
         found = []
+        seen = self.edges.seen
         if not self.episodes:
             found.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
-        elif not self.edges.seen:
+        elif not seen:
             found.append(
                 'no vibration was seen to end while the speed rose, so that the fold is only'
                 ' bounded: record a passage from stick-slip to faster speeds'
             )
-        elif len(self.edges.seen) == 1:
+        elif len(seen) == 1:
             found.append(
-                f'all rests on one end of vibration ({self.edges.seen[0].report.source}): one'
-                ' more episode would confirm it'
+                f'all rests on one end of vibration ({seen[0].report.source}): one more episode'
+                ' would confirm it'
             )
         for end, p in self.doubts:
             one = end.report
@@ -249,15 +244,16 @@ class Calibration:
     def remarks(self) -> list[str]:
         """What else is to be known, a sentence each."""
         (low, high), found = self.loads, []
-        if text := self.ends_text:
-            found.append(text)
+        if off := [over_fold(end, self.reference) for end in self.edges.seen]:
+            middle = 100.0 * (float(np.median(off)) - 1.0)
+            count = '1 episode ends' if len(off) == 1 else f'{len(off)} episodes end'
+            side = 'above' if middle >= 0.0 else 'below'
+            found.append(f'{count} {abs(middle):.1f} % {side} the configured fold')
         found += [f'{name} was given before and counts once' for name in self.repeated]
-        knocks = [knock for one in self.evidence for knock in one.knocks]
-        if knocks:
-            first = knocks[0]
+        if knocks := [knock for one in self.evidence for knock in one.knocks]:
             found.append(
                 f'{plural(len(knocks), "vibration")} of less than 10 s left out as knocks,'
-                f' the first at {first.start_ns / 1e9:.0f} s ({first.source})'
+                f' the first at {knocks[0].start_ns / 1e9:.0f} s ({knocks[0].source})'
             )
         if high < _ONE_LOAD * low:
             found.append(
@@ -266,18 +262,8 @@ class Calibration:
             )
         return found
 
-    @property
-    def ends_text(self) -> str:
-        """How the ends of the episodes lie to the configured fold."""
-        off = [track_over(end, self.reference) for end in self.edges.seen]
-        if not off:
-            return ''
-        middle = 100.0 * (float(np.median(off)) - 1.0)
-        count = '1 episode ends' if len(off) == 1 else f'{len(off)} episodes end'
-        return f'{count} {abs(middle):.1f} % {"above" if middle >= 0.0 else "below"} the configured fold'
 
-
-def track_over(end: End, reference: Reference) -> float:
+def over_fold(end: End, reference: Reference) -> float:
     """Speed at an end over the configured fold speed."""
     speed, load = end.middle
     return speed / math.exp(float(reference.fold(np.array([math.log(load)]))[0]))
@@ -287,10 +273,8 @@ def calibrate(
     found: Sequence[Evidence],
     bearing: Bearing,
     tolerance: Tolerance,
-    prior: Prior | None = None,
     forget: float = 0.0,
     onsets: bool = True,
-    known: Sequence[str] = (),
 ) -> Calibration:
     """Infer a bearing's boundaries.
 
@@ -298,119 +282,102 @@ def calibrate(
         found: The recordings, with their reports.
         bearing: The bearing that is configured.
         tolerance: What its configuration states of it.
-        prior: In place of the tolerances', that of an earlier result.
         forget: Standard deviation that ``ln q`` is given anew before each recording: it wears.
         onsets: Whether the times of onsets are worth something; ``False`` for a person's list.
-        known: Fingerprints of the courses that the prior rests on.
 
     Raises:
-        CalibrationError: The evidence is none, known already, or of another bearing.
+        CalibrationError: The evidence is none, or of another bearing.
     """
     reference = Reference(bearing)
-    pairs, repeated = _once(found, known)
+    pairs, repeated = _once(found)
     edges = edges_of(pairs, reference, onsets)
-    if repeated and not edges.tracks:
-        raise CalibrationError(
-            f'{", ".join(repeated)} is in the earlier result already: give other recordings'
-        )
     if not edges.tracks or not edges.loads[0] > 0.0:
         raise CalibrationError(
             'there is no evidence: no report is about a time in which the shaft turned slowly'
             ' enough for stick-slip; record a slow passage with a level or reports'
         )
-    own = prior_of(bearing, tolerance) if prior is None else prior
-    spreads = Spreads(tolerance.load or LOAD, forget)
-    posterior = infer(edges, reference, own, spreads)
-    result = Calibration(reference, own, tolerance, spreads, edges, posterior, tuple(found), repeated)
-    _require_own(result)
+    prior, spreads = prior_of(bearing, tolerance), Spreads(tolerance.load or _LOAD, forget)
+    posterior = infer(edges, reference, prior, spreads)
+    result = Calibration(reference, prior, tolerance, spreads, edges, posterior, tuple(found), repeated)
+    wrong = [end for end, _ in result.doubts if not end.is_bound]
+    if len(edges.seen) > 1 and 2 * len(wrong) > len(edges.seen):
+        over = [over_fold(end, reference) for end in wrong]
+        raise CalibrationError(
+            f'{len(wrong)} of {len(edges.seen)} episodes end at {min(over):.2g} to'
+            f' {max(over):.2g} times the configured fold speed, where the rest does not, or where'
+            ' this bearing cannot: is the level that of another bearing, or a unit wrong?'
+        )
     return result
 
 
 def _once(
-    found: Sequence[Evidence], known: Sequence[str]
+    found: Sequence[Evidence],
 ) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
     """Each course once with its reports, and the names of recordings that repeat one."""
-    kept: dict[str, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
+    kept: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
     repeated: dict[str, None] = {}
     for one in found:
         for course in one.courses:
-            mark = course.fingerprint
-            if mark in kept or mark in known:
+            contents = b''.join(x.tobytes() for x in (course.time_ns, course.speed, course.load))
+            if contents in kept:
                 repeated[course.name] = None
             else:
-                kept[mark] = course, one.reports
+                kept[contents] = course, one.reports
     return list(kept.values()), tuple(repeated)
-
-
-def _require_own(found: Calibration) -> None:
-    """Refuse what this bearing cannot have done, however wrong its drawing is."""
-    wrong = [end for end, _ in found.doubts if not end.is_bound]
-    if len(found.edges.seen) > 1 and 2 * len(wrong) > len(found.edges.seen):
-        over = [track_over(end, found.reference) for end in wrong]
-        raise CalibrationError(
-            f'{len(wrong)} of {len(found.edges.seen)} episodes end at {min(over):.2g} to'
-            f' {max(over):.2g} times the configured fold speed, where the rest does not, or where'
-            ' this bearing cannot: is the level that of another bearing, or a unit wrong?'
-        )
-
-
-FRAGMENT_MARK = b'Made by stickslip calibrate'
-"""Marks a fragment among the files of others."""
-_DIGITS = 6
-_LARGEST = 100.0
-
-
-def inputs_of(config: BearingConfig) -> dict[str, dict[str, Any]]:
-    """What a calibration remembers of the sensors: it holds in their own readings only."""
-    return {'speed': _input(config.speed), 'load': _input(config.load)}
-
-
-def _input(source: InputConfig) -> dict[str, Any]:
-    values = (source.topic, source.field_text, source.scale, source.offset, source.unit)
-    return dict(zip(INPUT_KEYS, values, strict=True))
 
 
 def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
     """The damping and the law of a bearing as parameters of a configuration."""
     law = bearing.friction
-    own: dict[str, Any] = {'damping': _rounded(bearing.damping)}
+    own: dict[str, Any] = {'damping': bearing.damping}
     if isinstance(law, Tabulated):
-        return own | {
-            'friction.law': 'tabulated',
-            'friction.speed': _rounded(law.speed),
-            'friction.coefficient': _rounded(law.values),
-        }
-    names = ['static', 'kinetic']
-    if isinstance(law, Stribeck | Stretched):
-        names += ['decay', 'viscous'] + ['exponent'] * isinstance(law, Stretched)
-    kind = 'stribeck' if len(names) > 2 else 'coulomb'
-    return own | {
-        'friction.law': kind,
-        **{f'friction.{name}': _rounded(getattr(law, name)) for name in names},
+        own |= {'law': 'tabulated', 'speed': law.speed, 'coefficient': law.values}
+    else:
+        falls = isinstance(law, Stribeck | Stretched)
+        names = [
+            'static',
+            'kinetic',
+            *['decay', 'viscous'] * falls,
+            *['exponent'] * isinstance(law, Stretched),
+        ]
+        own |= {'law': 'stribeck' if falls else 'coulomb', **{name: getattr(law, name) for name in names}}
+    return {
+        name if name == 'damping' else f'friction.{name}': value if name == 'law' else _rounded(value)
+        for name, value in own.items()
     }
 
 
-def to_document(
-    config: BearingConfig, found: Calibration, earlier: Mapping[str, Any] | None, created: str, version: str
-) -> dict[str, Any]:
-    """The calibration as the documented JSON object, added to an earlier one if any."""
-    past, (low, high) = earlier or {}, found.loads
-    before = past.get('loads', (low, high))
+def to_document(config: BearingConfig, found: Calibration, created: str, version: str) -> dict[str, Any]:
+    """The calibration as the documented JSON object."""
     log_r, log_q = found.factors
-    marks = [track.course.fingerprint for track in found.edges.tracks]
+    doubtful = {id(end): p for end, p in found.doubts}
     return {
         'schema': CALIBRATION_SCHEMA,
         'bearing': config.name,
-        'inputs': inputs_of(config),
+        'inputs': {
+            name: dict(
+                zip(INPUT_KEYS, (own.topic, own.field_text, own.scale, own.offset, own.unit), strict=True)
+            )
+            for name, own in (('speed', config.speed), ('load', config.load))
+        },
         'parameters': parameters_of_law(found.bearing),
         'covariance': _rounded(found.covariance),
-        'loads': _rounded([min(low, before[0]), max(high, before[1])]),
+        'loads': _rounded(found.loads),
         'floor': found.floor,
         'factors': {'speeds': _rounded(math.exp(log_r)), 'loads': _rounded(math.exp(log_q))},
-        'configured': parameters_of_law(found.reference.bearing),
         'boundaries': _rounded(found.boundaries()),
-        'recordings': [*past.get('recordings', []), *dict.fromkeys(marks)],
-        'ends': _ends(found),
+        'ends': [
+            {
+                'recording': end.recording,
+                'source': end.report.source,
+                'time': round(end.time * 1e9),
+                'speed': _rounded(end.middle[0]),
+                'load': _rounded(end.middle[1]),
+                'bound': end.is_bound,
+                'worthless': _rounded(doubtful.get(id(end), 0.0)),
+            }
+            for end in found.edges.ends
+        ],
         'warnings': found.warnings,
         'remarks': found.remarks,
         'created': created,
@@ -420,97 +387,6 @@ def to_document(
 
 def _rounded(values: Any) -> Any:
     return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
-
-
-def _ends(found: Calibration) -> list[dict[str, Any]]:
-    doubtful = {id(end): p for end, p in found.doubts}
-    return [
-        {
-            'recording': end.recording,
-            'source': end.report.source,
-            'time': round(end.time * 1e9),
-            'speed': _rounded(end.middle[0]),
-            'load': _rounded(end.middle[1]),
-            'bound': end.is_bound,
-            'worthless': _rounded(doubtful.get(id(end), 0.0)),
-        }
-        for end in found.edges.ends
-    ]
-
-
-def prior_from(path: str, document: Mapping[str, Any], bearing: Bearing) -> Prior:
-    """The result of an earlier calibration as a prior for the bearing that is configured.
-
-    Raises:
-        CalibrationError: It was made with another bearing's parameters, or is damaged.
-    """
-    if document.get('configured') != parameters_of_law(bearing):
-        raise CalibrationError(
-            f'{path} was made with other damping or friction than are configured now, so nothing'
-            ' can be added to it: calibrate with all recordings together'
-        )
-    try:
-        factors = [float(document['factors'][name]) for name in ('speeds', 'loads')]
-        covariance = np.array(document['covariance'], dtype=float)
-        np.linalg.cholesky(covariance)
-        if not all(1.0 / _LARGEST < factor < _LARGEST for factor in factors):
-            raise ValueError(f'factors must be between {1.0 / _LARGEST:g} and {_LARGEST:g}')
-        return Prior(np.log(factors), covariance)
-    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
-        raise CalibrationError(f'{path} is damaged: {error}') from error
-
-
-def known_recordings(path: str, document: Mapping[str, Any]) -> list[str]:
-    """Fingerprints of what an earlier result rests on.
-
-    Raises:
-        CalibrationError: The object is damaged.
-    """
-    marks = document.get('recordings', [])
-    if not isinstance(marks, list) or not all(isinstance(mark, str) for mark in marks):
-        raise CalibrationError(f'{path} is damaged: its recordings must be texts')
-    return marks
-
-
-def prior_with_bench(bearing: Bearing, tolerance: Tolerance, path: str, document: Mapping[str, Any]) -> Prior:
-    """A bearing's prior with the law of ``stickslip fit --json``; the damping stays.
-
-    Raises:
-        CalibrationError: The document is none of these, or the bearing's law is another.
-    """
-    law = bearing.friction
-    if not isinstance(law, Stribeck):
-        raise CalibrationError('--bench needs the friction law stribeck without an exponent')
-    try:
-        if document['schema'] != 'stickslip_monitor/fit/2':
-            raise ValueError(f"its schema is '{document['schema']}'")
-        told = document['friction']
-        fitted = Stribeck(*(float(told[name]) for name in ('static', 'kinetic', 'decay')))
-        names = list(document['estimated'])
-        covariance = np.array(document['covariance'], dtype=float)
-        rows = np.zeros((2, len(names)))
-        fall = fitted.static - fitted.kinetic
-        rows[0, names.index('decay')] = 1.0 / fitted.decay
-        rows[1, names.index('static')], rows[1, names.index('kinetic')] = 1.0 / fall, -1.0 / fall
-        if not np.isfinite(covariance).all():
-            raise ValueError('its covariance must be finite')
-        (of_beta, both), (_, of_fall) = rows @ covariance @ rows.T
-        if not (of_beta > 0.0 and of_fall > 0.0):
-            raise ValueError('its covariance must be positive')
-    except (LookupError, TypeError, ValueError, ArithmeticError, PhysicsError) as error:
-        raise CalibrationError(
-            f'{path} must be what stickslip fit --json printed of a Stribeck law: {error}'
-        ) from error
-    # ln r = -ln beta, ln q = ln(mu_s - mu_k) + ln beta, against those configured.
-    of_damping = (tolerance.damping or DAMPING) ** 2
-    log_beta = math.log(fitted.decay / law.decay)
-    log_fall = math.log(fall / (law.static - law.kinetic))
-    return Prior(
-        np.array([-log_beta, log_fall + log_beta]),
-        np.array(
-            [[of_beta, -of_beta - both], [-of_beta - both, of_damping + of_fall + of_beta + 2.0 * both]]
-        ),
-    )
 
 
 def fragment(config: BearingConfig, found: Calibration) -> str:
@@ -524,9 +400,6 @@ def fragment(config: BearingConfig, found: Calibration) -> str:
         f'damping: {damping:.6g}\n'
         f'friction: {{{law}}}\n'
     )
-
-
-_LEAST = 1e-20
 
 
 @dataclass(frozen=True, slots=True)
@@ -546,13 +419,18 @@ class EvidenceSource:
         Raises:
             CalibrationError: It has no truth, and there is no other source.
         """
-        name, scan = kept.bag.path.name, kept.scan(config.name)
+        bag, scan = kept.bag, kept.scan(config.name)
+        name, courses = bag.path.name, courses_of(bag.path.name, scan)
         if self.reports is not None:
-            return Evidence(name, courses_of(name, scan), self._reports_of(config))
-        if not self._hears(config):
-            return _true_evidence(kept, config)
-        level = level_of(config, kept.stream(config.name), scan)
-        return Evidence(name, courses_of(name, scan), level=level)
+            return Evidence(name, courses, self._reports_of(config))
+        if self._hears(config):
+            return Evidence(name, courses, level=level_of(config, kept.stream(config.name), scan))
+        if not has_truth(bag, config.name):
+            raise CalibrationError(
+                f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
+                ' give --reports, or configure its level'
+            )
+        return Evidence(name, courses, true_reports(config.name, read_truth(bag, config.name), name))
 
     def _reports_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
         return tuple(report for report in self.reports or () if report.bearing == config.name)
@@ -562,24 +440,22 @@ class EvidenceSource:
         return config.level is not None and self.reports is None and not self.true
 
     def calibrated(
-        self,
-        config: BearingConfig,
-        found: Sequence[Evidence],
-        prior: Prior | None = None,
-        forget: float = 0.0,
-        known: Sequence[str] = (),
+        self, config: BearingConfig, found: Sequence[Evidence], forget: float = 0.0
     ) -> Calibration:
         """What all recordings together give of a bearing; see :func:`.calibrate`.
 
         Raises:
             CalibrationError: They give nothing; the text says why.
         """
-        _require_inside(self._reports_of(config), found)
+        spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses]
+        for report in self._reports_of(config):
+            if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
+                raise CalibrationError(
+                    f'{report.source}: the report lies outside the recordings: give the bag that it is about'
+                )
         if self._hears(config):
             found = read_levels(config.name, found)
-        onsets = self.reports is None
-        given = config.bearing, config.tolerance
-        return calibrate(found, *given, prior, forget, onsets, known)
+        return calibrate(found, config.bearing, config.tolerance, forget, self.reports is None)
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
@@ -598,34 +474,9 @@ def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]
     if config.level.unit != 'dB':
-        value = 20.0 * np.log10(np.maximum(np.abs(value), _LEAST))
+        value = 20.0 * np.log10(np.maximum(np.abs(value), _LEAST_LEVEL))
     # On the monitor's clock, as the points are.
-    time, points = scan.now_ns[rows] / 1e9, scan.time_ns / 1e9
-    return level_over_speed(time, value, points, scan.speed)
-
-
-def _true_evidence(kept: Kept, config: BearingConfig) -> Evidence:
-    bag = kept.bag
-    if not has_truth(bag, config.name):
-        raise CalibrationError(
-            f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
-            ' give --reports, or configure its level'
-        )
-    truth = read_truth(bag, config.name)
-    scan = kept.scan(config.name)
-    name, span = bag.path.name, (truth.start_ns, truth.end_ns)
-    source = f'truth of {name}'
-    reports = alternating(config.name, span, truth.episodes, TRUTH_TOLERANCE, TRUTH_TRUST, source)
-    return Evidence(name, courses_of(name, scan), tuple(reports))
-
-
-def _require_inside(reports: Sequence[VibrationReport], found: Sequence[Evidence]) -> None:
-    spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses]
-    for report in reports:
-        if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
-            raise CalibrationError(
-                f'{report.source}: the report lies outside the recordings: give the bag that it is about'
-            )
+    return level_over_speed(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)
 
 
 def learned(

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a calibration rests on: speed and load of recordings, and reports of vibration.
+"""What a calibration rests on: speed and load of recordings, and when the bearing vibrated.
 
-When a bearing vibrated, from its level alone: no threshold, no rule, no believed boundary.
-
-The amplitude of a stick-slip cycle is in proportion to the surface speed, whatever the sensor and
-its gain. So a level in dB less ``20 lg V`` has two narrow modes, quiet and vibration, and what
-parts them best over all recordings together is the threshold between them (N. Otsu, IEEE Trans.
-Syst. Man Cybern. 9 (1979) 62). The edges of a vibration are where its level is 3 dB below its own
-plateau; how late a level falls, and so rises, shows in the straight line of its fall.
+A level tells it alone, without a threshold, a rule or a believed boundary. The amplitude of a
+stick-slip cycle is in proportion to the surface speed, whatever the sensor and its gain. So a
+level in dB less ``20 lg V`` has two narrow modes, quiet and vibration, and what parts them best
+over all recordings together is the threshold between them (N. Otsu, IEEE Trans. Syst. Man Cybern.
+9 (1979) 62). The edges of a vibration are where its level is 3 dB below its own plateau; how late
+a level falls, and so rises, shows in the straight line of its fall.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -26,6 +24,7 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.files import read_table
+from stickslip_monitor.lab.truth import TruthRecord
 
 BIN_NS = 10**9
 TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9
@@ -153,21 +152,15 @@ def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
     return ordered
 
 
-def alternating(
-    bearing: str,
-    span: tuple[int, int],
-    episodes: Sequence[tuple[int, int]],
-    tolerance: float,
-    trust: float,
-    source: str,
-) -> list[VibrationReport]:
-    """Reports that leave no gap in a span [ns]: squeal in the episodes, quiet between them."""
-    edges = [span[0], *(time for episode in episodes for time in episode), span[1]]
-    return [
-        VibrationReport(bearing, start, end, bool(k % 2), tolerance, trust, f'{source}, {k + 1}')
+def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
+    """The truth of a simulated recording: squeal in the episodes, quiet between them."""
+    edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
+    known = TRUTH_TOLERANCE, TRUTH_TRUST
+    return tuple(
+        VibrationReport(bearing, start, end, bool(k % 2), *known, f'truth of {recording}, {k + 1}')
         for k, (start, end) in enumerate(pairwise(edges))
         if end > start
-    ]
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,12 +171,6 @@ class TelemetryBins:
     time_ns: IntArray  # middle of each bin, strictly rising, shape (n,) [ns]
     speed: FloatArray  # magnitude of the surface speed, shape (n,) [m/s]; 0 at rest
     load: FloatArray  # shape (n,) [N]
-
-    @property
-    def fingerprint(self) -> str:
-        """Separates recordings of other contents, whatever their names."""
-        columns = (self.time_ns, self.speed, self.load)
-        return f'{zlib.crc32(b"".join(column.tobytes() for column in columns)):08x}'
 
 
 def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:

@@ -60,9 +60,9 @@ class Grid:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Median of ``u`` and mean of ``ln q``."""
-        reached = np.cumsum(self.weight.sum(1))
-        return float(np.interp(0.5, reached, self.u)), float(self.weight.sum(0) @ self.log_q)
+        """Medians of ``u`` and ``ln q``: along a fold that bends ``ln q`` is skew."""
+        of_u, of_q = (np.cumsum(self.weight.sum(axis)) for axis in (1, 0))
+        return float(np.interp(0.5, of_u, self.u)), float(np.interp(0.5, of_q, self.log_q))
 
     @property
     def covariance(self) -> FloatArray:

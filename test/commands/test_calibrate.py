@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -81,27 +80,6 @@ def test_one_recording_corrects_a_wrong_drawing(
     assert main(['assess', '-c', str(configured), '--speed', '35rpm', '--load', '1kN']) == 1
     assert 'probability that stick-slip can happen' in capsys.readouterr().out
     assert 'damping: ' in law.read_text()
-
-
-def test_an_earlier_result_is_added_to(
-    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    first = tmp_path / 'first.json'
-    arguments = ['calibrate', str(COAST_DOWN), '-c', str(wrong), '--json']
-    assert main([*arguments, '-o', str(first)]) == 1
-    one = json.loads(capsys.readouterr().out)
-    # The same recording tells nothing new, under another name neither.
-    copy = tmp_path / 'copy'
-    shutil.copytree(COAST_DOWN, copy)
-    again = ['calibrate', str(copy), '-c', str(wrong), '--json', '--add']
-    assert main([*again, str(first)]) == 2
-    assert 'copy is in the earlier result already' in capsys.readouterr().err
-    other = str(ROOT / 'bags' / 'manoeuvring')
-    main(['calibrate', other, *again[2:], str(first)])
-    two = json.loads(capsys.readouterr().out)
-    assert len(two['recordings']) > len(one['recordings'])
-    narrower = [middle(d)['fold_95'] - middle(d)['fold_5'] for d in (two, one)]
-    assert narrower[0] < narrower[1]
 
 
 def test_an_operator_and_a_level_are_evidence_too(

@@ -19,7 +19,6 @@ from stickslip_monitor.cli import COMMANDS, main
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
 CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
-CALIBRATION = '{"schema": "stickslip_monitor/calibration/2", "bearing": "bow"}'
 # The recording begins on 2026-05-04 at 06:00 UTC.
 REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
 
@@ -91,10 +90,6 @@ REFUSED = {
     "simulate '' -o x": 'scene is given an empty name',
     "dashboard -c own.yaml --bag ''": '--bag is given an empty name',
     'info own.yaml': "log 'own.yaml' has no line with a time and a number",
-    f'calibrate {BAG} -c own.yaml --bench cut.json': 'cannot be read',
-    f'calibrate {BAG} -c own.yaml --add cut.json': 'is not JSON',
-    f'calibrate {BAG} -c own.yaml --add other.json': "has the schema 'x/1' and must have",
-    f'calibrate {BAG} -c own.yaml --add bow.json': "is a calibration of 'bow' and not of",
     f'calibrate {BAG} -c own.yaml --reports late.csv': 'line 2: the report lies outside',
     'calibrate bare -c own.yaml': 'holds no truth about aft_stern',
     'dashboard -c own.yaml --log no/x.json': "--log = 'no/x.json': there is no folder",
@@ -116,9 +111,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, content in {
         'own.yaml': text,
         'two.yaml': text.replace('[aft_stern]', '[aft_stern, forward]') + own,
-        'cut.json': '{',
-        'other.json': '{"schema": "x/1"}',
-        'bow.json': CALIBRATION,
         'late.csv': f'bearing,start,end,state\n{REPORT}',
         'short': 'hunter2\n',
         'open': 'hunter2\n',
