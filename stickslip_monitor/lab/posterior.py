@@ -60,9 +60,18 @@ class Grid:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Medians of ``u`` and ``ln q``: along a fold that bends ``ln q`` is skew."""
-        of_u, of_q = (np.cumsum(self.weight.sum(axis)) for axis in (1, 0))
-        return float(np.interp(0.5, of_u, self.u)), float(np.interp(0.5, of_q, self.log_q))
+        """Median of ``u``, and the most probable ``ln q``.
+
+        Ends leave ``ln q`` nearly to the prior, along a fold that bends: its mean moves where the
+        evidence agrees with the configuration, and made the Hopf speed 1.5 % low in voyages.
+        """
+        of_u, of_q = self.weight.sum(1), self.weight.sum(0)
+        u = float(np.interp(0.5, np.cumsum(of_u) - 0.5 * of_u, self.u))
+        k = min(max(int(np.argmax(of_q)), 1), of_q.size - 2)
+        below, top, above = np.log(np.maximum(of_q[k - 1 : k + 2], 1e-300))
+        bend = below - 2.0 * top + above
+        off = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
+        return u, float(self.log_q[k] + off * (self.log_q[1] - self.log_q[0]))
 
     @property
     def covariance(self) -> FloatArray:
