@@ -145,8 +145,8 @@ def hear(events: list[dict[str, Any]], text: str) -> None:
     """Show one warning."""
     event = json.loads(text)
     events.append(event)
-    colour = COLOURS[event['level']]
-    console.print(f'   [{colour}]{event["level"]:5}[/] {event["text"]}')
+    colour = COLOURS[event['severity']]
+    console.print(f'   [{colour}]{event["severity"]:5}[/] {event["text"]}')
 
 
 def compare(live: list[dict[str, Any]], offline: list[dict[str, Any]]) -> bool:

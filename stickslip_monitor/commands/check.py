@@ -60,7 +60,7 @@ STDIN = '-'
 REPORTS = {
     '.html': b'<meta name="generator" content="stickslip_monitor">',
     '.png': PICTURES['.png'],
-    '.json': b'"schema": "stickslip_monitor/check/1"',
+    '.json': b'"schema": "stickslip_monitor/check/',
 }
 Progress = Callable[[str, int, int | None], None]
 
@@ -104,7 +104,7 @@ class Found:
         return int(
             not self.document['complete']
             or (self.clips is not None and bool(self.clips.failures))
-            or any(event['level'] != 'OK' for item in bearings for event in item['events'])
+            or any(event['severity'] != 'OK' for item in bearings for event in item['events'])
             or any(each['source_faults'] or not each['messages'] for each in inputs)
         )
 
@@ -307,7 +307,7 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
 
 def _failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
     """What came of a recording that could not be checked."""
-    document = {'schema': 'stickslip_monitor/check/1', 'path': str(bag), 'error': text}
+    document = {'schema': 'stickslip_monitor/check/2', 'path': str(bag), 'error': text}
     return Found(document, _part(task, document), faulty=faulty)
 
 
@@ -442,7 +442,7 @@ def _painted(text: str, document: Mapping[str, Any]) -> str:
     def paint(kind: str, part: str) -> str:
         return f'\x1b[{_COLOURS[kind]}m{part}\x1b[0m'
 
-    levels = {e['to']: e['level'] for item in document['bearings'].values() for e in item['events']}
+    levels = {e['to']: e['severity'] for item in document['bearings'].values() for e in item['events']}
     change = re.compile(r'^( +[\d.]+(?:  \w+ +| s: \w+ to ))(\w+)', re.MULTILINE)
     text = change.sub(lambda m: m[1] + paint(levels.get(m[2], 'OK'), m[2]), text)
     text = re.sub(r'^(data:|question:)', lambda m: paint('data', m[1]), text, flags=re.MULTILINE)

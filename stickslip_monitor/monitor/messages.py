@@ -23,8 +23,8 @@ from stickslip_monitor.monitor.severity import Condition, Level, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
-WARNING_SCHEMA = 'stickslip_monitor/warning/1'
-BEARINGS_SCHEMA = 'stickslip_monitor/bearings/2'
+WARNING_SCHEMA = 'stickslip_monitor/warning/2'
+BEARINGS_SCHEMA = 'stickslip_monitor/bearings/3'
 POINT_NUMBERS = (
     'speed',
     'load',
@@ -123,7 +123,7 @@ def event_record(event: Event) -> dict[str, Any]:
         'time': event.time_ns,
         'from': event.before.value,
         'to': event.after.value,
-        'level': event.after.level.name,
+        'severity': event.after.level.name,
         'reason': event.after.value,
         'sticking': then.sticking,
         'growth': then.growth,
@@ -229,7 +229,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     return {
         'bearing': bearing.config.name,
         'time': time_ns,
-        'level': state.level.name,
+        'severity': state.level.name,
         'reason': state.reason,
         'text': state.message,
         'monitoring': monitoring,

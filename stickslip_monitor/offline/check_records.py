@@ -10,7 +10,7 @@ from stickslip_monitor.monitor.messages import event_record, number
 from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.input_report import InputReport
 
-SCHEMA = 'stickslip_monitor/check/1'
+SCHEMA = 'stickslip_monitor/check/2'
 
 
 def to_json(report: CheckReport) -> dict[str, Any]:

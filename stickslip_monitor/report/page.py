@@ -357,7 +357,7 @@ def _overall(parts: Sequence[RecordingPart]) -> Finding:
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
     """The events that a table has room for, with their numbers: the most severe, in order."""
-    order = sorted(enumerate(events, 1), key=lambda each: -_ORDER.index(each[1]['level']))
+    order = sorted(enumerate(events, 1), key=lambda each: -_ORDER.index(each[1]['severity']))
     return sorted(order[:MOST_EVENTS], key=lambda each: each[0])
 
 

@@ -164,7 +164,7 @@ def test_an_input_that_is_back_says_when_its_alarm_clears(dashboard: Any, page: 
     since, clears = (60 * int(times[k]) + int(times[k + 1]) for k in (1, 3))
     assert (clears - since) % 3600 == 60
     dashboard.sail(60.0, 1000.0, 120.0)
-    page.until(f'document.querySelector(`{row} .state`).textContent.includes("gone, not ackn")')
+    page.until(f'document.querySelector(`{row} .state`).textContent.includes("cleared, not ackn")')
 
 
 def test_it_comes_back_after_the_server_restarts(dashboards: Callable[..., Any], browser: Any) -> None:

@@ -30,7 +30,7 @@ def ship(config: MonitorConfig) -> Ship:
 
 def test_the_record_of_a_bearing_has_numbers(ship: Ship) -> None:
     record = ship.sail(20.0, rpm=20.0)
-    assert (record['reason'], record['sticking'], record['level']) == ('stick_slip', True, 'ERROR')
+    assert (record['reason'], record['sticking'], record['severity']) == ('stick_slip', True, 'ERROR')
     assert record['rpm'] == pytest.approx(20.0)
     # Fold speed 40.7231 rpm of this bearing at 1000 N (docs/physics.md).
     assert record['fold_margin'] == pytest.approx(20.0 / 40.7231 - 1.0, abs=1e-4)
@@ -47,11 +47,11 @@ def test_a_held_state_is_not_held_while_an_input_is_lost(ship: Ship) -> None:
 
 
 def test_a_mostly_dead_sensor_is_told_with_its_share(ship: Ship) -> None:
-    assert ship.sail(20.0, rpm=lambda k: 60.0 if k % 10 else math.nan)['level'] == 'OK'
+    assert ship.sail(20.0, rpm=lambda k: 60.0 if k % 10 else math.nan)['severity'] == 'OK'
     record = ship.sail(60.0, rpm=lambda k: math.nan if k % 5 else 60.0)
-    assert record['level'] == 'WARN'
+    assert record['severity'] == 'WARN'
     assert '80% of the samples on /shaft/speed are refused, most because: not a' in record['text']
-    assert ship.sail(60.0)['level'] == 'OK'
+    assert ship.sail(60.0)['severity'] == 'OK'
 
 
 def test_an_honest_sender_of_whole_seconds_repeats_itself_without_complaint(ship: Ship) -> None:
@@ -61,7 +61,7 @@ def test_an_honest_sender_of_whole_seconds_repeats_itself_without_complaint(ship
             ship.take('aft', place, value, ship.now.time_ns // SECOND * SECOND)
         ship.tick()
     record = ship.look()
-    assert (record['level'], record['reason']) == ('OK', 'normal')
+    assert (record['severity'], record['reason']) == ('OK', 'normal')
     assert record['inputs']['speed']['counts']['repeated'] == 300 - 61  # of 61 seconds
 
 

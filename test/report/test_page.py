@@ -67,10 +67,10 @@ DRAWING = '<svg role="img" aria-label="m"></svg>'
 START = 1_777_852_800 * 10**9  # a midnight
 
 
-def event(number: int, level: str = 'ERROR', text: str = 'x') -> dict[str, Any]:
-    condition = {'OK': 'normal', 'WARN': 'caution', 'ERROR': 'stick_slip'}[level]
+def event(number: int, severity: str = 'ERROR', text: str = 'x') -> dict[str, Any]:
+    condition = {'OK': 'normal', 'WARN': 'caution', 'ERROR': 'stick_slip'}[severity]
     at = START + number * 10**9
-    return {'time': at, 'level': level, 'from': 'normal', 'to': condition, 'text': text}
+    return {'time': at, 'severity': severity, 'from': 'normal', 'to': condition, 'text': text}
 
 
 def document(text: str) -> dict[str, Any]:
@@ -223,7 +223,7 @@ def test_of_very_many_events_the_severe_stay() -> None:
     numbers = [number for number, _ in rows]
     assert len(rows) == MOST_EVENTS
     assert numbers == sorted(numbers)
-    severe = [number for number, each in rows if each['level'] == 'ERROR']
+    severe = [number for number, each in rows if each['severity'] == 'ERROR']
     assert severe == [i + 1 for i in range(len(events)) if i % 100 == 50]
     assert all(events[number - 1] is each for number, each in rows)
 

@@ -81,7 +81,7 @@ def test_a_warning_and_the_alarms_keep_their_schemas(monitor: Monitor) -> None:
     annunciator = Annunciator(monitor.config)
     changes = []
     for event in monitor.update(Sample('aft', 'load', 2, 1000.0)).events:
-        assert complaints('warning-1', event_record(event)) == []
+        assert complaints('warning-2', event_record(event)) == []
         changes += annunciator.take_event(event)
     assert changes
     record = alarms_record(annunciator, changes, 2, 1, notes=[Note(1, 'node', 'x')])
@@ -95,7 +95,7 @@ def test_the_bearings_keep_their_schema(monitor: Monitor) -> None:
     inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=2.0)}
     for _ in range(2):
         document = json.loads(bearings_json([BearingState(bearing, inputs)], 5))
-        assert complaints('bearings-2', document) == []
+        assert complaints('bearings-3', document) == []
         monitor.update(Sample('aft', 'load', 2, 1000.0))
 
 

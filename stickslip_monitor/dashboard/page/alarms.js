@@ -14,9 +14,9 @@ export const NAMES = {
 };
 const STATES = {
   unacknowledged: 'not acknowledged',
-  returned_unacknowledged: 'gone, not acknowledged',
+  returned_unacknowledged: 'cleared, not acknowledged',
   acknowledged: 'acknowledged',
-  latched: 'gone, latched: waits for its reset',
+  latched: 'cleared, latched: waits for its reset',
   shelved: 'shelved',
   suppressed: 'suppressed',
   out_of_service: 'out of service',
