@@ -28,6 +28,7 @@ LONGEST = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!]*)\*([0-9A-Fa-f]{2})')
 _LONGEST_KEPT = 1024
+_UNREADABLE = 'unreadable (another baud rate?)'
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _UNFIT = re.compile(r'[^A-Z0-9 .+\-%]')
 _TITLE = 16
@@ -103,8 +104,11 @@ class SentenceStream:
                 self.unused['bad checksum'] += not good
             elif number == len(pieces) - 1 and not re.search('[\r\n]', piece):
                 self._rest = piece[-_LONGEST_KEPT:]
-            elif re.match('[$!][A-Z0-9]{5},', piece):
-                self.unused['no checksum'] += 1
+            else:
+                named = re.match('[$!][A-Z0-9]{5},', piece)
+                self.unused['no checksum' if named else _UNREADABLE] += 1
+        if not pieces and text.strip():
+            self.unused[_UNREADABLE] += 1
         return found
 
 

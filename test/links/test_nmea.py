@@ -111,7 +111,11 @@ def test_what_is_not_used_is_counted() -> None:
     assert len(stream.take(b'$RCRPM,S,1,1.0,,A\r\n' + bad + b'$RCRPM,S,1,7' + TWO)) == 3
     # The start that another sentence cut off has no checksum either.
     assert stream.unused == {'no checksum': 2, 'bad checksum': 1}
-    assert stream.take(b'x' * 10_000_000) == []
+    # At another baud rate bytes come that are no text, with a $ among them or none.
+    for noise in (b'x' * 10_000_000, b'\xf0\x80$\xe3\x00\r\n'):
+        stream = SentenceStream()
+        assert stream.take(noise) == []
+        assert stream.unused == {'unreadable (another baud rate?)': 1}
 
 
 def test_one_talker_is_used_and_the_other_named() -> None:
