@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.links.buses import NmeaInput, SignalKInput, SourceAdmission
 from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -146,3 +148,33 @@ def test_what_does_not_fit_the_bearing(
 ) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(text)):
         load_watch(files.write(links, **bearing), '/stickslip_monitor' if with_node else None)
+
+
+@pytest.mark.parametrize(
+    ('item', 'label'),
+    [
+        (NmeaInput(bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1), 'NMEA RPM S 1'),
+        (SignalKInput(bearing='aft', place=Input.SPEED, path='a.b'), 'Signal K a.b'),
+    ],
+)
+def test_one_source_is_used_and_the_others_are_named(item: NmeaInput | SignalKInput, label: str) -> None:
+    said: list[str] = []
+    admission = SourceAdmission(item, said.append)
+    steps = [
+        ('a', 1.0, True),
+        ('b', 1.1, False),
+        ('a', 2.0, True),
+        ('b', 2.1, False),
+        ('b', 4.4, False),  # a is silent for less than half of the time-out of 5 s
+        ('b', 4.6, True),
+        ('a', 4.7, False),
+    ]
+    assert [admission.admits(source, now) for source, now, _ in steps] == [taken for *_, taken in steps]
+    assert said == [
+        f"{label}: source 'b' is left out: 'a' sends",
+        f"{label}: source 'b' is used; 'a' has been silent for 2.6 s",
+        f"{label}: source 'a' is left out: 'b' sends",
+    ]
+    chosen = SourceAdmission(replace(item, source='b'), said.append)
+    assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
+    assert said[3:] == [f"{label}: source 'a' is left out: 'b' is chosen"]

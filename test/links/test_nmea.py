@@ -118,48 +118,24 @@ def test_what_is_not_used_is_counted() -> None:
         assert stream.unused == {'unreadable (another baud rate?)': 1}
 
 
-def test_one_talker_is_used_and_the_other_named() -> None:
-    said: list[str] = []
-    inputs = NmeaInputs([SPEED], said.append)
-    first, other = sentence('RCRPM,S,1,44.0,,A'), sentence('ERRPM,S,1,50.0,,A')
-    used = [
-        value for now in range(9) for line in (first, other) for *_, value in inputs.take(line, 0.3 * now)
-    ]
-    assert set(used) == {44.0}
-    assert said == ["NMEA RPM S 1: source 'ER' is left out: 'RC' sends"]
-    # It is taken over at half of the time-out of 5 s, before the input is lost.
-    late = [list(inputs.take(other, 2.4 + ago)) for ago in (2.4, 2.6)]
-    assert [len(each) for each in late] == [0, 1]
-    assert said[1:] == ["NMEA RPM S 1: source 'ER' is used; 'RC' has been silent for 2.6 s"]
-
-
 def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     said: list[str] = []
     inputs = NmeaInputs([SPEED, LOAD], said.append)
     inputs.look(0.0, {})
-    for body in ('RCRPM,E,1,700,,A', 'RCRPM,E,1,700,,A', 'IIXDR,N,1.2,K,AFTLOAD'):
-        assert not list(inputs.take(sentence(body), 1.0))
+    for body in ('RCRPM,E,1,700,,A', 'RCRPM,E,1,700,,A', 'IIXDR,N,1.2,K,AFTLOAD', 'RCRPM,S,1,74.6,30.0,V'):
+        assert not [value for *_, value in inputs.take(sentence(body), 1.0) if value == value]
     inputs.look(4.9, {})
     assert said == []
     for _ in range(2):
         inputs.look(5.0, {'bad checksum': 16})
     assert said == [
-        'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum, 2 x RPM,E,1',
+        'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum, 2 x RPM,E,1,'
+        ' 1 x invalid by its talker',
         'NMEA XDR AFTLOAD: no number with a good checksum in 5 s; heard: 16 x bad checksum,'
         ' 1 x XDR AFTLOAD as type N in K, and only type N in N is used',
     ]
     assert list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
     assert said[2:] == ['NMEA RPM S 1: values again']
-
-
-def test_invalid_by_its_talker_is_said() -> None:
-    said: list[str] = []
-    inputs = NmeaInputs([SPEED], said.append)
-    for now in range(7):
-        list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,V'), float(now)))
-        inputs.look(float(now), {})
-    (text,) = said
-    assert text.endswith('heard: 6 x invalid by its talker')
 
 
 def test_titles_tell_bearings_apart() -> None:

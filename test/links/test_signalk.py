@@ -36,11 +36,10 @@ def delta(
 class Reader:
     """Inputs at a server that greeted at 100 s of our clock."""
 
-    def __init__(self, source: str = '') -> None:
-        self.said: list[str] = []
-        speed = SignalKInput(bearing='aft', place=Input.SPEED, path=PATH, source=source)
+    def __init__(self) -> None:
+        speed = SignalKInput(bearing='aft', place=Input.SPEED, path=PATH)
         other = SignalKInput(bearing='fwd', place=Input.SPEED, path=PATH)
-        self.inputs = SignalKInputs([speed, other], self.said.append)
+        self.inputs = SignalKInputs([speed, other], print)
         self.inputs.greet(HELLO, 100.0)
 
     def take(self, frame: object, second: float = 0.0) -> list[float]:
@@ -109,29 +108,6 @@ def test_stamps_are_those_of_the_sender() -> None:
     bad['updates'][0]['timestamp'] = 'noon'
     ((*_, stamp), _) = reader.inputs.take(bad, 102.0)
     assert stamp is None
-
-
-def test_one_source_at_a_time() -> None:
-    reader = Reader()
-    steps = [
-        ('a', 1.0, True),
-        ('b', 1.1, False),
-        ('a', 2.0, True),
-        ('b', 2.1, False),
-        ('b', 4.4, False),  # a is silent for less than half of the time-out
-        ('b', 4.6, True),
-        ('a', 4.7, False),
-    ]
-    for source, second, taken in steps:
-        assert bool(reader.take(delta(3.0, second, source), second)) is taken, (source, second)
-    assert reader.said == [
-        f"Signal K {PATH}: source 'b' is left out: 'a' sends",
-        f"Signal K {PATH}: source 'b' is used; 'a' has been silent for 2.6 s",
-        f"Signal K {PATH}: source 'a' is left out: 'b' sends",
-    ]
-    chosen = Reader(source='b')
-    assert chosen.take(delta(3.0, 1.0, 'a'), 1.0) == []
-    assert chosen.take(delta(4.0, 1.0, 'b'), 1.0) == [4.0]
 
 
 RECORD = {
