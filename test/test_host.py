@@ -113,7 +113,9 @@ class Wall:
 
 
 @pytest.mark.parametrize('days', [-300, 0, 300])
-def test_watch_follows_the_clock_and_forgives_itself_a_hold_up(days: int) -> None:
+@pytest.mark.parametrize('waited', [False, True])
+def test_watch_follows_the_clock_and_forgives_itself_a_hold_up(days: int, waited: bool) -> None:
+    """What waited while it was held up comes before the look that is late, or after it."""
     wall = Wall()
     wall.sail(10.0, 60.0)
     wall.ahead_ns += days * DAY
@@ -121,6 +123,8 @@ def test_watch_follows_the_clock_and_forgives_itself_a_hold_up(days: int) -> Non
     since = wall.active()['stick_slip']
     assert wall.steady_ns + wall.ahead_ns - 10 * SECOND < since < wall.steady_ns + wall.ahead_ns
     wall.steady_ns += 60 * SECOND
+    if waited:
+        wall.live.take('aft', Input.SPEED, 20.0)
     wall.live.tick()
     assert 'input_lost' not in wall.active()
     wall.sail(4.0, None)

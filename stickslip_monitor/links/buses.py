@@ -379,8 +379,8 @@ TICK = 0.1
 """Time between two looks at the inputs [s]."""
 BEHIND_NS = 500_000_000
 """The passing of time is passed on so late that a sample delivered late is not overtaken."""
-HELD_UP_NS = 10**9
-"""A look that comes so late [ns] says that we were held up, or slept: no input is to blame."""
+HELD_UP_NS = 3 * 10**8
+"""So long [ns] after the last look we were held up, or slept: no input is to blame."""
 _SHOWN_EVERY_NS = 10**9
 
 
@@ -427,7 +427,7 @@ class LiveMonitor:
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
         """Take one number of one input, which comes now, with its sender's stamp if it has one."""
-        now = self._now()
+        now = self._moment()
         time_ns = now.time_ns if stamp_ns is None else stamp_ns
         self._session.take(bearing, place, time_ns, value, now)
         if place is Input.SPEED and self._session.monitor.bearings[bearing].config.load.is_assumed:
@@ -444,10 +444,8 @@ class LiveMonitor:
 
     def tick(self) -> None:
         """Let time pass."""
-        now = self._now()
-        held_ns, self._ticked_ns = now.steady_ns - self._ticked_ns, now.steady_ns
-        if held_ns > HELD_UP_NS:
-            self._session.excuse(held_ns)
+        now = self._moment()
+        self._ticked_ns = now.steady_ns
         self._pass_time(now, BEHIND_NS)
         self._session.tick(now, now.steady_ns - self._begun_ns)
         if now.steady_ns - self._shown_ns >= _SHOWN_EVERY_NS:
@@ -455,6 +453,15 @@ class LiveMonitor:
             self._session.show(now)
         # At the tick: the alarm itself must not wait for the figures beside it.
         self._session.flush(now)
+
+    def _moment(self) -> Moment:
+        """Now; what waited while we were held up may come before the look that is late."""
+        now = self._now()
+        held_ns = now.steady_ns - self._ticked_ns
+        if held_ns > HELD_UP_NS:
+            self._session.excuse(held_ns)
+            self._ticked_ns = now.steady_ns
+        return now
 
     def _pass_time(self, now: Moment, behind_ns: int) -> None:
         for name in self._session.monitor.bearings:

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.fields import parse_field
+from stickslip_monitor.monitor.messages import event_record
 from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.session import Moment
 
@@ -242,7 +243,7 @@ def _events(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[st
         inputs.fetch(False)
         for name, place, time_ns, arrival_ns, value in inputs.numbers():
             update = monitor.bearings[name].update(place, time_ns, value, arrival_ns)
-            said[name].extend(update.events)
+            said[name].extend(map(event_record, update.events))
     return said
 
 

@@ -110,9 +110,12 @@ def test_geometry_and_topics_change_between_activations(host: Any) -> None:
         aft__load__topic='elsewhere',
     ) == [(True, '')]
     assert monitor.go('activate')
-    heard = telemetry.heard['fold_margin']
+    heard, diagnostics = telemetry.heard['fold_margin'], monitor.diagnostics()
     publisher = monitor.peer.talk(JointState, monitor.input('elsewhere'))
     heard.clear()
     publisher.publish(JointState(velocity=[20.0], effort=[1000.0]))
     monitor.peer.until(lambda: heard, 'an answer')
     assert heard[-1].data == pytest.approx(2.0 * (1.0 + before['fold_margin']) - 1.0, rel=1e-12)
+    # Nothing is left of the inputs of before.
+    counts = {f'{name} samples accepted': '1' for name in ('speed', 'load')}
+    monitor.peer.until(lambda: counts.items() <= kit.status(diagnostics).items(), 'a fresh start')
