@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import kit
@@ -12,6 +15,7 @@ import pytest
 from sending import SECOND, Ship
 from shared import CONFIG
 
+from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.parameter_file import load_config
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
@@ -106,6 +110,70 @@ def test_silence_is_measured_by_the_clock_that_is_never_set(days: int) -> None:
     timeout = bearing.speed.timeout_ns / SECOND
     assert seconds == pytest.approx(10.0 + timeout + 0.5, abs=0.3)
     assert abs(ship.now.time_ns - event.time_ns) < SECOND
+
+
+def turning(ship: Ship) -> Any:
+    """The turns of a node, without the node: what it takes is an input's place and its age [ns]."""
+    from stickslip_monitor.ros.inputs import Number
+    from stickslip_monitor.ros.running import PassingTime, Running, Watchdog
+
+    running: Any = object.__new__(Running)
+    running.waiting = []
+
+    def numbers() -> Iterator[Number]:
+        for place, ago_ns, frozen_ns in running.waiting:
+            came_ns = ship.now.time_ns - ago_ns
+            yield Number(name, place, came_ns, came_ns, (60.0, 1000.0)[place])
+            ship.steady_ns += frozen_ns
+
+    (name,) = ship.session.monitor.bearings
+    running.inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False)
+    running._session, running._log, running._health = ship.session, ship, NodeHealth()
+    running._now, running._take, running._ticker = lambda: ship.now, running._receive, 'made'
+    running._watchdog, running._passing = Watchdog(ship.session), PassingTime(False, ship.now)
+    running._own, running._latest = SimpleNamespace(tick_clips=lambda: None), True
+    running._running_ns, running._shown_ns, running._set_ns = 0, math.inf, ship.now.set_ns
+    running._turned_ns = running._ticked_ns = ship.steady_ns
+    return running
+
+
+def short_of_patience() -> Ship:
+    """A ship under way whose inputs are lost after two seconds."""
+    config = load_config(CONFIG)
+    (bearing,) = config.bearings
+    inputs = {q: replace(bearing.inputs[q], timeout_ns=2 * SECOND) for q in ('speed', 'load')}
+    ship = Ship(replace(config, bearings=(replace(bearing, **inputs),)))
+    ship.sail(10.0)
+    return ship
+
+
+def test_what_waited_while_the_node_was_held_up_comes_now() -> None:
+    """One message of each input came at the begin of 4 s, the others were lost: a gap of our own."""
+    ship = short_of_patience()
+    running = turning(ship)
+    ship.steady_ns += 4 * SECOND
+    running.waiting = [(place, ago, 0) for ago in (39 * SECOND // 10, 0) for place in (0, 1)]
+    running.turn()
+    assert ship.events == []
+    assert running._health.delays == 1
+
+
+def test_a_turn_that_is_frozen_midway_is_excused_by_the_next() -> None:
+    ship = short_of_patience()
+    running = turning(ship)
+    ship.steady_ns += SECOND // 20
+    running.waiting = [(0, 0, 4 * SECOND)]
+    running.turn()
+    running.waiting = [(0, 0, 0), (1, 0, 0)]
+    ship.steady_ns += SECOND // 20
+    running.turn()
+    assert ship.events == []
+    # A loss of its own is still told.
+    running.waiting = []
+    for _ in range(60):
+        ship.steady_ns += SECOND // 20
+        running.turn()
+    assert [event.after.value for event in ship.events] == ['input_stale']
 
 
 @pytest.mark.parametrize('simulated', [False, True])
