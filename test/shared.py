@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import socket
 import struct
@@ -10,7 +11,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -36,6 +37,22 @@ REFERENCE: dict[str, Any] = {
 }
 # Only a test that fails waits so long; a busy machine may need some of it.
 DEADLINE = 60.0
+
+
+class Done(NamedTuple):
+    """What a command left: its exit code, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+Stickslip = Callable[..., Done]
+"""Runs a command in this process: the fixture of this name."""
 
 
 def until(

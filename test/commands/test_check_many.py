@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import shutil
 import signal
@@ -14,77 +13,70 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, ROOT, until
-
-from stickslip_monitor.cli import main
+from shared import CONFIG, ROOT, Stickslip, until
 
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
 
 
-def check(*arguments: object) -> int:
-    return main(['check', *map(str, arguments), '--config', str(CONFIG)])
+CHECK = ('check', '--config', CONFIG)
 
 
-def documents(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, Any]:
-    code = check(*arguments, '--json')
-    return code, json.loads(capsys.readouterr().out)
+def documents(stickslip: Stickslip, *arguments: object) -> tuple[int, Any]:
+    done = stickslip(*CHECK, *arguments, '--json')
+    return done.code, done.json
 
 
 @pytest.mark.slow
-def test_together_and_one_by_one_are_the_same_in_the_order_asked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_together_and_one_by_one_are_the_same_in_the_order_asked(stickslip: Stickslip) -> None:
     bags = [BAGS / name for name in NAMES]
-    code, together = documents(capsys, *bags, '--jobs', 3)
+    code, together = documents(stickslip, *bags, '--jobs', 3)
     assert code == 1
     # The longest comes first: it is not done first.
     assert [document['path'] for document in together] == [str(bag) for bag in bags]
-    assert (code, together) == documents(capsys, *bags, '--jobs', 1)
-    alone = [documents(capsys, bag)[1] for bag in bags]
+    assert (code, together) == documents(stickslip, *bags, '--jobs', 1)
+    alone = [documents(stickslip, bag)[1] for bag in bags]
     assert together == alone
 
 
 @pytest.mark.slow
-def test_a_bag_that_fails_is_named_and_the_others_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_that_fails_is_named_and_the_others_are_told(tmp_path: Path, stickslip: Stickslip) -> None:
     (tmp_path / 'torn.mcap').write_bytes(b'nothing')
     bags = [BAGS / 'history_above', tmp_path / 'torn.mcap', tmp_path / 'gone', BAGS / 'voyage']
-    assert check(*bags, '--jobs', 2) == 2
-    said = capsys.readouterr()
+    said = stickslip(*CHECK, *bags, '--jobs', 2)
+    assert said.code == 2
     assert said.out.index(str(bags[0])) < said.out.index(str(bags[3]))
     (torn, gone) = said.err.splitlines()
     assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
     assert gone == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
-    code, found = documents(capsys, *bags, '--jobs', 2)
+    code, found = documents(stickslip, *bags, '--jobs', 2)
     assert code == 2
     assert [document['path'] for document in found] == [str(bag) for bag in bags]
     assert [bag['error'] is None if 'error' in bag else True for bag in found] == [True, False, False, True]
 
 
-def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert check(tmp_path / 'gone', '--json') == 2
-    said, text = capsys.readouterr(), f"bag '{tmp_path / 'gone'}' does not exist"
-    assert json.loads(said.out)['error'] == text
-    assert said.err == f'ERROR: {text}\n'
+def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, stickslip: Stickslip) -> None:
+    done, text = stickslip(*CHECK, tmp_path / 'gone', '--json'), f"bag '{tmp_path / 'gone'}' does not exist"
+    assert (done.code, done.json['error'], done.err) == (2, text, f'ERROR: {text}\n')
 
 
-def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, stickslip: Stickslip) -> None:
     shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
-    code, found = documents(capsys, tmp_path)
+    code, found = documents(stickslip, tmp_path)
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
 
 
 @pytest.mark.parametrize('cut', [0, 3000])
 def test_a_recording_on_standard_input_is_checked_as_the_file_is(
-    cut: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    cut: int, tmp_path: Path, stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that ends in the middle of a chunk is read to the cut."""
     data = next((BAGS / 'coast_down').glob('*.mcap')).read_bytes()
     path = tmp_path / 'standard_input.mcap'
     path.write_bytes(data[: len(data) - cut])
-    code, expected = documents(capsys, path)
+    code, expected = documents(stickslip, path)
     monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(path.read_bytes())))
-    found_code, found = documents(capsys, '-')
+    found_code, found = documents(stickslip, '-')
     assert bool(found['cuts']) == bool(cut)
     for each in (expected, found):
         each['path'] = None
@@ -94,19 +86,18 @@ def test_a_recording_on_standard_input_is_checked_as_the_file_is(
 
 
 @pytest.mark.slow
-def test_a_report_names_what_could_not_be_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_names_what_could_not_be_checked(tmp_path: Path, stickslip: Stickslip) -> None:
     pytest.importorskip('jinja2')
     page = tmp_path / 'page.html'
     bags = [BAGS / 'history_above', tmp_path / 'gone <b>', BAGS / 'voyage']
-    assert check(*bags, '--jobs', 2, '--report', page) == 2
+    assert stickslip(*CHECK, *bags, '--jobs', 2, '--report', page).code == 2
     source = page.read_text('utf-8')
     assert 'gone &lt;b&gt;, this recording could not be checked: bag ' in source
     assert '<b>' not in source
     # A map and a course of the other two, each in two widths.
     assert source.count('<svg') == 8
-    capsys.readouterr()
-    assert check(*bags, '--report', tmp_path / 'out.json', '--json') == 2
-    assert (tmp_path / 'out.json').read_text('utf-8') == capsys.readouterr().out
+    done = stickslip(*CHECK, *bags, '--report', tmp_path / 'out.json', '--json')
+    assert (tmp_path / 'out.json').read_text('utf-8') == done.out
 
 
 @pytest.mark.slow
