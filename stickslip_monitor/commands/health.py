@@ -17,8 +17,7 @@ from typing import Any
 from stickslip_monitor.commands import options
 from stickslip_monitor.errors import DashboardError, RosError, no_ros
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.messages import NOT_MONITORING
-from stickslip_monitor.monitor.severity import Level
+from stickslip_monitor.monitor.severity import NOT_MONITORING, Level
 
 _LONGEST = 600
 ALONE = 1.5

@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
-from stickslip_monitor.monitor.severity import Condition, Level, Unknown
+from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Level, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
@@ -304,7 +304,6 @@ def diagnostic_values(state: BearingState) -> dict[str, str | float | None]:
     return result
 
 
-NOT_MONITORING = 'Not monitoring: the node is not active.'
 DOUBLE = 'Another node has the same full name: services and parameters reach either of them.'
 CLOCKS = 'Several nodes publish /clock, so time jumps to and fro:'
 FAILURE_PERIOD = 60.0

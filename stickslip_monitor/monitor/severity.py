@@ -7,6 +7,8 @@ from enum import Enum, IntEnum
 from inspect import get_annotations
 from typing import TypeVar
 
+NOT_MONITORING = 'Not monitoring: the node is not active.'
+
 _SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
 
 

@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
-from shared import png_size
+from shared import Stickslip, png_size
 
-from stickslip_monitor.cli import main
 from stickslip_monitor.commands import accuracy
 from stickslip_monitor.lab.accuracy import Effort, read_rows
 
@@ -24,10 +22,11 @@ def fast(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures('fast')
-def test_quick_measures_writes_and_prints(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_quick_measures_writes_and_prints(tmp_path: Path, stickslip: Stickslip) -> None:
     out = tmp_path / 'a.csv'
-    assert main(['accuracy', '--quick', '-o', str(out)]) == 0
-    printed = capsys.readouterr().out
+    done = stickslip('accuracy', '--quick', '-o', out)
+    assert done.code == 0
+    printed = done.out
     assert 'exact cycle' in printed
     assert '20 rpm' in printed
     rows = read_rows(out)
@@ -35,9 +34,10 @@ def test_quick_measures_writes_and_prints(tmp_path: Path, capsys: pytest.Capture
     assert all(abs(row.error) < 1e-13 for row in rows if row.method == 'exact cycle')
 
 
-def test_json_of_a_stored_measurement(capsys: pytest.CaptureFixture) -> None:
-    assert main(['accuracy', '--from', STORED, '--json']) == 0
-    document = json.loads(capsys.readouterr().out)
+def test_json_of_a_stored_measurement(stickslip: Stickslip) -> None:
+    done = stickslip('accuracy', '--from', STORED, '--json')
+    assert done.code == 0
+    document = done.json
     assert document['schema'] == 'stickslip_monitor/accuracy/1'
     assert document['base'] == 'KBM'
     (kbm,) = (s for s in document['methods'] if s['method'] == 'KBM')
@@ -49,17 +49,16 @@ def test_json_of_a_stored_measurement(capsys: pytest.CaptureFixture) -> None:
     assert all(row['error'] is None for row in failed)
 
 
-def test_markdown_of_a_stored_measurement(capsys: pytest.CaptureFixture) -> None:
-    assert main(['accuracy', '--from', STORED, '--markdown']) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_markdown_of_a_stored_measurement(stickslip: Stickslip) -> None:
+    lines = stickslip('accuracy', '--from', STORED, '--markdown').out.splitlines()
     assert lines[0].startswith('| method | weak friction |')
     assert len({line.count('|') for line in lines}) == 1
 
 
-def test_the_picture(tmp_path: Path) -> None:
+def test_the_picture(tmp_path: Path, stickslip: Stickslip) -> None:
     pytest.importorskip('matplotlib')
     out = tmp_path / 'a.png'
-    assert main(['accuracy', '--from', STORED, '--picture', str(out)]) == 0
+    assert stickslip('accuracy', '--from', STORED, '--picture', out).code == 0
     assert png_size(out) == (2400, 1440)
 
 

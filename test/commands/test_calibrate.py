@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import CONFIG, ROOT
+from shared import CONFIG, ROOT, Stickslip
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.cli import main
 from stickslip_monitor.lab.truth import read_truth
 from stickslip_monitor.monitor.parameter_file import load_config
 
@@ -45,15 +44,14 @@ def middle(document: dict[str, Any]) -> dict[str, float]:
     return dict(zip(names, (v / RPM for v in speeds), strict=True))
 
 
-def test_one_recording_corrects_a_wrong_drawing(
-    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_recording_corrects_a_wrong_drawing(wrong: Path, tmp_path: Path, stickslip: Stickslip) -> None:
     result, law = tmp_path / 'aft.calibration.json', tmp_path / 'law.yaml'
     picture = tmp_path / 'map.svg'
-    arguments = ['calibrate', str(COAST_DOWN), '-c', str(wrong), '-o', str(result)]
+    arguments = ['calibrate', COAST_DOWN, '-c', wrong, '-o', result]
     # One end alone is a warning.
-    assert main([*arguments, '--fragment', str(law), '--picture', str(picture)]) == 1
-    text = capsys.readouterr().out
+    done = stickslip(*arguments, '--fragment', law, '--picture', picture)
+    assert done.code == 1
+    text = done.out
     assert '1 passage, 1 episode' in text
     assert 'all rests on one end of vibration' in text
     assert 'no measurement of friction' in text
@@ -70,21 +68,18 @@ def test_one_recording_corrects_a_wrong_drawing(
     )
     belief = load_config(configured).bearings[0].belief
     assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.72, rel=0.05)
-    capsys.readouterr()
     # A check without either recommends tolerances, in one short line.
     for path, advised in ((wrong, True), (configured, False)):
-        main(['check', str(COAST_DOWN), '-c', str(path)])
-        last = capsys.readouterr().out.splitlines()[-1]
+        last = stickslip('check', COAST_DOWN, '-c', path).out.splitlines()[-1]
         assert last.startswith('aft_stern: add a tolerance') == advised
         assert not advised or len(last) < 80
-    assert main(['assess', '-c', str(configured), '--speed', '35rpm', '--load', '1kN']) == 1
-    assert 'probability that stick-slip can happen' in capsys.readouterr().out
+    done = stickslip('assess', '-c', configured, '--speed', '35rpm', '--load', '1kN')
+    assert done.code == 1
+    assert 'probability that stick-slip can happen' in done.out
     assert 'damping: ' in law.read_text()
 
 
-def test_an_operator_and_a_level_are_evidence_too(
-    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_operator_and_a_level_are_evidence_too(wrong: Path, tmp_path: Path, stickslip: Stickslip) -> None:
     bag = open_bag(COAST_DOWN)
     ((begin, end),) = read_truth(bag, 'aft_stern').episodes
     times = [f'{np.datetime64(t, "ns")}Z' for t in (bag.start_ns, begin, end, bag.end_ns)]
@@ -102,28 +97,27 @@ def test_an_operator_and_a_level_are_evidence_too(
     configured.write_text(
         wrong.read_text().replace('      speed: {', '      level: {topic: /level}\n      speed: {')
     )
-    for arguments in (
-        [str(COAST_DOWN), '--reports', str(reports), '-c', str(wrong)],
-        [str(copy), '-c', str(configured)],
-    ):
-        assert main(['calibrate', *arguments, '--json']) == 1
-        found = middle(json.loads(capsys.readouterr().out))
+    for arguments in ([COAST_DOWN, '--reports', reports, '-c', wrong], [copy, '-c', configured]):
+        found = middle(stickslip('calibrate', *arguments, '--json').json)
         assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
-    assert main(['check', str(copy), '-c', str(configured), '--learn', 'level']) == 1
-    assert 'learned: aft_stern: 1 episode ends ' in capsys.readouterr().out
+    done = stickslip('check', copy, '-c', configured, '--learn', 'level')
+    assert done.code == 1
+    assert 'learned: aft_stern: 1 episode ends ' in done.out
 
 
 def test_check_proposes_what_a_calibration_would_change(
-    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    wrong: Path, tmp_path: Path, stickslip: Stickslip
 ) -> None:
-    arguments = ['check', str(COAST_DOWN), '--learn', 'truth', '-c']
-    assert main([*arguments, str(CONFIG)]) == main([*arguments[:2], '-c', str(CONFIG)]) == 1
-    agrees, _ = capsys.readouterr().out.split('learned: ')[1].split('\n', 1)
+    arguments = ['check', COAST_DOWN, '--learn', 'truth', '-c']
+    done = stickslip(*arguments, CONFIG)
+    assert done.code == stickslip(*arguments[:2], '-c', CONFIG).code == 1
+    agrees, _ = done.out.split('learned: ')[1].split('\n', 1)
     assert agrees.startswith('aft_stern: 1 episode agrees with the predicted fold of 40.7 rpm (')
     # By the wrong drawing the fold is at 23.9 rpm, and 40.72 is 70 % above that.
     before = wrong.read_bytes()
-    assert main([*arguments, str(wrong)]) == main(['check', str(COAST_DOWN), '-c', str(wrong)])
-    _, text, rests = capsys.readouterr().out.split('learned: ')
+    done = stickslip(*arguments, wrong)
+    assert done.code == stickslip('check', COAST_DOWN, '-c', wrong).code
+    _, text, rests = done.out.split('learned: ')
     assert 'all rests on one end of vibration' in rests
     off = int(text.split('1 episode ends ')[1].split('%')[0])
     assert off == pytest.approx(70.4, abs=5.0)
@@ -133,8 +127,7 @@ def test_check_proposes_what_a_calibration_would_change(
     # Without evidence nothing is learned, and the JSON says that, too.
     bare = tmp_path / 'bare.mcap'
     without_truth(bare)
-    main(['check', str(bare), '-c', str(CONFIG), '--json', '--learn', 'truth'])
-    (lesson,) = json.loads(capsys.readouterr().out)['learned']
+    (lesson,) = stickslip('check', bare, '-c', CONFIG, '--json', '--learn', 'truth').json['learned']
     assert 'nothing is learned: bag' in lesson
 
 

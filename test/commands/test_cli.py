@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pty
 import re
@@ -16,7 +15,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
-from shared import ROOT
+from shared import ROOT, Stickslip
 
 from stickslip_monitor.cli import COMMANDS, main
 
@@ -48,9 +47,8 @@ def test_every_command_shows_its_help(command: str, capsys: pytest.CaptureFixtur
     assert capsys.readouterr().out.startswith(f'usage: stickslip {command} ')
 
 
-def test_a_recording_is_shown_without_a_configuration(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['info', BAG, '--json']) == 0
-    record = json.loads(capsys.readouterr().out)
+def test_a_recording_is_shown_without_a_configuration(stickslip: Stickslip) -> None:
+    record = stickslip('info', BAG, '--json').json
     assert record['topics']['/shaft/speed'] == {
         'type': 'std_msgs/msg/Float64',
         'messages': 2801,
@@ -58,18 +56,15 @@ def test_a_recording_is_shown_without_a_configuration(capsys: pytest.CaptureFixt
     }
     # The scene lasts 280 s and is sampled at 10 Hz.
     assert record['duration'] == pytest.approx(280.0, abs=0.1)
-    assert main(['info', BAG]) == 0
-    said = ' '.join(capsys.readouterr().out.split())
+    said = ' '.join(stickslip('info', BAG).out.split())
     assert 'from 2026-05-04 06:00:00 to 2026-05-04 06:04:40 UTC' in said
     assert '/bearing/aft_stern/load' in said
 
 
-def test_units_are_understood_in_any_case(capsys: pytest.CaptureFixture[str]) -> None:
-    said = set()
-    for speed, load in (('-20rpm', '1kN'), ('-20 RPM', '1 kn'), ('-20Rpm', '1e3 n')):
-        assert main((*POINT[:3], '--speed', speed, '--load', load)) == 1
-        said.add(capsys.readouterr().out)
-    assert len(said) == 1
+def test_units_are_understood_in_any_case(stickslip: Stickslip) -> None:
+    given = (('-20rpm', '1kN'), ('-20 RPM', '1 kn'), ('-20Rpm', '1e3 n'))
+    said = {stickslip(*POINT[:3], '--speed', speed, '--load', load) for speed, load in given}
+    assert [done.code for done in said] == [1]
 
 
 @pytest.mark.parametrize(

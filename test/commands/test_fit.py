@@ -2,17 +2,15 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from shared import ROOT
+from shared import ROOT, Stickslip
 
 from stickslip_monitor import Stribeck
-from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
 
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
@@ -28,13 +26,8 @@ def _write(path: Path, speed: Any, coefficient: Any, heading: str = 'speed [m/s]
     return str(path)
 
 
-def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
-    assert main(['fit', *arguments, '--json']) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def test_json_of_the_example(capsys: pytest.CaptureFixture[str]) -> None:
-    document = _json(capsys, CURVE, *LOAD, '--speed', '38rpm')
+def test_json_of_the_example(stickslip: Stickslip) -> None:
+    document = stickslip('fit', '--json', CURVE, *LOAD, '--speed', '38rpm').json
     assert document['schema'] == 'stickslip_monitor/fit/2'
     assert [item['line'] for item in document['outliers'] if item['weight'] < 0.1] == [12, 21, 26]
     for name in ('static', 'kinetic', 'decay'):
@@ -52,9 +45,10 @@ def test_json_of_the_example(capsys: pytest.CaptureFixture[str]) -> None:
     assert bearing['regimes']['bistable'] > 0.9
 
 
-def test_tables_for_a_person(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['fit', CURVE, *LOAD, '--speed', '45rpm']) == 0
-    text = capsys.readouterr().out
+def test_tables_for_a_person(stickslip: Stickslip) -> None:
+    done = stickslip('fit', CURVE, *LOAD, '--speed', '45rpm')
+    assert done.code == 0
+    text = done.out
     for words in (
         '26 points, speeds in rpm (the heading)',
         'correlation: static-kinetic',
@@ -70,9 +64,7 @@ def test_tables_for_a_person(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize('viscous', ['no', 'yes'])
-def test_the_fragment_is_a_configuration(
-    viscous: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_fragment_is_a_configuration(viscous: str, tmp_path: Path, stickslip: Stickslip) -> None:
     """Pasted in place of the bearing's law, it configures the law that was fitted."""
     speed = np.linspace(0.0, 0.5, 41)
     law = Stribeck(0.3, 0.1, 10.0, 0.1 if viscous == 'yes' else 0.0)
@@ -80,8 +72,9 @@ def test_the_fragment_is_a_configuration(
     mu = law.coefficient(speed) + noise
     path = tmp_path / 'part.yaml'
     arguments = [_write(tmp_path / 'c.csv', speed, mu, 'v,mu'), '--viscous', viscous]
-    assert main(['fit', *arguments, '--fragment', str(path), '--json']) == 0
-    document = json.loads(capsys.readouterr().out)
+    done = stickslip('fit', *arguments, '--fragment', path, '--json')
+    assert done.code == 0
+    document = done.json
     assert path.read_text(encoding='utf-8') == document['fragment']
     assert load_yaml(path)['friction']['law'] == 'stribeck'
     config = Path(CONFIG).read_text(encoding='utf-8')
@@ -95,15 +88,15 @@ def test_the_fragment_is_a_configuration(
         assert getattr(fitted, name) == pytest.approx(document['friction'][name], rel=1e-5)
 
 
-def test_the_picture_shows_the_boundaries(tmp_path: Path) -> None:
+def test_the_picture_shows_the_boundaries(tmp_path: Path, stickslip: Stickslip) -> None:
     path = tmp_path / 'a.svg'
-    assert main(['fit', CURVE, *LOAD, '--picture', str(path)]) == 0
+    assert stickslip('fit', CURVE, *LOAD, '--picture', path).code == 0
     assert 'fold speed' in path.read_text(encoding='utf-8')
 
 
-def test_points_as_csv(tmp_path: Path) -> None:
+def test_points_as_csv(tmp_path: Path, stickslip: Stickslip) -> None:
     path = tmp_path / 'points.csv'
-    assert main(['fit', CURVE, '--journal-diameter', '0.1', '-o', str(path)]) == 0
+    assert stickslip('fit', CURVE, '--journal-diameter', '0.1', '-o', path).code == 0
     with path.open(encoding='utf-8', newline='') as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 26
@@ -113,20 +106,21 @@ def test_points_as_csv(tmp_path: Path) -> None:
     assert [row['line'] for row in rows if float(row['weight']) < 0.1] == ['12', '21', '26']
 
 
-def test_a_warning_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_warning_is_exit_code_1(tmp_path: Path, stickslip: Stickslip) -> None:
     speed = np.linspace(0.2, 0.8, 30)
     path = _write(tmp_path / 'late.csv', speed, LAW.coefficient(speed))
-    assert main(['fit', path]) == 1
-    assert 'warning: static is extrapolated' in capsys.readouterr().out
+    done = stickslip('fit', path)
+    assert done.code == 1
+    assert 'warning: static is extrapolated' in done.out
 
 
 def test_the_page_shows_what_the_command_prints(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The fragment and the spread in docs/fit.md are those of today's program."""
     monkeypatch.chdir(ROOT)
     page = PAGE.read_text(encoding='utf-8')
-    document = _json(capsys, 'launch_configs/examples/friction_curve.csv', *LOAD)
+    document = stickslip('fit', '--json', 'launch_configs/examples/friction_curve.csv', *LOAD).json
     assert document['fragment'] in page
     for name, value in document['friction'].items():
         if name in document['estimated']:

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
 import pytest
+from shared import Stickslip
 
-from stickslip_monitor.cli import main
 from stickslip_monitor.commands.init import NEEDS, ask
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.bearing_estimate import Given, estimate, fold_shifts, shear_modulus
@@ -73,22 +72,22 @@ def test_effects_by_the_closed_form() -> None:
     assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)
 
 
-def test_file_is_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_file_is_a_configuration(tmp_path: Path, stickslip: Stickslip) -> None:
     path = tmp_path / 'ship.yaml'
-    arguments = [*DRAWING, '--load-topic', '/load', '--output', str(path)]
-    assert main(['init', *arguments]) == 0
-    text = capsys.readouterr().out
+    arguments = [*DRAWING, '--load-topic', '/load', '--output', path]
+    done = stickslip('init', *arguments)
+    assert done.code == 0
+    text = done.out
     assert path.read_text(encoding='utf-8') in text
     assert 'Measure next:\n  damping' in text
     (item,) = load_config(path).bearings
     assert item.bearing.stiffness == pytest.approx(shear_modulus(70.0) * 0.32 / 0.02, rel=1e-5)
     assert item.tolerance.damping == pytest.approx(0.4, abs=0.01)
-    assert main(['init', *arguments]) == 0  # one of ours is replaced
+    assert stickslip('init', *arguments).code == 0  # one of ours is replaced
 
 
-def test_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['init', *DRAWING, '--json']) == 0
-    document = json.loads(capsys.readouterr().out)
+def test_json(stickslip: Stickslip) -> None:
+    document = stickslip('init', *DRAWING, '--json').json
     assert document['schema'] == 'stickslip_monitor/init/1'
     assert all(value['origin'] for value in document['values'])
     assert document['measure_next'][0]['name'] == 'damping'
@@ -110,9 +109,10 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
         ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
     ],
 )
-def test_refusals(arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['init', *arguments]) == 2
-    assert sentence in capsys.readouterr().err
+def test_refusals(arguments: tuple[str, ...], sentence: str, stickslip: Stickslip) -> None:
+    done = stickslip('init', *arguments)
+    assert done.code == 2
+    assert sentence in done.err
 
 
 def test_dialogue_takes_the_other_value_and_asks_again() -> None:

@@ -20,8 +20,8 @@ BEARING = load_config(CONFIG).bearings[0].bearing
 DIAGRAM = ('diagram', '--load=1kN')
 
 
-def run(command: tuple[str, ...], out: Path, *more: str) -> int:
-    return main([*command, '-c', CONFIG, '-o', str(out), *more])
+def run(command: tuple[str, ...], out: Path, *more: object) -> int:
+    return main([*command, '-c', CONFIG, '-o', str(out), *map(str, more)])
 
 
 def read(path: Path) -> dict[str, np.ndarray]:

@@ -16,9 +16,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from shared import CONFIG, ROOT
+from shared import CONFIG, ROOT, Stickslip
 
-from stickslip_monitor.cli import COMMANDS, main
+from stickslip_monitor.cli import COMMANDS
 from stickslip_monitor.commands.options import FileOption
 from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import OutputError
@@ -50,8 +50,9 @@ def inputs_of(command: str) -> list[str]:
 
 def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
     """Arguments with these paths and nothing else."""
+    texts = {k: [*map(str, v)] if isinstance(v, list) else str(v) for k, v in paths.items()}
     nothing = {file.dest: None for file in files}
-    return argparse.Namespace(files=files, force=True, **nothing | paths)
+    return argparse.Namespace(files=files, force=True, **nothing | texts)
 
 
 def test_the_commands_that_write_declare_it() -> None:
@@ -80,7 +81,7 @@ def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path:
                 old.write_text('anything')
                 WAYS[way](new, old)
                 read = new if way == 'itself' else old
-                args = given(files, **{source: [str(read)], output: str(new)})
+                args = given(files, **{source: [read], output: str(new)})
                 with pytest.raises(OutputError, match=r'is the input'):
                     check_files(args)
                 assert new.read_text() == 'anything'
@@ -97,20 +98,20 @@ def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) ->
     config.write_text('/**: {ros__parameters: {aft: {calibration: own.json}}}')
     output, source = {
         'configuration': ('own.json', {'config': str(config)}),
-        'recording': ('archive/one/a.json', {'bags': [str(tmp_path / 'archive' / 'one')]}),
-        'archive': ('archive/one/a.json', {'bags': [str(tmp_path / 'archive')]}),
+        'recording': ('archive/one/a.json', {'bags': [tmp_path / 'archive' / 'one']}),
+        'archive': ('archive/one/a.json', {'bags': [tmp_path / 'archive']}),
     }[where]
     with pytest.raises(OutputError, match='is the input'):
-        check_files(given(files, report=str(tmp_path / output), **source))
+        check_files(given(files, report=tmp_path / output, **source))
 
 
 def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path: Path) -> None:
     (tmp_path / 'own.json').write_text('{"schema": "stickslip_monitor/calibration/1"}')
     (tmp_path / 'own.yaml').write_text('a: own.json')
     files, output = declared('calibrate'), str(tmp_path / 'own.json')
-    check_files(given(files, output=output, config=str(tmp_path / 'own.yaml'), add=output))
+    check_files(given(files, output=output, config=tmp_path / 'own.yaml', add=output))
     with pytest.raises(OutputError, match='is the input'):
-        check_files(given(files, fragment=output, config=str(tmp_path / 'own.yaml')))
+        check_files(given(files, fragment=output, config=tmp_path / 'own.yaml'))
 
 
 @pytest.mark.parametrize(
@@ -122,23 +123,20 @@ def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path:
     ],
 )
 def test_a_foreign_file_is_replaced_only_by_force_and_an_own_one_always(
-    command: str,
-    option: str,
-    suffix: str,
-    more: tuple[object, ...],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    command: str, option: str, suffix: str, more: tuple[object, ...], tmp_path: Path, stickslip: Stickslip
 ) -> None:
     output, foreign = tmp_path / f'output{suffix}', 'somebody wrote this on stickslip_monitor\n'
     output.write_text(foreign)
     output.chmod(0o600)
-    line = [command, *map(str, more), option, str(output)]
-    assert main(line) == 2
-    assert f"output '{output}' exists and was not written by this" in capsys.readouterr().err
+    line = [command, *more, option, output]
+    done = stickslip(*line)
+    assert done.code == 2
+    assert f"output '{output}' exists and was not written by this" in done.err
     assert output.read_text() == foreign
     for force in (['--force'], []):
-        assert main([*line, *force]) < 2
-        assert command == 'check' or capsys.readouterr().err == f'{output} written\n'
+        done = stickslip(*line, *force)
+        assert done.code < 2
+        assert command == 'check' or done.err == f'{output} written\n'
     assert output.read_text() != foreign
     assert output.stat().st_mode & 0o777 == 0o600
     assert [path.name for path in tmp_path.iterdir()] == [output.name]
@@ -171,20 +169,21 @@ def test_what_cannot_be_written_is_told_before_the_work(
 
 @pytest.mark.parametrize('option', ['--clips', '--mcap'])
 def test_no_recording_is_written_into_the_folder_that_is_checked(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    option: str, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     bag = shutil.copytree(BAG, tmp_path / 'bag')
     target = bag if option == '--clips' else bag / 'new.mcap'
     before = sorted(bag.iterdir())
-    assert main(['check', str(bag), '-c', str(CONFIG), option, str(target)]) == 2
-    assert 'whose recordings are checked' in capsys.readouterr().err
+    done = stickslip('check', bag, '-c', CONFIG, option, target)
+    assert done.code == 2
+    assert 'whose recordings are checked' in done.err
     assert sorted(bag.iterdir()) == before
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_stopped_leaves_nothing_behind(sent: signal.Signals, tmp_path: Path) -> None:
-    line = ['check', '-', '-c', str(CONFIG), '--report', str(tmp_path / 'a.json')]
+    line = ['check', '-', '-c', CONFIG, '--report', tmp_path / 'a.json']
     with subprocess.Popen(
         [sys.executable, '-m', 'stickslip_monitor', *line],
         stdin=subprocess.PIPE,

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import ROOT, record
+from shared import ROOT, Stickslip, record
 
-from stickslip_monitor.cli import COMMANDS, main
+from stickslip_monitor.cli import COMMANDS
 
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
@@ -128,14 +128,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize('line', REFUSED)
 def test_what_is_refused_is_told_in_one_sentence(
-    line: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: str, folder: Path, monkeypatch: pytest.MonkeyPatch, stickslip: Stickslip
 ) -> None:
     if line.startswith('dashboard'):
         pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())
-    assert main(shlex.split(line)) == 2
-    told = capsys.readouterr().err
+    done = stickslip(*shlex.split(line))
+    told = done.err
+    assert done.code == 2
     assert REFUSED[line] in told
     assert told.startswith('ERROR: ')
     assert told.count('\n') == 1
@@ -172,14 +173,15 @@ def test_options_with_bounds_have_them() -> None:
 
 
 @pytest.mark.parametrize('name', numbers())
-def test_a_number_out_of_its_bounds_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_number_out_of_its_bounds_is_refused(name: str, stickslip: Stickslip) -> None:
     command, action = numbers()[name]
     low, high, above = action.rule
     wrong = [low if above else low - 1, *([high + 1] if high < math.inf else [])]
     wrong += [math.nan, *([math.inf] if above else [])] if action.type is float else []
     for value in wrong:
-        assert main([command, f'{name.split()[1]}={value}']) == 2
-        assert f"ERROR: {name.split()[1]} '{value}' must be " in capsys.readouterr().err
+        done = stickslip(command, f'{name.split()[1]}={value}')
+        assert done.code == 2
+        assert f"ERROR: {name.split()[1]} '{value}' must be " in done.err
     right = [low + 1, high if high < math.inf else low + 2]
     for value in right:
         args = argparse.Namespace()

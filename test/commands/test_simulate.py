@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+from shared import Stickslip
 
 from stickslip_monitor.bags.writer import BagWriter
-from stickslip_monitor.cli import main
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CONFIG = """
@@ -53,14 +53,10 @@ def scene(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap', 'new/folder/bag'])
-def test_rosbags_reads_the_bag(
-    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_rosbags_reads_the_bag(tmp_path: Path, scene: str, stickslip: Stickslip, name: str) -> None:
     target = tmp_path / name
-    assert main(['simulate', scene, '-o', str(target)]) == 0
-    out, error = capsys.readouterr()
-    assert out == f'{target}: 150 s, 377 messages on /shaft/speed, /bearing/aft/load\n'
-    assert error == ''
+    said = f'{target}: 150 s, 377 messages on /shaft/speed, /bearing/aft/load\n'
+    assert stickslip('simulate', scene, '-o', target) == (0, said, '')
     rows: dict[str, list[tuple[int, float]]] = {}
     order = []
     with Reader(target) as reader:
@@ -79,13 +75,11 @@ def test_rosbags_reads_the_bag(
 
 
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
-def test_what_exists_is_not_overwritten(
-    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_what_exists_is_not_overwritten(tmp_path: Path, scene: str, stickslip: Stickslip, name: str) -> None:
     target = tmp_path / name
     target.write_text('dear', 'utf-8')
-    assert main(['simulate', scene, '-o', str(target)]) == 2
-    assert capsys.readouterr().err == (f"ERROR: bag '{target}' exists already and is not overwritten\n")
+    said = f"ERROR: bag '{target}' exists already and is not overwritten\n"
+    assert stickslip('simulate', scene, '-o', target) == (2, '', said)
     assert target.read_text('utf-8') == 'dear'
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml', name}
 
@@ -107,17 +101,14 @@ def test_file_that_may_not_grow_leaves_no_bag(tmp_path: Path, scene: str, name: 
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
 
 
-def test_operating_point_out_of_range_leaves_no_bag(
-    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_operating_point_out_of_range_leaves_no_bag(tmp_path: Path, scene: str, stickslip: Stickslip) -> None:
     """It is found in the third minute, when two are written already."""
     config = tmp_path / 'config.yaml'
     config.write_text(config.read_text('utf-8').replace('-2.0}', '-2.0, maximum: 1500}'), 'utf-8')
     path = tmp_path / 'scene.yaml'
     text = path.read_text('utf-8').replace('[[0, 1000]]', '[[130, 1000], [150, 2000]]')
     path.write_text(text, 'utf-8')
-    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 2
-    assert capsys.readouterr().err == (
+    assert stickslip('simulate', scene, '-o', tmp_path / 'bag').err == (
         f'ERROR: {scene}: load = 1600 N at 142 s is more than topic /bearing/aft/load can carry:'
         ' aft.load.maximum = 1500 N in the configuration\n'
     )
@@ -137,27 +128,26 @@ def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
         '    status = open("/proc/self/status").read()\n'
         '    print(status.partition("VmHWM:")[2].split()[0])\n'
     )
-    command = [sys.executable, '-c', code, scene, str(tmp_path)]
+    command = [sys.executable, '-c', code, scene, tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     hour, day = map(int, done.stdout.split())
     assert day - hour < 12_000  # kilobytes; chunks and their compression take up to nine
 
 
 def test_truth_and_cut_are_told_apart_from_telemetry(
-    tmp_path: Path, scene: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, scene: str, stickslip: Stickslip
 ) -> None:
     """Before 100 s: 200 and 50 messages, and 100 on each of the four topics at 1 Hz."""
     with Path(scene).open('a', encoding='utf-8') as file:
         file.write('  - operating_point: {rate: 1.0}\n  - cut_off: {time: 100.0}\n')
-    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 0
-    assert capsys.readouterr().out == (
+    assert stickslip('simulate', scene, '-o', tmp_path / 'bag').out == (
         f'{tmp_path / "bag"}: 150 s, cut off at 100 s, 250 messages on /shaft/speed,'
         ' /bearing/aft/load, 400 on 4 of the truth\n'
     )
 
 
 def test_stopping_in_the_middle_leaves_no_bag(
-    tmp_path: Path, scene: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, scene: str, stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write = BagWriter.write_columns
     blocks: list[Any] = []
@@ -169,6 +159,6 @@ def test_stopping_in_the_middle_leaves_no_bag(
         write(writer, columns)
 
     monkeypatch.setattr(BagWriter, 'write_columns', stop)
-    assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 130
+    assert stickslip('simulate', scene, '-o', tmp_path / 'bag').code == 130
     assert blocks
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml'}
