@@ -105,31 +105,18 @@ file: `config:=`), every command with `--config`.
 - The sections that apply are `/**`, `/*`, and those whose last part is the node's name
   (`/any/namespace/stickslip_monitor`), merged in the order of the file. Other nodes' sections and
   the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...) are ignored.
-- `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same. A key given twice,
-  an alias (`*name`) and an unknown parameter are refused.
-- An invalid file is refused before anything starts, in one sentence with exit code 2:
+- `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
+- An invalid file (an unknown parameter, a key given twice, an alias `*name`) is refused before anything
+  starts, in one sentence with exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
 
-- An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz (revolutions
-  a second) becomes surface speed by `journal_diameter`; m/s is the surface speed. Speeds astern
-  are negative; a load of zero means no contact, and so does one below it where `load.minimum`
-  allows that.
-
-## Rules that span parameters
-
-- Names in `bearings` are lower-case letters, digits and underscores, start with a letter, and
-  differ.
-- A friction table has at least two points, as many coefficients as speeds, and increasing speeds.
-- `alarm.minimum_speed` is below `speed.maximum`.
-- A level is measured where `level.topic` is given. Its `threshold` is above 0, unless its unit is
-  dB, and not above its `maximum`.
-
-## Live and read-only
-
-Parameters marked *live* can be set at any time (`ros2 param set`); alarms and running delays are
-kept. Those marked *fixed* are read when the node starts. To set the others deactivate the node and
-activate it again.
+- An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz becomes surface
+  speed by `journal_diameter`; m/s is the surface speed. Speeds astern are negative; a load of zero
+  or below means no contact.
+- Parameters marked *live* can be set at any time (`ros2 param set`); alarms and running delays are
+  kept. Those marked *fixed* are read when the node starts. To set the others deactivate the node and
+  activate it again.
 """
 
 

@@ -25,7 +25,6 @@ from benchmarks.signalk_servers import free_port
 parser = pytest.importorskip('prometheus_client.parser', reason="the extra 'dashboard' is not installed")
 
 SHIPPED = ROOT / 'launch_configs' / 'dashboards'
-DOCS = ROOT / 'docs' / 'dashboard.md'
 SPACE = {'namespace': '/'}
 TOKEN = 'correct-horse-battery'
 Figures = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -128,17 +127,6 @@ def test_nothing_old_is_repeated(dashboard: Any, monkeypatch: pytest.MonkeyPatch
     }
     assert of(found, 'monitor_up', **SPACE) == 0.0
     assert of(found, 'monitor_silence_seconds', **SPACE) == pytest.approx(100.0, abs=5.0)
-
-
-def test_the_docs_name_every_figure(dashboard: Any) -> None:
-    dashboard.sail(36.0, 1000.0, 5.0)  # in the bistable range every figure has a value
-    dashboard.do(lambda: dashboard.board.links.update(nmea_in=True))
-    table = DOCS.read_text('utf-8').split('## Prometheus')[1]
-    rows = [line for line in table.splitlines() if line.startswith('| `stickslip_')]
-    named = {cell for row in rows for cell in row.split('|')[1].replace('`', '').split(', ')}
-    # This bearing has no level of vibration.
-    there = {name for name, _ in figures(scrape(dashboard))} | {'stickslip_measured'}
-    assert {name.strip() for name in named} == there
 
 
 def test_names_keep_the_conventions(dashboard: Any) -> None:
