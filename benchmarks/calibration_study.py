@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PAGE = ROOT / 'docs/calibration.json', ROOT / 'docs/calibration.md'
 RELIABILITY = ROOT / 'docs/images/reliability.png'
 EXAMPLE = ROOT / 'docs/images/calibration.png'
-_SHIPS, _FEWER, _DRIFTING = 60, 24, 12
+_SHIPS, _FEWER, _DRIFTING = 40, 20, 8
 _TOLERANCE = Tolerance(damping=0.40, static=0.15, kinetic=0.15, decay=0.30, load=0.03)
 _FAR = (0.6, 1.0, 1.6)
 

@@ -32,11 +32,11 @@ from stickslip_monitor.physics.averaging import growth_rate
 _SCATTER = np.array([0.008, 0.012, 0.018, 0.027, 0.04, 0.06, 0.09])
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTER / 0.02) / 0.5) ** 2
 # By how much the speed is late against the vibration: mean, spread [s].
-_LAG, _LAG_SPREAD = 0.5, 0.6
+_LAG, _LAG_SPREAD = 0.5, 0.9
 _LAG_PRIOR = -0.5 * ((np.array(LAGS) - _LAG) / _LAG_SPREAD) ** 2
 # e-folds from noise to stick-slip: median, spread between ships, spread between onsets; share of
 # onsets that a blow began.
-_FOLDS, _FOLDS_SPREAD, _GROWN, _BLOWN = 3.0, 0.4, 0.3, 0.10
+_FOLDS, _FOLDS_SPREAD, _GROWN, _BLOWN = 3.0, 0.6, 0.3, 0.10
 _FOLD_NODES = np.linspace(-2.2, 2.2, 9)
 # A worthless end is anywhere within so much of ln V.
 _ANYWHERE = 1.5
