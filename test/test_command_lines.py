@@ -30,7 +30,7 @@ OWN_CONFIGURATIONS = ('my_ship.yaml', 'ship.yaml')
 APPENDED = {
     'stickslip play ': '--rate 5000',
     'stickslip dashboard ': '--port 0',
-    'stickslip accuracy --picture ': '--quick',
+    'python -m benchmarks.accuracy --picture ': '--quick',
 }
 
 
