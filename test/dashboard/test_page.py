@@ -12,13 +12,15 @@ import shutil
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import ROOT, until
+from shared import CONFIG, ROOT, until
 
 from benchmarks.signalk_servers import free_port
+from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind
@@ -521,6 +523,25 @@ def test_axe_finds_nothing_at_the_door(dashboards: Callable[..., Any], browser: 
     browser.open(f'{locked.url}login')
     browser.until('document.activeElement.name === "token"')
     assert complaints(browser) == []
+
+
+@pytest.mark.slow
+def test_axe_finds_nothing_in_a_report_by_day_and_night_on_a_desk_and_a_phone(
+    browser: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / 'report.html'
+    main(['check', str(ROOT / 'bags/coast_down'), '-c', str(CONFIG), '--report', str(path)])
+    # Its own policy lets no script in: not even that of axe.
+    browser.call('Page.setBypassCSP', enabled=True)
+    try:
+        for width, dark in product((1100, 360), (False, True)):
+            browser.show_as(width, 800, dark=dark, mobile=width < 500)
+            browser.open(path.as_uri())
+            browser.until('document.querySelector("footer")')
+            assert browser.js('document.documentElement.scrollWidth') <= width
+            assert (width, dark, complaints(browser)) == (width, dark, [])
+    finally:
+        browser.call('Page.setBypassCSP', enabled=False)
 
 
 def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
