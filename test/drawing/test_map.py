@@ -135,11 +135,11 @@ def test_the_map_names_regions_and_lines_of_one_amplitude() -> None:
 def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
     speed = np.interp(np.linspace(0.0, 1.0, 400), [0, 0.5, 1], [0.3, 0.1, 0.3])
     load = np.full(400, 900.0)
-    speed[200] = np.nan
+    speed[200], speed[-1] = np.nan, speed[0] + 1e-3
     events = [TrackEvent(0.25 - 0.01 * i, 950.0, c) for i, c in enumerate(Condition)]
     axes = draw_map(BEARING, track=Track(speed, load, events)).axes[0]
     expected = [f'to: {CONDITION_NAMES[condition]}' for condition in Condition]
-    # Start and end are one place, and one mark.
+    # Start and end are within a ring of each other, and one mark.
     assert names(axes.get_legend()) == ['measured', 'smoothed', 'start and end', *expected]
     # Each at the operating point that it was told at, wherever a thinned track goes.
     marks = [line for line in axes.lines if line.get_zorder() == 10]
