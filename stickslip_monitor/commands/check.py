@@ -485,7 +485,7 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
         yield f'data: {printable(text)}'
     for quantity, each in item['inputs'].items():
         place = printable(quantity if 'assumed' in each else f'{quantity} on {each["topic"]}')
-        yield f'{place}: {_input_text(quantity, each)}'
+        yield f'{place}: {_input_text(each)}'
         for text in each['questions']:
             yield f'question: {place} {printable(text)}'
     events = item['events']
@@ -516,14 +516,11 @@ def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | N
         yield _wrapped(f'{head}{text}', width, len(head))
 
 
-def _input_text(quantity: str, item: Mapping[str, Any]) -> str:
+def _input_text(item: Mapping[str, Any]) -> str:
     """What came of an input: the range of its numbers, its rate, and the share used."""
     if 'assumed' in item:
-        return f'{item["si_span"][0]:.4g} N, assumed: nothing measures it'
+        return f'{item["values"]}, assumed: nothing measures it'
     if not item['used']:
         return f'{plural(item["messages"], "message")}, none used'
-    (low, high), (si_low, si_high) = item['span'], item['si_span']
-    unit = 'm/s' if quantity == 'speed' else 'N'
-    si = '' if quantity == 'level' else f' ({si_low:.4g} to {si_high:.4g} {unit})'
     rate = '' if item['rate'] is None else f', {item["rate"]:.3g} a second'
-    return f'{low:.4g} to {high:.4g} in the messages{si}{rate}, {item["share"]:.1%} used'
+    return f'{item["values"]}{rate}, {item["share"]:.1%} used'

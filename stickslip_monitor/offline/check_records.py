@@ -73,6 +73,7 @@ def _input(item: InputReport) -> dict[str, Any]:
         'share': item.used / item.messages if item.messages else None,
         'span': [number(value) for value in item.span],
         'si_span': [number(value) for value in item.si_span],
+        'values': item.values,
         'rate': number(item.gaps.rate),
         'gaps': item.gaps.count,
         'longest_gaps': [{'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest],

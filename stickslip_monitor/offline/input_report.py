@@ -95,6 +95,7 @@ class InputReport:
     questions: tuple[str, ...] = ()  # where the numbers look like another unit or topic
     fault: str = ''  # why it brings nothing, in the words of the running monitor
     is_assumed: bool = False  # a constant that nothing measures
+    values: str = 'none'  # the range of the valid ones, for a person
 
     @property
     def complaints(self) -> list[str]:
@@ -161,18 +162,9 @@ class InputCheck:
             # It comes with the speed, and what is wrong with that is said there.
             si = self._source.offset * self._source.factor
             span, topic = (self._source.offset, self._source.offset), self._source.topic
-            return InputReport(
-                self.quantity,
-                topic,
-                self._messages,
-                used,
-                (),
-                self._gaps,
-                span,
-                (si, si),
-                questions=asked,
-                is_assumed=True,
-            )
+            values = f'{self._source.offset:g} {self._source.unit}'
+            known = self.quantity, topic, self._messages, used, (), self._gaps, span, (si, si)
+            return InputReport(*known, questions=asked, is_assumed=True, values=values)
         first, last = self._span if used else (math.nan, math.nan)
         low, high = sorted(float(self._si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
@@ -191,7 +183,18 @@ class InputCheck:
             sources=tuple(self._sources),
             questions=asked,
             fault=clock or self._fault(),
+            values=self._values(first, last, low, high) if used else 'none',
         )
+
+    def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:
+        """The valid values in the unit of the configuration, in SI, and as they were sent."""
+        source = self._source
+        low, high = sorted(source.scale * end + source.offset for end in (first, last))
+        si_unit = {'speed': 'm/s', 'load': 'N'}.get(self.quantity, source.unit)
+        more = [f'{si_low:.4g} to {si_high:.4g} {si_unit}'] if si_unit != source.unit else []
+        if (source.scale, source.offset) != (1.0, 0.0):
+            more.append(f'sent as {first:.4g} to {last:.4g}')
+        return f'{low:.4g} to {high:.4g} {source.unit}' + (f' ({"; ".join(more)})' if more else '')
 
 
 def bound_to(bag: Recording, config: MonitorConfig) -> Bound:

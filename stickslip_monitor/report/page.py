@@ -242,29 +242,12 @@ def _input(item: InputReport, source: InputConfig) -> dict[str, Any]:
         'field': source.field_text,
         'type': source.type,
         'limit': source.timeout_ns * 1e-9,
-        'range': _range(item, source),
         'wrong': (
             *(f'{summary.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults),
             *(f'{item.quantity} {text}' for text in item.questions),
             *([item.fault] if item.fault else ()),
         ),
     }
-
-
-def _range(item: InputReport, source: InputConfig) -> str:
-    """The valid values in the unit of the configuration and in SI, and as they were sent."""
-    if item.is_assumed:
-        return f'{source.offset:g} {source.unit}'
-    if not item.used:
-        return 'none'
-    low, high = sorted(source.scale * end + source.offset for end in item.span)
-    texts = [f'{low:.4g} to {high:.4g} {source.unit}']
-    si_unit = {'speed': 'm/s', 'load': 'N'}.get(item.quantity, source.unit)
-    if si_unit != source.unit:
-        texts.append(f'{item.si_span[0]:.4g} to {item.si_span[1]:.4g} {si_unit}')
-    if (source.scale, source.offset) != (1.0, 0.0):
-        texts.append(f'sent as {item.span[0]:.4g} to {item.span[1]:.4g}')
-    return '; '.join(texts)
 
 
 class ParameterRow(NamedTuple):

@@ -230,7 +230,7 @@ def test_two_publishers_and_a_wrong_unit_are_told(tmp_path: Path, stickslip: Sti
     assert done.code == 1
     assert 'speed on /shaft/speed: 1 x values jump between two levels' in done.out
     assert '(here 20 and 60 rpm)' in done.out
-    assert '20 to 60 in the messages (0.1047 to 0.3142 m/s), 10 a second, 100.0% used' in done.out
+    assert '20 to 60 rpm (0.1047 to 0.3142 m/s), 10 a second, 100.0% used' in done.out
     assert 'question: speed on /shaft/speed has no boundary at any load' in done.out
 
 

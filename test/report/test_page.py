@@ -80,8 +80,7 @@ def document(text: str) -> dict[str, Any]:
         'topic': text,
         'messages': 7,
         'used': 7,
-        'span': [1.0, 2.0],
-        'si_span': [1.0, 2.0],
+        'values': text,
         'rate': 1.0,
         'gaps': 1,
         'longest_gaps': [{'time': START, 'seconds': 9.0}],
@@ -109,7 +108,7 @@ def page_of(text: str) -> str:
     """A report in which every text is the given one."""
     picture = Picture(DRAWING, DRAWING, text)
     finding = Finding('alarm', (text, text + '2'))
-    own = {'field': text, 'type': text, 'limit': 5.0, 'range': text, 'wrong': [text, text]}
+    own = {'field': text, 'type': text, 'limit': 5.0, 'wrong': [text, text]}
     facts = (Fact(text, text, text),)
     part = BearingPart('bag-1-aft', finding, {'speed': own}, facts, picture, picture, text)
     failed = {'path': text, 'error': text}
@@ -198,7 +197,7 @@ def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
     cards = dict(re.findall(r'<caption>(Speed|Load)</caption>(.*?)</table>', page, flags=re.DOTALL))
     (shown,) = re.findall(r'range</th><td>([^<]*)<', cards['Speed'])
     numbers = [float(number) for number in re.findall(r'[\d.]+', shown)]
-    assert re.sub(r'[\d.]+', '#', shown) == '# to # rpm; # to # m/s; sent as # to #'
+    assert re.sub(r'[\d.]+', '#', shown) == '# to # rpm (# to # m/s; sent as # to #)'
     low, high, *si, first, last = numbers
     assert (low, high) == pytest.approx((2 * first, 2 * last), rel=1e-3)
     assert si == pytest.approx([RPM * low, RPM * high], rel=1e-3)
