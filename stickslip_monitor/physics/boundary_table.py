@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.folds import fold_curve, last_speeds, lower_ends
+from stickslip_monitor.physics.folds import fold_curve, lower_ends
 from stickslip_monitor.physics.hermite import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
 
@@ -120,21 +120,17 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     curve = fold_curve(bearing)
     if curve is None:
         return _NONE
-    broken = len(law_in_use(law).kinks) > 0
     octaves = math.log2(curve.top / curve.onset)
-    points = round(octaves * (_BROKEN if broken else _SMOOTH)) + 1
+    points = round(octaves * (_SMOOTH if curve.smooth else _BROKEN)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     load = np.exp(math.log(curve.onset) + grid)
-    exact = last_speeds(curve.speed, curve.exact, load, not broken)
-    with np.errstate(all='ignore'):
-        if averaging.averaged(law) is closed_form:
-            averaged = np.asarray(averaging.fold_speed(bearing, load))
-        else:
-            averaged = last_speeds(curve.averaged_speed, curve.averaged, load, not broken)
+    exact = curve.exact_fold(load)
+    closed = averaging.averaged(law) is closed_form
+    averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.speed[0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
-    pieces = [_linear(column) if broken else _smooth(column) for column in (averaged, exact)]
+    pieces = [_smooth(column) if curve.smooth else _linear(column) for column in (averaged, exact)]
     pieces.append(_linear(lower_ends(bearing, load)))
     return BoundaryTable(math.log(curve.onset), float(grid[1]), np.stack(pieces))
 

@@ -23,19 +23,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray, IndexArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.averaging_by_scan import WHOLE, highest_slopes, slope_surface, slope_table
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Coulomb, Stribeck, computes_as
+from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
-from stickslip_monitor.physics.orbits import LANDED, TURNED, Route, SlipField, follow, law_in_use, slip_field
+from stickslip_monitor.physics.orbits import (
+    EXHAUSTED,
+    LANDED,
+    TURNED,
+    Route,
+    SlipField,
+    follow,
+    law_in_use,
+    slip_field,
+)
 from stickslip_monitor.physics.roots import newton_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
-_MOST_ROUNDS, _MOST_STEPS, _WIDEST, _HALVINGS = 25, 1500, 0.7, 40
-# Friction in units of m omega V beyond which no bearing is, and an orbit has no steps left.
-_STRONG = 1e3
+# Rounds of a search, those without a value after which it is given up, and its widest step.
+_MOST_ROUNDS, _PATIENCE, _WIDEST = 25, 6, 0.7
+# Orbits that turn take 640 steps at most, measured up to 0.9 of critical damping. What is found by
+# contact alone is known to 1e-6.
+_MOST_STEPS, _HALVINGS = 800, 23
+# Times that the speeds of a curve are cut to where orbits turn.
+_CUTS = 2
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
 # averaging has the fold to 1e-10, and orbits gain too little to improve it.
 _WEAKLY, _SLIGHT = 1.003, 1e-6
@@ -44,10 +57,14 @@ _WEAKLY, _SLIGHT = 1.003, 1e-6
 # 8 octaves above it; a soft lining (50 kg, 3 Hz) has slip so stiff at 200 kN that it takes
 # minutes.
 _LARGE, _GIVES, _OCTAVES = 2e5, 0.1, 8
+# Octaves of a lining beyond critical damping: a mistake of units as a rule, and each takes a second.
+_OVERDAMPED = 2
 # Speeds of the scan for the onset; intervals of Chebyshev's speeds at first and at most; speeds
 # that are read from their series; of a law in pieces speeds of the curve, and of which each
 # so-many-th is solved.
 _SCAN, _FEWEST, _MOST, _READ, _BROKEN, _EVERY = 161, 32, 128, 1200, 1024, 8
+# Loads beyond the curve's that are solved one by one.
+_LARGER = 17
 # The slowest speed at which a lower end is looked for, in units of the law's slowest, and speeds.
 _CREEP, _SLOW = 1e-5, 600
 # Last coefficients of a series that is long enough, and errors in ln N.
@@ -89,7 +106,9 @@ class Grazing:
         return drop / (self.bearing.momentum * np.sqrt(lost))
 
     def margin(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
-        """Logarithm of how far slip goes beyond what grazes; ``nan`` where an orbit does not turn.
+        """Logarithm of how far slip goes beyond what grazes.
+
+        ``-inf`` where slip comes to rest without turning, ``inf`` where what grazes began at rest.
 
         Args:
             speed: ``V`` > 0, shape (n,) [m/s].
@@ -105,8 +124,11 @@ class Grazing:
         with np.errstate(all='ignore'):
             orbits = follow(both, e, z, Route(last, error, direction, most=_MOST_STEPS))
             size = both.rest() - orbits.place
-            size[orbits.end != TURNED] = np.nan
-            return np.log(size[:n] / size[n:])
+            result = np.log(size[:n] / size[n:])
+        turned = orbits.end == TURNED
+        result[~turned[n:]] = np.where(orbits.end[n:] == EXHAUSTED, np.inf, -np.inf)[~turned[n:]]
+        result[~turned[:n] | np.isnan(result)] = -np.inf
+        return result
 
     def _grazes(self, field: SlipField) -> tuple[FloatArray, FloatArray]:
         """Displacement and ``z`` from which orbits that graze are followed back in time.
@@ -154,20 +176,19 @@ class Grazing:
             return np.asarray(1.0 / per_load)
 
     def loads(self, speed: FloatArray, guess: FloatArray, close: float) -> FloatArray:
-        """The loads that graze at speeds [N], from guesses, to an error in ``ln N``."""
+        """The loads that graze at speeds [N], from guesses, to an error in ``ln N``; ``nan``: not found."""
 
         def margin(x: FloatArray, rows: IndexArray) -> FloatArray:
             return self.margin(speed[rows], np.exp(x), self.rough)
 
-        found = np.exp(_solved(margin, np.log(guess), np.full(guess.size, self.rate), close))
-        return np.where(np.isnan(found), guess, found)
+        return np.exp(_solved(margin, np.log(guess), np.full(guess.size, self.rate), close))
 
     def speeds(
         self, load: FloatArray, guess: FloatArray, close: float, error: float | None = None
     ) -> FloatArray:
         """The speeds that graze at loads [m/s], from guesses, to an error in ``ln V``.
 
-        ``error`` is that of a step, by default the one for all digits.
+        ``nan`` where they are not found; ``error`` is that of a step, by default for all digits.
         """
         fine = error or self.error
         with np.errstate(all='ignore'):
@@ -192,7 +213,7 @@ def _solved(
     """Where margins vanish, from guesses: secants within brackets, all at once.
 
     Args:
-        margin: Of places and their indices; ``nan`` counts as on the near side.
+        margin: Of places and their indices; may be infinite.
         guess: Shape (n,).
         rate: About the slope of the margins, all of one sign, shape (n,).
         close: How well a place is to be known.
@@ -203,29 +224,31 @@ def _solved(
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
     low, high, before, value_before = np.multiply.outer([-np.inf, np.inf, np.nan, np.nan], np.ones(n))
-    live = np.arange(n)
+    live, misses = np.arange(n), np.zeros(n, int)
     for _ in range(_MOST_ROUNDS if n else 0):
         at = x[live]
         value = margin(at, live)
-        known = np.isfinite(value)
-        above = known & (sign * value > 0.0)  # an orbit that does not turn has too little to gain
+        known, above = np.isfinite(value), sign * value > 0.0
         high[live] = np.where(above, np.minimum(high[live], at), high[live])
         low[live] = np.where(above, low[live], np.maximum(low[live], at))
         with np.errstate(all='ignore'):
             secant = (value - value_before[live]) / (at - before[live])
-        slope[live] = np.where(secant / rate[live] > 0.2, secant, slope[live])
-        move = np.clip(np.where(known, -value / slope[live], sign * 0.4), -_WIDEST, _WIDEST)
-        new, both = at + move, np.isfinite(low[live]) & np.isfinite(high[live])
-        halved = both & ((new <= low[live]) | (new >= high[live]))
-        with np.errstate(invalid='ignore'):
+            slope[live] = np.where(np.isfinite(secant) & (secant / rate[live] > 0.2), secant, slope[live])
+            move = np.where(known, -value / slope[live], np.where(above, -0.4, 0.4))
+            move = np.clip(move, -_WIDEST, _WIDEST)
+            new, both = at + move, np.isfinite(low[live]) & np.isfinite(high[live])
+            halved = both & ((new <= low[live]) | (new >= high[live]))
             new = np.where(halved, 0.5 * (low[live] + high[live]), new)
             width = high[live] - low[live]
         last = np.abs(at - before[live])
         before[live], value_before[live], x[live] = at, value, new
         # A secant leaves about the product of its step with the one before.
         left = np.abs(move) * np.where(last < 1.0, last, 1.0)
-        done = known & ~halved & ((left < close) | (value == 0.0)) | (both & (width < close))
-        live = live[~done]
+        done = known & ~halved & ((left < close) | (value == 0.0)) | (both & known & (width < close))
+        misses[live] += ~known
+        lost = ~done & (misses[live] > _PATIENCE)
+        x[live[lost]] = np.nan
+        live = live[~done & ~lost]
         if not live.size:
             break
     x[live] = np.nan
@@ -240,7 +263,8 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         load: ``N`` > 0 and finite [N], shape (n,).
 
     Returns:
-        ``nan`` where it sticks at no speed, ``inf`` where at every high one, shape (n,).
+        ``nan`` where it sticks at no speed, or damping so strong that the motion does not turn left
+        the last one unknown; ``inf`` where it sticks at every high speed; shape (n,).
     """
     law = bearing.friction
     loads, back = np.unique(load, return_inverse=True)
@@ -251,48 +275,53 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         out[falls & (np.asarray(averaging.fold_speed(bearing, loads)) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
     if rows.size:
-        if computes_as(law, Stribeck) or computes_as(law, Coulomb):
-            out[rows] = _of_one_range(bearing, law, loads[rows])
-        else:
-            out[rows] = _read(bearing, loads[rows])
+        solve = _read if law_in_use(law).kinks else _solve
+        out[rows] = solve(bearing, loads[rows])
     return out[back]
 
 
-def _of_one_range(bearing: Bearing, law: Stribeck | Coulomb, load: FloatArray) -> FloatArray:
-    """The exact folds of a law that has cycles up to one speed."""
-    grazing = Grazing(bearing)
-    drop = max(law.static - law.kinetic, 0.0)
-    rise = 0.5 * law.viscous if isinstance(law, Stribeck) else 0.0
+def _solve(bearing: Bearing, load: FloatArray) -> FloatArray:
+    """The exact folds of a smooth law, which has cycles up to one speed."""
+    grazing, law = Grazing(bearing), bearing.friction
+    far = 4.0 * _scales(bearing)[-1]
+    steady, rise = float(law.coefficient(far)), max(float(law.slope(far)), 0.0)
+    drop = max(law_in_use(law).hold - (steady - rise * far), 0.0)
     with np.errstate(all='ignore'):
         averaged = np.asarray(averaging.fold_speed(bearing, load))
-        coulomb = load * grazing.lasting_speed(drop, rise * load / bearing.momentum)
+        coulomb = load * grazing.lasting_speed(drop, 0.5 * rise * load / bearing.momentum)
         guess = np.fmax(averaged, coulomb)
         slight = load * law_in_use(law).fall < _WEAKLY * bearing.damping
         slight |= drop * load / bearing.momentum < _SLIGHT * averaged
-    out = np.where(slight, averaged, guess)
+    out = np.where(slight, averaged, np.nan)
     rows = np.flatnonzero(~slight & (guess > 0.0) & (guess < np.inf))
-    found = grazing.speeds(load[rows], guess[rows], 1e-10)
-    out[rows] = np.where(np.isnan(found), guess[rows], found)
-    strong = load * law.static > _STRONG * bearing.momentum * guess
-    lost = rows[np.isnan(found) & ~strong[rows] & (rise > 0.0)]
+    out[rows] = grazing.speeds(load[rows], guess[rows], 1e-10)
+    lost = rows[np.isnan(out[rows])]
     out[lost] = _by_contact(bearing, load[lost], guess[lost])
     return out
 
 
 def _by_contact(bearing: Bearing, load: FloatArray, guess: FloatArray) -> FloatArray:
-    """The last speeds at which slip meets the belt, by bisection [m/s].
+    """The last speeds at which slip meets the belt, by bisection [m/s]; ``nan``: none about a guess.
 
-    For where friction that rises damps a motion so much that it does not turn twice.
+    For where a motion is damped so much that it does not turn twice.
     """
-    low, high = guess * 0.01, guess * 2.0
-    route = Route(3, _FINE, contact=True, most=_MOST_STEPS)
-    for _ in range(_HALVINGS if load.size else 0):
-        middle = np.sqrt(low * high)
-        field, nothing = slip_field(bearing, middle, load), np.zeros(load.size)
+
+    def meets(speed: FloatArray, rows: IndexArray) -> BoolArray:
+        field, nothing = slip_field(bearing, speed, load[rows]), np.zeros(rows.size)
         with np.errstate(all='ignore'):
-            meets = follow(field, nothing, nothing, route).end == LANDED
-        low, high = np.where(meets, middle, low), np.where(meets, high, middle)
-    return np.sqrt(low * high)
+            end = follow(field, nothing, nothing, route).end
+        known[rows] &= end != EXHAUSTED
+        return np.asarray(end == LANDED)
+
+    route, known = Route(3, _FINE, contact=True, most=_MOST_STEPS), np.ones(load.size, bool)
+    low, high, every = guess * 0.01, guess * 2.0, np.arange(load.size)
+    known &= meets(low, every) & ~meets(high, every)
+    rows = np.flatnonzero(known)
+    for _ in range(_HALVINGS if rows.size else 0):
+        middle = np.sqrt(low[rows] * high[rows])
+        inside = meets(middle, rows)
+        low[rows], high[rows] = np.where(inside, middle, low[rows]), np.where(inside, high[rows], middle)
+    return np.where(known, np.sqrt(low * high), np.nan)
 
 
 def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -301,7 +330,7 @@ def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
     if curve is None:
         return np.full(load.size, np.nan)
     grazing = Grazing(bearing)
-    out = last_speeds(curve.speed, curve.exact, load, not grazing.in_pieces)
+    out = curve.exact_fold(load)
     i = np.clip(np.searchsorted(curve.speed, out) - 1, 0, curve.speed.size - 2)
     with np.errstate(all='ignore'):
         rise = np.log(curve.exact[i + 1] / curve.exact[i])
@@ -325,6 +354,9 @@ class FoldCurve:
         exact: Where slip grazes the belt, shape (n,) [N].
         onset: The least load with a cycle under averaging [N].
         top: The largest load that it is meant for [N].
+        larger: ``ln N`` and exact fold of loads beyond the last, shape (2, m): what rises with the
+            speed, or strong damping, makes the fold fall again with the load; ``nan`` for unknown.
+        smooth: Whether a spline joins it, or monotone cubics.
     """
 
     speed: FloatArray
@@ -333,6 +365,25 @@ class FoldCurve:
     exact: FloatArray
     onset: float
     top: float
+    larger: FloatArray
+    smooth: bool
+
+    def averaged_fold(self, load: FloatArray) -> FloatArray:
+        """The last speeds with a cycle under averaging [m/s]; ``nan`` for none, shape (n,)."""
+        return last_speeds(self.averaged_speed, self.averaged, load, self.smooth)
+
+    def exact_fold(self, load: FloatArray) -> FloatArray:
+        """The last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
+        speed = last_speeds(self.speed, self.exact, load, self.smooth)
+        x, y = self.larger
+        rows = np.flatnonzero(load > self.exact[-1]) if x.size else np.zeros(0, int)
+        if rows.size:
+            cubics = hermite_cubics(x, y, (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y))
+            level = np.log(load[rows])
+            i = np.clip(np.searchsorted(x, level, side='right') - 1, 0, x.size - 2)
+            # Beyond the last it stays where it is.
+            speed[rows] = np.polyval(cubics[:, i], np.minimum(level, x[-1]) - x[i])
+        return speed
 
 
 class _Range(NamedTuple):
@@ -341,7 +392,8 @@ class _Range(NamedTuple):
     Attributes:
         scale: ``V0`` [m/s].
         low: The slowest speed [m/s].
-        high: The fastest one [m/s].
+        high: The fastest one with an exact fold [m/s].
+        averaged_high: The fastest one with an averaged fold [m/s].
         onset: As of :class:`FoldCurve` [N].
         top: As of :class:`FoldCurve` [N].
         limit: ``N/V`` up to which large loads have a cycle, as Coulomb's law has it [N s/m].
@@ -350,6 +402,7 @@ class _Range(NamedTuple):
     scale: float
     low: float
     high: float
+    averaged_high: float
     onset: float
     top: float
     limit: float
@@ -387,7 +440,7 @@ def _range(grazing: Grazing) -> _Range | None:
     onset = float(both[k])
     if not onset < np.inf:
         return None
-    octaves = _OCTAVES
+    octaves = _OCTAVES if bearing.damping_ratio < 1.0 else _OVERDAMPED
     if grazing.lasting == 0.0:
         if k == 0:  # the least at rest
             onset = bearing.damping / float(-law.slope(ALMOST_REST))
@@ -402,10 +455,14 @@ def _range(grazing: Grazing) -> _Range | None:
     if falls_on:
         high = max(high, top / limit)
     if falls_on or not grazing.in_pieces:  # where a table rises again no load reaches further
-        end = grazing.speeds(np.array([top]), np.array([high]), 1e-3, 1e-8)
-        high = max(high, 1.01 * float(end[0]))
+        last = 1.01 * float(grazing.speeds(np.array([top]), np.array([high]), 1e-3, 1e-8)[0])
+        last = last if last > 0.0 else high
+    else:
+        last = high
     scale = max(breaks[0], breaks[-1] / 50.0) if grazing.in_pieces else breaks[0]
-    return _Range(scale, low, high, onset, top, limit)
+    return _Range(
+        scale, low, max(high, last) if grazing.in_pieces else last, max(high, last), onset, top, limit
+    )
 
 
 def _first_guess(grazing: Grazing, span: _Range, speed: FloatArray) -> FloatArray:
@@ -418,21 +475,7 @@ def _first_guess(grazing: Grazing, span: _Range, speed: FloatArray) -> FloatArra
 
 def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
     """Of a smooth law: a series of Chebyshev's polynomials in the place, as long as it takes."""
-    count, solved, series = _FEWEST, np.zeros(0), np.zeros(0)
-    while True:
-        share = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)
-        speed = span.places(share)
-        if not solved.size:
-            guess = _first_guess(grazing, span, speed)
-            solved = np.log(grazing.loads(speed, guess, _CLOSE))
-        else:
-            guess = np.exp(np.polynomial.chebyshev.chebval(2.0 * share[1::2] - 1.0, series))
-            fresh = np.log(grazing.loads(speed[1::2], guess, _CLOSE))
-            solved = np.insert(solved, np.arange(1, solved.size), fresh)
-        series = _chebyshev_series(solved)
-        if np.abs(series[-3:]).max() < _SHORT or count >= _MOST:
-            break
-        count *= 2
+    series, known = _series(grazing, span)
     share = (np.arange(_READ + 1) / _READ) ** 1.5
     exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
     # About the least of all there is more to read, so that no load falls between two speeds.
@@ -441,9 +484,42 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
         near = np.linspace(share[k - 1], share[k + 1], 129)[1:-1]
         share = np.unique(np.concatenate([share, near]))
         exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
-    speed = span.places(share)
-    least = _least(grazing.bearing, speed)
-    return FoldCurve(speed, speed, least, np.exp(exact), span.onset, span.top)
+    wide = span._replace(high=span.averaged_high).places(share)
+    speeds, least, ends = known.places(share), _least(grazing.bearing, wide), (span.onset, span.top)
+    larger = np.zeros((2, 0))
+    if exact[-1] < math.log(span.top):  # beyond critical damping they stay unknown
+        x, overdamped = (
+            np.linspace(exact[-1], math.log(span.top), _LARGER),
+            grazing.bearing.damping_ratio >= 1.0,
+        )
+        larger = np.stack([x, x * np.nan if overdamped else _solve(grazing.bearing, np.exp(x))])
+    return FoldCurve(speeds, wide, least, np.exp(exact), *ends, larger, smooth=True)
+
+
+def _series(grazing: Grazing, span: _Range, cuts: int = _CUTS) -> tuple[FloatArray, _Range]:
+    """Chebyshev's series of the logarithm of the loads that graze, and the speeds where it holds.
+
+    These end where a motion is damped so much that it does not turn.
+    """
+    count, solved, series = _FEWEST, np.zeros(0), np.zeros(0)
+    while True:
+        share = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)
+        speed = span.places(share)
+        if not solved.size:
+            solved = np.log(grazing.loads(speed, _first_guess(grazing, span, speed), _CLOSE))
+        else:
+            guess = np.exp(np.polynomial.chebyshev.chebval(2.0 * share[1::2] - 1.0, series))
+            fresh = np.log(grazing.loads(speed[1::2], guess, _CLOSE))
+            solved = np.insert(solved, np.arange(1, solved.size), fresh)
+        lost = np.flatnonzero(np.isnan(solved))
+        if lost.size:
+            if lost[0] < 2 or not cuts:
+                return np.array([np.inf]), span
+            return _series(grazing, span._replace(high=float(speed[lost[0] - 1])), cuts - 1)
+        series = _chebyshev_series(solved)
+        if np.abs(series[-3:]).max() < _SHORT or count >= _MOST:
+            return series, span
+        count *= 2
 
 
 def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
@@ -457,22 +533,27 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     rows = np.flatnonzero(matters & (np.arange(speed.size) % _EVERY == 0))
     guess = np.minimum(_first_guess(grazing, span, speed[rows]), averaged[rows])
     ratio = np.log(grazing.loads(speed[rows], guess, _CLOSE_IN_PIECES) / averaged[rows])
-    cubics = hermite_cubics(place[rows], ratio, monotone_slopes(place[rows], ratio))
-    inside = np.clip(place, place[rows[0]], place[rows[-1]])
-    i = np.clip(np.searchsorted(place[rows], inside, side='right') - 1, 0, rows.size - 2)
-    joined = np.polyval(cubics[:, i], inside - place[rows][i])
-    exact = np.where(matters, averaged * np.exp(joined), np.inf)
+    found = np.isfinite(ratio)
+    exact = np.full(speed.size, np.inf)
+    if np.count_nonzero(found) > 1:
+        lost = np.interp(place, place[rows], ~found) > 0.0
+        rows, ratio = rows[found], ratio[found]
+        cubics = hermite_cubics(place[rows], ratio, monotone_slopes(place[rows], ratio))
+        inside = np.clip(place, place[rows[0]], place[rows[-1]])
+        i = np.clip(np.searchsorted(place[rows], inside, side='right') - 1, 0, rows.size - 2)
+        joined = np.polyval(cubics[:, i], inside - place[rows][i])
+        exact = np.where(matters & ~lost, averaged * np.exp(joined), np.inf)
     least = _least(grazing.bearing, speed, _EVERY)
     # No range of speeds with cycles that the solver knows may fall between two of these.
     if len(grazing.law.breakpoints) > WHOLE:  # of more points that is thinner than these
-        return FoldCurve(speed, speed, least, exact, span.onset, span.top)
+        return FoldCurve(speed, speed, least, exact, span.onset, span.top, np.zeros((2, 0)), False)
     known = slope_table(grazing.law)
     inner = (known.speeds > speed[0]) & (known.speeds < speed[-1])
     with np.errstate(all='ignore'):
         more = grazing.bearing.damping / np.maximum(known.peak[inner], 0.0)
     both, rows = np.unique(np.append(speed, known.speeds[inner]), return_index=True)
     least = np.append(least, more)[rows]
-    return FoldCurve(speed, both, least, exact, span.onset, span.top)
+    return FoldCurve(speed, both, least, exact, span.onset, span.top, np.zeros((2, 0)), False)
 
 
 def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
