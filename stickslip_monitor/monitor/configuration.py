@@ -54,9 +54,6 @@ _LAST_SCHEMA = 'stickslip_monitor/calibration/1'
 LARGEST_JSON = 64 << 20
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
-MOST_DAMPED = 3.0
-"""A lining with more damping than so many times the critical one is refused: it has no vibration
-to predict, and the search for one takes minutes."""
 _LARGEST_VARIANCE = 100.0
 
 
@@ -262,13 +259,6 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
-    critical = 2.0 * math.sqrt(bearing.stiffness * bearing.mass)
-    if bearing.damping > MOST_DAMPED * critical:
-        raise ConfigurationError(
-            f'{name}.damping = {bearing.damping:g} N s/m must not be above'
-            f' {MOST_DAMPED * critical:.4g} N s/m, which is {MOST_DAMPED:g} times critical with'
-            ' this mass and stiffness: such a lining cannot vibrate; look at their units'
-        )
     tolerance = Tolerance(
         **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
     )
@@ -480,6 +470,11 @@ def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
         yield (
             f'is on a lining of {bearing.mass:g} kg and {bearing.stiffness:g} N/m, which vibrates'
             f' at {tone:.3g} Hz: are mass and stiffness in kg and N/m?'
+        )
+    elif bearing.damping_ratio > 1.0:
+        yield (
+            f'is on a lining with {bearing.damping_ratio:.3g} times its critical damping: are mass,'
+            ' damping and stiffness in kg, N s/m and N/m?'
         )
     # A cycle sticks as long as the surface is not outrun: its amplitude is about V/omega.
     amplitude = _fold(config, load) / bearing.natural_frequency

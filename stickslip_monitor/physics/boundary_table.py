@@ -125,6 +125,8 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     load = np.exp(math.log(curve.onset) + grid)
     exact = curve.exact_fold(load)
+    if curve.larger.size or bearing.damping_ratio >= 1.0:  # beyond it is not in proportion
+        exact[-1] = np.nan
     closed = averaging.averaged(law) is closed_form
     averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.

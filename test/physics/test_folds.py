@@ -183,21 +183,20 @@ def test_a_law_that_falls_from_rest_has_no_lower_end(law):
     assert np.all(boundary_table(bench(law)).lower_end([1.0, 300.0, 1e4, 1e9]) == 0.0)
 
 
-@pytest.mark.parametrize(('viscous', 'damping'), [(0.05, 400.0), (0.3, 400.0), (0.0, 3e4), (0.05, 8e3)])
-def test_a_fold_of_a_table_is_the_last_stick_slip_or_unknown_however_it_is_damped(viscous, damping):
-    """What rises with the speed makes the fold fall again with the load; against the cycle itself."""
+@pytest.mark.parametrize(
+    ('viscous', 'damping', 'known'),
+    [(0.05, 400.0, 6), (0.3, 400.0, 6), (0.05, 8e3, 4), (0.0, 3e4, 2), (0.0, 4e5, 1)],
+)
+def test_a_fold_of_a_table_is_the_last_stick_slip_or_unknown_however_it_is_damped(viscous, damping, known):
+    """What rises with the speed makes the fold fall again with the load; against the cycle itself.
+
+    The last is a stiffness in MN/m taken for N/m: twenty times critical damping.
+    """
     bearing = bench(Stribeck(0.3, 0.1, 10.0, viscous), damping)
-    load = np.geomspace(1e3, 1.9e5, 7)
+    load = np.geomspace(1e3, 3e5, 7)
     fold = boundary_table(bearing).exact(load)
-    known = np.isfinite(fold)
-    assert np.count_nonzero(known) >= (7 if damping < 1e3 else 3)
-    below, above = (exact_cycle(bearing, fold[known] * share, load[known]).kind for share in (0.99, 1.01))
+    found = np.isfinite(fold)
+    assert np.count_nonzero(found) >= known
+    below, above = (exact_cycle(bearing, fold[found] * share, load[found]).kind for share in (0.99, 1.01))
     assert np.all(below <= CycleKind.OVERTAKING)
     assert np.all(above > CycleKind.OVERTAKING)
-
-
-def test_twenty_times_critical_damping_has_an_answer():
-    """A stiffness in MN/m taken for N/m: no fold is known, and none is made up."""
-    bearing = bench(Stribeck(0.3, 0.1, 10.0), damping=4e5)
-    assert np.all(np.isnan(boundary_table(bearing).exact(np.geomspace(1e3, 1e7, 9)[:6])))
-    assert exact_cycle(bearing, 0.05, 1e3).kind is CycleKind.NONE
