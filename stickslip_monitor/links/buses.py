@@ -44,11 +44,11 @@ BAUD_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
 class SignalKLink:
     """How a Signal K server is used."""
 
-    url: str = parameter('', 'Address of the Signal K server, http:// or https://.')
-    token_file: str = parameter('', 'File with the token for that server.')
+    url: str = parameter('', 'Address of the server, http:// or https://.')
+    token_file: str = parameter('', 'File with its token.')
     ca_file: str = parameter('', "Certificate of whoever signed the server's.")
-    prefix: str = parameter('', 'Path under which values and alarms are sent; empty for none.')
-    accept_actions: bool = parameter(False, 'Whether people may act at the Signal K server.')
+    prefix: str = parameter('', 'Path under which values and alarms are sent.')
+    accept_actions: bool = parameter(False, 'Whether people may act there.')
 
 
 def _period(default: float, text: str) -> Any:
@@ -60,12 +60,10 @@ class NmeaLink:
     """How NMEA 0183 is used."""
 
     listen: str = parameter('', 'Where sentences come from: udp://, tcp:// or serial://.')
-    alerts: str = parameter('', 'Where alert sentences go; empty for nowhere.')
-    talker: str = parameter('II', 'Talker identifier of our sentences.')
-    manufacturer: str = parameter('', 'Manufacturer code of our alerts; empty for none.')
-    first_alert: int = parameter(
-        10001, 'Identifier of our first alert; the six others follow.', minimum=1, maximum=999994
-    )
+    alerts: str = parameter('', 'Where alert sentences go.')
+    talker: str = parameter('II', 'Our talker identifier.')
+    manufacturer: str = parameter('', 'Our manufacturer code.')
+    first_alert: int = parameter(10001, 'Identifier of our first alert.', minimum=1, maximum=999994)
     list_period: float = _period(30.0, 'Time between two lists of alerts.')
     heartbeat: float = _period(60.0, 'Time between two heartbeats.')
     accept_actions: bool = parameter(False, 'Whether people may act by ACN sentences.')
@@ -76,9 +74,9 @@ LINK_PARAMETERS = rows(SignalKLink, 'signalk.') + rows(NmeaLink, 'nmea.')
 INPUT_PARAMETERS = (
     Parameter('from', 'str', REQUIRED, 'The bus.', choices=(SIGNALK, NMEA)),
     Parameter('path', 'str', '', 'Signal K: the path.'),
-    Parameter('source', 'str', '', 'Signal K: the only `$source` to use; empty for any one.'),
+    Parameter('source', 'str', '', 'Signal K: the only `$source` to use.'),
     Parameter('sentence', 'str', '', 'NMEA: RPM for the speed, XDR for the load.'),
-    Parameter('talker', 'str', '', 'NMEA: the only talker to use; empty to stay with the first that sends.'),
+    Parameter('talker', 'str', '', 'NMEA: the only talker to use.'),
     Parameter('kind', 'str', '', 'NMEA: S shaft or E engine of RPM; type of transducer of XDR.'),
     Parameter('number', 'int', 1, 'NMEA: number of the shaft or engine of RPM.', minimum=0),
     Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
