@@ -71,7 +71,7 @@ def telemetry() -> QoSProfile:
 class Number(NamedTuple):
     """One number of one input."""
 
-    bearing: str  # its bearing
+    bearing: str
     place: int  # the input, a place in :data:`.signals.INPUTS`
     time_ns: int  # when it was measured, or came [ns]
     arrival_ns: int  # when it came [ns]
@@ -196,8 +196,8 @@ class Inputs:
     def _thinned(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
         """Every so many of what waits on a topic; the last is the one that counts."""
         own = [one for one in waiting if one.lane is lane]
-        most = MOST_WAITING // len(self.lanes) + 1
-        kept = own[:: -(-(-len(own) // most) or 1)][::-1]
+        step = len(own) * len(self.lanes) // MOST_WAITING + 1
+        kept = own[::-1][::step][::-1]
         lane.left_out += len(own) - len(kept)
         return kept
 
@@ -279,7 +279,7 @@ class Lane:
         """
         handle = self.subscription.handle
         if late:
-            self._excused.update(self._numbers)
+            self._excused = set(self._numbers)
         with handle:
             for _ in range(_DEPTH):
                 taken = handle.take_message(self._class, True)
