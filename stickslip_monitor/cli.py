@@ -114,7 +114,7 @@ def _parser(
         ' warnings found, 2 bad input, 3 a fault of the program.',
     )
     parser.add_argument('--version', action='version', version=f'stickslip {__version__}')
-    _add_traceback(parser, False)
+    _add_traceback(parser, default=False)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, text in known.items():
         place = f'{package}.{name}'
@@ -124,12 +124,12 @@ def _parser(
         )
         if module is not None:
             module.add_arguments(command)
-            _add_traceback(command, argparse.SUPPRESS)
+            _add_traceback(command, default=argparse.SUPPRESS)
             command.set_defaults(run=module.run)
     return parser
 
 
-def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
+def _add_traceback(parser: argparse.ArgumentParser, *, default: object) -> None:
     parser.add_argument(
         '--traceback',
         action='store_true',

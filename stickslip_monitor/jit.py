@@ -58,9 +58,9 @@ def compiled(
         The compiled function.
     """
     try:
-        found = _compile(entry, modules, law, inline, cache=True)
+        found = _compile(entry, modules, law, inline=inline, cache=True)
     except RuntimeError:  # numba has no folder that it may write to
-        found = _compile(entry, modules, law, inline, cache=False)
+        found = _compile(entry, modules, law, inline=inline, cache=False)
     if sys.stderr.isatty() and not _is_kept(found):
         sys.stderr.write('compiling for long work: seconds, once for this version\n')
     return found
@@ -73,7 +73,7 @@ def _is_kept(function: Any) -> bool:
 
 
 def _compile(
-    entry: str, modules: tuple[ModuleType, ...], law: ModuleType | None, inline: bool, cache: bool
+    entry: str, modules: tuple[ModuleType, ...], law: ModuleType | None, *, inline: bool, cache: bool
 ) -> Callable[..., Any]:
     numba = import_module('numba')
     everything = (*modules, law) if law else modules

@@ -122,7 +122,7 @@ def _space(node: str) -> str:
     return node.strip('/').rpartition('/')[0]
 
 
-def watched(config: MonitorConfig, source: str, node: str = '', replay: bool = False) -> WatchedMonitor:
+def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool = False) -> WatchedMonitor:
     """A monitor that is to be shown: what it is called, and the full name of its node if any."""
     from stickslip_monitor.dashboard.seen_monitors import WatchedMonitor
 

@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     Client = NmeaClient | SignalKClient
 
 Take = Callable[..., None]
+Works = bool | None
+"""Whether a link works; None where nobody can know."""
 SILENT = 3.0
 """A node without a message for so long is taken for gone [s]."""
 LOGGED_AGAIN = 300.0
@@ -194,10 +196,10 @@ class LinkStates:
 
     def __init__(self, links: dict[str, bool], clock: Callable[[], float] = time.monotonic) -> None:
         self._links, self._clock = links, clock
-        self._states: dict[str, tuple[bool | None, str]] = {}
-        self._logged: dict[tuple[str, bool | None, str], float] = {}
+        self._states: dict[str, tuple[Works, str]] = {}
+        self._logged: dict[tuple[str, Works, str], float] = {}
 
-    def report(self, name: str, works: bool | None, why: str) -> None:
+    def report(self, name: str, works: Works, why: str) -> None:
         """Take the state of a link, and if it does not work, why."""
         if self._states.get(name) == (works, why):
             return
