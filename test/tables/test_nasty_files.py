@@ -141,6 +141,9 @@ LOGS = {
     ),
     'name of the month': Log('time,speed,load\n13-Apr-2026 10:00:00,30,900\n13-Apr-2026 10:00:01,31,901\n'),
     'a zone': Log('time,speed,load\n2026-04-13T12:00:00+02:00,30,900\n2026-04-13T12:00:01+02:00,31,901\n'),
+    'a zone in the west, by cells of one width and of two': Log(
+        'time,speed,load\n2026-04-13T06:30:00-03:30,30,900\n2026-04-13T06:30:01.00-03:30,31,901\n'
+    ),
     'times of the day': Log(
         'Uhrzeit;n [rpm];F [N]\n10:00:00;30;900\n10:00:01;31;901\n',
         times=since(36000, 36001),
