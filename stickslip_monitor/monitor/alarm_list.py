@@ -144,15 +144,7 @@ class AlarmChange:
 
 
 class Annunciator:
-    """The alarms of a configuration.
-
-    Args:
-        config: The validated configuration.
-
-    Attributes:
-        alarms: Of each bearing its alarms by kind, worst first.
-        flood: How many alarms were raised.
-    """
+    """All alarms: of each bearing by kind, worst first, and the ``flood`` of those that were raised."""
 
     def __init__(self, config: MonitorConfig) -> None:
         self.now_ns = 0
@@ -247,18 +239,10 @@ class Annunciator:
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
     ) -> list[AlarmChange]:
-        """Do what a person asks for.
+        """Do what a person asks for; what came of it, empty where there was nothing to do.
 
-        Args:
-            action: What. To shelve without a kind is to shelve what stands now, so that whatever
-                comes later is still given.
-            time_ns: When [ns].
-            by: Who.
-            bearing: The bearing; all of them without.
-            kind: The alarm; all of them without. The shaft is locked for all.
-
-        Returns:
-            What came of it; empty where there was nothing to do.
+        Without a bearing or a kind it is about all of them; the shaft is locked for all kinds. To shelve
+        without a kind is to shelve what stands now, so that whatever comes later is still given.
 
         Raises:
             ConfigurationError: There is no such bearing.

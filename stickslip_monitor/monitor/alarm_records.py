@@ -268,11 +268,7 @@ def request_record(request: ActionRequest) -> dict[str, Any]:
 
 
 def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
-    """Take a request from somebody who may have sent anything.
-
-    Args:
-        document: What :func:`request_record` makes.
-        bearings: Names of the bearings there are.
+    """Take a request of :func:`request_record` from somebody who may have sent anything.
 
     Raises:
         ConfigurationError: It is none; the text names the field, its value and the rule.

@@ -72,14 +72,8 @@ def kinds_of(config: BearingConfig) -> tuple[AlarmKind, ...]:
 class Causes:
     """The causes of one bearing's alarms; ``now_ns`` is a running time that never goes back.
 
-    Args:
-        config: The bearing.
-        recalled: Conditions that held before a restart: they hold until the bearing has been
-            watched for long enough to know.
-
-    Attributes:
-        shaft_locked: Whether somebody says that the shaft is locked.
-        texts: The latest text of each condition, for a person.
+    Conditions that are recalled held before a restart: they hold until the bearing has been watched for long
+    enough to know. ``texts`` are the latest of each condition, for a person.
     """
 
     def __init__(self, config: BearingConfig, recalled: Set[AlarmKind] = frozenset()) -> None:

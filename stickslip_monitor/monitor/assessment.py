@@ -88,12 +88,9 @@ _Number = TypeVar('_Number', float, FloatArray)
 
 
 def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
-    """``V/V_b - 1``, with the sign of ``V - V_b`` to the last bit.
+    """``V/V_b - 1`` of speeds ``V`` >= 0, with the sign of ``V - V_b`` to the last bit.
 
-    Args:
-        speed: ``V`` >= 0, shape (n,) [m/s].
-        boundary: Hopf or fold speed, shape (n,) [m/s]; ``nan`` without one, ``inf`` where there is
-            no end to it.
+    A boundary is ``nan`` where there is none, and ``inf`` where there is no end to it.
     """
     value = (speed - boundary) / boundary
     unbounded = value != value

@@ -65,12 +65,9 @@ def begins_clip(event: Event) -> bool:
 class ClipRecorder:
     """Keeps the last messages, and takes a clip when an alarm begins.
 
-    A further alarm while a clip is taken lengthens it. Half of a clip's size is for what was
-    before the alarm; a clip that is full ends there.
-
-    Args:
-        config: How long and how large.
-        definitions: The ``ros2msg`` definition of each type that is not built in; may grow.
+    A further alarm while a clip is taken lengthens it. Half of a clip's size is for what was before the
+    alarm; a clip that is full ends there. ``definitions`` has the ``ros2msg`` text of each type that is not
+    built in, and may grow.
     """
 
     def __init__(self, config: ClipConfig, definitions: Mapping[str, str] | None = None) -> None:

@@ -22,27 +22,8 @@ import numpy as np
 from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import read_json
-from stickslip_monitor.monitor.parameters import (
-    BEARING_PARAMETERS,
-    BEARINGS,
-    FASTEST,
-    FASTEST_RPM,
-    FRICTION_PARAMETERS,
-    INPUT_PARAMETERS,
-    LINING_PARAMETERS,
-    NODE_PARAMETERS,
-    REQUIRED,
-    TORSIONAL_PARAMETERS,
-    AlarmConfig,
-    BearingConfig,
-    ClipConfig,
-    InputConfig,
-    LevelConfig,
-    LoadConfig,
-    MonitorConfig,
-    filled,
-    parameters_of,
-)
+from stickslip_monitor.monitor import parameters
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig, filled
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
@@ -88,13 +69,7 @@ def load_calibration(path: str | Path) -> dict[str, Any]:
 def require_same_sensors(
     path: str | Path, document: Mapping[str, Any], bearing: str, inputs: Mapping[str, Any]
 ) -> None:
-    """Refuse a calibration of another bearing, or one with other sensors.
-
-    Args:
-        path: The file, for the sentence.
-        document: From :func:`load_calibration`.
-        bearing: Name of the bearing.
-        inputs: What :data:`INPUT_KEYS` are now, by quantity.
+    """Refuse a calibration of another bearing, or one whose sensors have other :data:`INPUT_KEYS` now.
 
     Raises:
         ConfigurationError: Something differs; the text says what.
@@ -119,13 +94,9 @@ def require_same_sensors(
 def belief_of(
     path: str | Path, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
 ) -> Belief:
-    """The bearing that a calibration has found, with its uncertainty.
+    """The bearing that a calibration has found, with its uncertainty and what is uncertain of the sensors.
 
-    Args:
-        path: The file, for the sentence.
-        document: From :func:`load_calibration`.
-        bearing: The bearing that is configured: its mass, stiffness and diameter are used.
-        tolerance: What is uncertain of the sensors besides.
+    Mass, stiffness and diameter are those that are configured.
 
     Raises:
         ConfigurationError: The object is incomplete.
@@ -187,8 +158,19 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
 
     Raises:
         ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
+
+    >>> lining = {'mass': 50.0, 'damping': 400.0, 'stiffness': 2.0e6, 'journal_diameter': 0.1}
+    >>> law = {'friction.static': 0.3, 'friction.kinetic': 0.1, 'friction.decay': 10.0}
+    >>> inputs = {'speed.topic': '/rpm', 'speed.unit': 'rpm', 'load.topic': '/load', 'load.unit': 'kN'}
+    >>> own = {f'aft.{name}': value for name, value in (lining | law | inputs).items()}
+    >>> config = build_config({'bearings': ['aft']} | own)
+    >>> config.bearing('aft').alarm.caution_margin
+    0.2
+    >>> build_config({'bearings': ['aft']} | own | {'aft.mass': -1.0})
+    Traceback (most recent call last):
+    stickslip_monitor.errors.ConfigurationError: aft.mass = -1.0 must be a finite number ... kg
     """
-    node = {row.name: row.checked(row.name, values) for row in NODE_PARAMETERS}
+    node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
     _refuse_unknown(values, names)
     bearings = tuple(_build_bearing(name, values) for name in names)
@@ -198,14 +180,14 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
         '',
         node,
         bearings=bearings,
-        clips=filled(ClipConfig, 'clips.', node),
+        clips=filled(parameters.ClipConfig, 'clips.', node),
         notes=tuple(notes),
     )
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     """The validated list ``bearings``."""
-    names: tuple[str, ...] = BEARINGS.checked('bearings', values)
+    names: tuple[str, ...] = parameters.BEARINGS.checked('bearings', values)
     if not names:
         raise ConfigurationError('bearings = [] must name at least one bearing')
     for name in names:
@@ -220,7 +202,7 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _refuse_unknown(values: Mapping[str, Any], names: tuple[str, ...]) -> None:
-    known = parameters_of(names)
+    known = parameters.parameters_of(names)
     for key in (each for each in values if each not in known):
         head = key.split('.', 1)[0]
         if '.' in key and head not in names:
@@ -232,30 +214,30 @@ def _refuse_unknown(values: Mapping[str, Any], names: tuple[str, ...]) -> None:
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
     """The parameters with mass, damping and stiffness, where torsional values are given."""
-    rows = {row.name: row for row in LINING_PARAMETERS}
-    given = [row for row in TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
+    rows = {row.name: row for row in parameters.LINING_PARAMETERS}
+    given = [row for row in parameters.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
     if not given:
         return values
-    torsional_names = ', '.join(each.name for each in TORSIONAL_PARAMETERS.values())
+    torsional_names = ', '.join(each.name for each in parameters.TORSIONAL_PARAMETERS.values())
     diameter = rows['journal_diameter'].checked(f'{name}.journal_diameter', values)
     found = dict(values)
-    for key, row in TORSIONAL_PARAMETERS.items():
+    for key, row in parameters.TORSIONAL_PARAMETERS.items():
         if f'{name}.{key}' in values:
             raise ConfigurationError(
                 f"'{name}.{key}' and '{name}.{given[0].name}' are given: give mass, damping and"
                 f' stiffness, or {torsional_names}'
             )
-        torsional = replace(row, default=REQUIRED).checked(f'{name}.{row.name}', values)
+        torsional = replace(row, default=parameters.REQUIRED).checked(f'{name}.{row.name}', values)
         found[f'{name}.{key}'] = torsional / (0.25 * diameter * diameter)
     return found
 
 
 def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
     values = _at_surface(name, values)
-    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in BEARING_PARAMETERS}
+    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in parameters.BEARING_PARAMETERS}
     try:
         bearing = Bearing(
-            **{row.name: own[row.name] for row in LINING_PARAMETERS}, friction=_friction(name, own)
+            **{row.name: own[row.name] for row in parameters.LINING_PARAMETERS}, friction=_friction(name, own)
         )
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
@@ -263,10 +245,10 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
         **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
     )
     bearing, belief = _believed(name, bearing, own, tolerance)
-    alarm = filled(AlarmConfig, 'alarm.', own)
+    alarm = filled(parameters.AlarmConfig, 'alarm.', own)
     if math.isnan(own['speed.maximum']):
-        fastest = FASTEST_RPM * float(bearing.speed.factor('rpm'))
-        own['speed.maximum'] = min(FASTEST, fastest)
+        fastest = parameters.FASTEST_RPM * float(bearing.speed.factor('rpm'))
+        own['speed.maximum'] = min(parameters.FASTEST, fastest)
     if alarm.minimum_speed >= own['speed.maximum']:
         raise ConfigurationError(
             f'{name}.alarm.minimum_speed = {alarm.minimum_speed:g} m/s must be below'
@@ -309,7 +291,7 @@ _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     make, names = LAWS[own['friction.law']]
-    optional = {row.name for row in FRICTION_PARAMETERS if row.optional}
+    optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.optional}
     needed = [key for key in names if f'friction.{key}' in optional]
     for key in needed:
         value = own[f'friction.{key}']
@@ -322,11 +304,11 @@ def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     return law
 
 
-def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
+def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> parameters.LoadConfig:
     """The input of the load, or the constant that stands for it, which comes with the speed."""
     constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
     if math.isnan(constant):
-        return _input(LoadConfig, name, 'load', own, factor)
+        return _input(parameters.LoadConfig, name, 'load', own, factor)
     for key in ('topic', 'column'):
         if own[f'load.{key}']:
             raise ConfigurationError(
@@ -347,7 +329,7 @@ def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> LoadConfig:
         'load.offset': constant,
     }
     values = {**own, **beside, 'load.timeout': own['speed.timeout']}
-    return filled(LoadConfig, 'load.', values, field=speed.field, factor=factor)
+    return filled(parameters.LoadConfig, 'load.', values, field=speed.field, factor=factor)
 
 
 def _input(
@@ -385,10 +367,10 @@ def _require_other_field(
         )
 
 
-def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConfig | None:
+def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> parameters.LevelConfig | None:
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic'] and not own['level.column']:
-        for row in INPUT_PARAMETERS['level']:
+        for row in parameters.INPUT_PARAMETERS['level']:
             value = own[row.name]
             if value != row.default and value == value:
                 raise ConfigurationError(
@@ -396,7 +378,7 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> LevelConf
                     f' {value!r} is given: name the topic of the measured vibration'
                 )
         return None
-    level = _input(LevelConfig, name, 'level', own, 1.0)
+    level = _input(parameters.LevelConfig, name, 'level', own, 1.0)
     threshold, unit = level.threshold, level.unit
     if threshold <= 0.0 and unit != 'dB':
         raise ConfigurationError(
@@ -437,14 +419,9 @@ BREAKAWAY = 0.5
 
 
 def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
-    """What should be asked about a bearing at a load.
+    """What should be asked about a bearing at a load [N]: clauses on its ``speed`` and its ``load``.
 
-    Args:
-        config: The bearing.
-        load: Its load [N]; at 0 or below only what needs none is asked.
-
-    Returns:
-        Clauses by the quantity that they follow: ``speed`` and ``load``.
+    At 0 or below only what needs no load is asked.
     """
     return {'speed': list(_of_speed(config, load)), 'load': list(_of_load(config, load))}
 

@@ -328,12 +328,7 @@ class _Track:
 
 
 class InputWatch:
-    """The faults of the inputs, their rates and ages.
-
-    Args:
-        bearings: The bearings by name.
-        graph: Who publishes.
-    """
+    """The faults of the inputs of some bearings, their rates and ages."""
 
     def __init__(self, bearings: Mapping[str, BearingMonitor], graph: Graph) -> None:
         self._bearings, self._graph = bearings, graph
@@ -383,14 +378,9 @@ class InputWatch:
         return ' '.join(dict.fromkeys(text for text in found if text))
 
     def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str]]:
-        """Look at every input; to be called once a second.
+        """Look at every input, once a second; bearing and sentence of each new fault.
 
-        Args:
-            now_ns: The steady clock [ns].
-            without_clock: Whether time follows ``/clock``, which is silent so far.
-
-        Returns:
-            Bearing and sentence of each fault that is to be reported now.
+        ``without_clock``: time follows ``/clock``, which is silent so far.
         """
         self._looks += 1
         if self._lost or self._looks % _GRAPH_PERIOD == 0:

@@ -51,9 +51,7 @@ WITHOUT_CYCLE = {'amplitude': 0.0, 'amplitude_exact': 0.0}
 def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str]:
     """The topics of a node of that full name, with their message types, in order.
 
-    Args:
-        bearings: The bearings; those with tolerances or a calibration have more topics.
-        node: The node's full name, ``/stickslip_monitor`` say.
+    Bearings with tolerances or a calibration have more of them.
     """
     topics: dict[str, str] = {}
     for bearing in bearings:
@@ -265,12 +263,7 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
-    """The diagnostic status of a bearing.
-
-    Args:
-        node: Full name of the node that publishes it, without the leading slash.
-        state: The bearing.
-    """
+    """The diagnostic status of a bearing, by a node of that full name without the leading slash."""
     name = state.bearing.config.name
     values = {key: _written(value) for key, value in diagnostic_values(state).items()}
     return DiagnosticRecord(state.level, f'{node}: {name}', hardware_id(node, name), state.message, values)

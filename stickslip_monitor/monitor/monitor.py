@@ -159,6 +159,16 @@ class Monitor:
     Args:
         config: The validated configuration.
         states: What is remembered of bearings from before, by name.
+
+    >>> from stickslip_monitor.monitor.parameter_file import load_config
+    >>> monitor = Monitor(load_config('launch_configs/reference_bearing.yaml'))
+    >>> for second in range(20):
+    ...     for quantity, value in (('load', 1000.0), ('speed', 20.0)):
+    ...         update = monitor.update(Sample('aft_stern', quantity, second * 10**9, value))
+    ...         for event in update.events:
+    ...             print(second, event.before, '->', event.after)
+    2 normal -> bistable
+    3 bistable -> stick_slip
     """
 
     def __init__(self, config: MonitorConfig, states: Mapping[str, State] | None = None) -> None:

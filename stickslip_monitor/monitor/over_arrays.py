@@ -69,19 +69,9 @@ def run(
 ) -> tuple[int, int]:
     """Take samples of a recording until there is no more room, or an amplitude is due.
 
-    Args:
-        states: The memory, of one row.
-        numbers: Those of the configuration, of one row.
-        model: As everywhere.
-        samples: Which input each is of, its stamp [ns], its arrival [ns] and its number, each
-            of shape (n,).
-        begin: The first sample to take.
-        end: The one after the last.
-        notes: What is noted of each sample, shape (n, 7).
-        points: Speed and load at each point, shape (n, 2); with a belief the three probabilities,
-            too, shape (n, 5).
-        changes: What is noted of each change, shape (m, 5).
-        kept: The memory at each change, shape (m,).
+    The memory and the numbers of the configuration are rows of one. A sample is which input it is of, its
+    stamp and its arrival [ns], and its number. What is noted of each has 7 columns; a point has speed and
+    load, and with a belief three probabilities; a change has 5, and the memory at it is kept.
 
     Returns:
         The sample after the last one taken, and how many changes there were.
@@ -235,15 +225,10 @@ class _Snapshots(list[State]):
 
 
 class BearingScan:
-    """One bearing over a recording that comes in blocks.
+    """One bearing over a recording in blocks, whose inputs are waited for from a time on [ns].
 
-    Args:
-        config: The bearing.
-        start_ns: When the recording begins: inputs are waited for from then on [ns].
-        long: Whether to run compiled; ``None``: where a block is long and numba is there.
-
-    How long a point counts is known with the next one only, so each part ends a point before the
-    samples that went in.
+    ``long`` is whether to run compiled; ``None``: where a block is long and numba is there. How long a point
+    counts is known with the next one only, so each part ends a point before the samples that went in.
     """
 
     def __init__(self, config: BearingConfig, start_ns: int | None, *, long: bool | None = None) -> None:
@@ -263,12 +248,7 @@ class BearingScan:
         return self._take(stream, None, final=False)
 
     def finish(self, stream: Stream, end_ns: int | None) -> Scan:
-        """Take the last samples, perhaps none; the rest comes out.
-
-        Args:
-            stream: The samples.
-            end_ns: When the recording ends: inputs may go stale until then [ns].
-        """
+        """Take the last samples, perhaps none; inputs may go stale until the end [ns]. The rest comes out."""
         return self._take(stream, end_ns, final=True)
 
     def _take(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
@@ -333,12 +313,7 @@ class BearingScan:
         )
 
     def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
-        """Take samples without verdicts; the memory and the latest point after so many of them.
-
-        Args:
-            stream: The samples.
-            ends: How many of them, in rising order.
-        """
+        """Take samples without verdicts; the memory and the latest point after so many of them, rising."""
         notes, points = self._room(stream)
         kept: list[State] = []
         self._run(stream, notes, points, ends, kept)

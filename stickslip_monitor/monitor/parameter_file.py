@@ -139,9 +139,7 @@ def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
 def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]:
     """The parameters that a file gives a node, by their dotted names, in the file's order.
 
-    Args:
-        path: The file.
-        node: Full name of the node; ``None`` for the only one that the file names.
+    Without the node's full name it is the only one that the file names.
 
     Raises:
         ConfigurationError: The file cannot be read, or is for several nodes; the text names it.

@@ -133,13 +133,9 @@ def parameter(
 ) -> Any:
     """A field of a dataclass that is a configuration parameter.
 
-    Args:
-        default: As of :class:`Parameter`.
-        text: What it is; ``{input}`` stands for the name of the section.
-        unit: Unit of the value.
-        within: The least and the greatest value allowed.
-        rules: Further attributes of :class:`Parameter`, where they are not as the field's name
-            and annotation say, and ``convert``: makes the field's value of the parameter's.
+    In the text ``{input}`` stands for the name of the section. Rules are further attributes of
+    :class:`Parameter`, where they are not as the field's name and annotation say, and ``convert``, which
+    makes the field's value of the parameter's.
     """
     own = {'text': text, 'unit': unit, 'default': default, 'minimum': within[0], 'maximum': within[1]}
     rules = {'convert': lambda value: value} | own | rules
@@ -154,13 +150,7 @@ def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK
 
 
 def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
-    """The parameters that a dataclass declares.
-
-    Args:
-        section: The dataclass.
-        prefix: What goes before the names, with its dot.
-        changes: Attributes that differ in this section, by the parameter's name.
-    """
+    """The parameters that a dataclass declares, each name after a prefix; changes are by that name."""
     found = []
     for item in fields(section):
         if item.metadata:
@@ -177,14 +167,7 @@ def _name(item: Field[Any]) -> str:
 
 
 def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
-    """The dataclass with the checked values of its parameters.
-
-    Args:
-        section: The dataclass.
-        prefix: What goes before the names, with its dot.
-        values: Checked values by parameter name.
-        derived: Values of the fields that are no parameters.
-    """
+    """The dataclass with the checked values of its parameters, and those of its other fields."""
     own = {
         item.name: item.metadata['convert'](values[prefix + _name(item)])
         for item in fields(section)  # type: ignore[arg-type]

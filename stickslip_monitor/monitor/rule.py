@@ -81,15 +81,7 @@ def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
 def arrive(
     s: State, c: RuleNumbers, place: int, stamp: int, arrival: int, number: float
 ) -> tuple[int, int, float]:
-    """Judge a sample and let time pass up to it; a valid level is taken.
-
-    Args:
-        s: The memory; it is changed where the sample is valid.
-        c: The numbers of the configuration.
-        place: Which input: :data:`SPEED`, :data:`LOAD` or :data:`LEVEL`.
-        stamp: Its time stamp [ns].
-        arrival: When it came [ns].
-        number: The number in the message.
+    """Judge a sample by its stamp and arrival [ns], and let time pass up to it; a valid level is taken.
 
     Returns:
         What became of it, a :class:`Status`; its time [ns] and its value, for :func:`take`.
@@ -384,14 +376,9 @@ def grow(s: State, passed: int) -> None:
 
 
 def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bool) -> None:
-    """Decide whether stick-slip runs.
+    """Decide whether stick-slip runs, by what the level says if it counts here.
 
-    Args:
-        s: The memory.
-        c: The numbers of the configuration.
-        said: What the level says, if it counts here.
-        may_begin: Whether stick-slip may begin with this point.
-        fresh: Whether it is the first point after a gap, which decides at once.
+    It may begin with this point or not; the first one after a gap (fresh) decides at once.
     """
     # Half of an onset must be borne out by the medians of three values.
     starts = s.median_rate > 0.0 and s.borne >= 0.5 * c.onset_growth

@@ -233,14 +233,7 @@ _NUMBERS_TYPE = _type_of(RuleNumbers)
 
 @dataclass(frozen=True)
 class RuleSettings:
-    """What the rule takes beside the memory, for live samples and for recordings.
-
-    Attributes:
-        live: The numbers of the configuration.
-        law: The friction law.
-        boundaries: The boundaries over the load.
-        chances: The table of a belief; of no matter without one.
-    """
+    """What the rule takes beside the memory; the table of a belief is of no matter without one."""
 
     live: RuleNumbers
     law: ScalarLaw

@@ -130,18 +130,9 @@ class Shown(Sink):
 class Session:
     """The monitor and all that is around it.
 
-    Args:
-        config: The configuration.
-        sink: Takes what is to be published.
-        log: Where events, input faults, people's actions and what cannot be kept are logged.
-        clock: The time for stamps of what people do [ns].
-        store: What keeps the alarms over a restart; ``None`` for nothing.
-        graph: Who publishes the inputs; ``None`` where nobody looks for their faults.
-
-    Attributes:
-        monitor: The monitor.
-        annunciator: The alarms; to be changed through this object only.
-        monitoring: Whether anybody watches the bearings.
+    Events, input faults, people's actions and what cannot be kept are logged; the clock is for stamps of
+    what people do [ns]. Without a store nothing is kept, without a graph nobody looks for faults of the
+    inputs. The alarms of ``annunciator`` are to be changed through this object only.
     """
 
     def __init__(
@@ -226,16 +217,10 @@ class Session:
     def take(
         self, name: str, place: int, time_ns: int, value: float, now: Moment, *, latest: bool = True
     ) -> Update:
-        """Take one number of one input.
+        """Take one number of one input, a place in :data:`.signals.INPUTS`, measured at a time [ns].
 
-        Args:
-            name: The bearing.
-            place: The input, a place in :data:`.signals.INPUTS`.
-            time_ns: When it was measured [ns].
-            value: The number, in the input's own scale.
-            now: When it came.
-            latest: Whether no later number of this bearing waits already: what one that waits
-                will outdate is published only where it changes something.
+        ``latest``: no later number of this bearing waits already. What one that waits will outdate is
+        published only where it changes something.
         """
         self.follow(now)
         # While simulated time is silent nobody knows when it came.

@@ -37,6 +37,9 @@ class Sample:
         time_ns: Time stamp of the measurement [ns].
         value: The number in the message, in the input's own scale.
         arrival_ns: When it came [ns]; ``None``: at the time of its stamp.
+
+    >>> Sample('aft', 'speed', 10**9, 60.0).quantity
+    'speed'
     """
 
     bearing: str
@@ -58,6 +61,10 @@ class Stream:
 
     Raises:
         ConfigurationError: The columns are not of one length.
+
+    >>> stream = Stream(np.array([0, 0, 10**9]), np.array([0, 1, 0]), np.array([60.0, 1e3, 59.0]))
+    >>> stream.inputs.dtype, stream.arrival_ns.tolist()
+    (dtype('int8'), [0, 0, 1000000000])
     """
 
     time_ns: NDArray[np.int64]

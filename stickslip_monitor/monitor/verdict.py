@@ -50,14 +50,7 @@ class Verdict:
 
 
 class Standing:
-    """A bearing at an instant: what its memory means, for a person and for a record.
-
-    Attributes:
-        config: The bearing.
-        settings: What its rule takes.
-        state: Its memory.
-        verdict: The latest; ``None`` before the first operating point.
-    """
+    """A bearing at an instant: what its memory means, for a person and for a record."""
 
     def __init__(
         self, config: BearingConfig, settings: RuleSettings, state: State, verdict: Verdict | None = None
@@ -164,12 +157,7 @@ class Standing:
         return describe(self, self.lost() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
-        """Take the operating point that the memory has just come to.
-
-        Args:
-            point: Its speed [m/s] and load [N], and the rule's probabilities if there are any.
-            measured: What the level says of it.
-        """
+        """Take the operating point that the memory has just come to: speed, load, and any probabilities."""
         speed, load, *chances = point
         bearing, table = self.config.bearing, self.settings.boundaries
         judge = partial(assess, bearing, speed, load, self.config.belief, table, chances)
@@ -188,13 +176,7 @@ class Standing:
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 
     def event(self, before: int, time_ns: int, *, onset: bool = False) -> Event:
-        """The change of alarm, or the onset, that has just come.
-
-        Args:
-            before: The condition before it, as the rule numbers them.
-            time_ns: When it fell due, on the clock of the memory [ns].
-            onset: Whether stick-slip has begun.
-        """
+        """The change of alarm, or the onset, that fell due at a time of the memory [ns]."""
         then = Standing(self.config, self.settings, self.state.copy(), self.verdict)
         lost, was = then.lost(time_ns) if then.state.lost else {}, CONDITIONS[before]
         return Event(time_ns - then.state.shift, was, then, lost, describe(then, lost, was), onset)

@@ -24,13 +24,9 @@ SHORT = 15 * 10**9
 
 
 def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
-    """Take a valid level.
+    """Take a valid level, so long after the one before [ns].
 
-    Args:
-        s: The memory.
-        c: The numbers of the configuration.
-        si: The level, in its unit.
-        gap: Time since the one before; negative where that is too old, or there is none [ns].
+    That is negative where the one before is too old, or there is none.
     """
     level = decibels(c, si)
     s.still = s.still + max(gap, 0) if si == s.level else 0
