@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
-from stickslip_monitor.monitor.severity import LADDER, Condition, Level
+from stickslip_monitor.monitor.severity import LADDER, Condition, Severity
 from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.verdict import Verdict
 from stickslip_monitor.offline.archive import run_in_processes
@@ -239,12 +239,12 @@ def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
     """What the monitor's conditions say; while an input is lost what stood before it goes on."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []
-    level = Level.OK
+    level = Severity.OK
     for part in condition_intervals(scan.events, truth.start_ns, truth.end_ns):
-        level = level if part.condition is Condition.INPUT_STALE else part.condition.level
+        level = level if part.condition is Condition.INPUT_STALE else part.condition.severity
         stretch = (part.start_ns, part.end_ns)
-        warned += [stretch] if level >= Level.WARN else []
-        alarmed += [stretch] if level >= Level.ERROR else []
+        warned += [stretch] if level >= Severity.WARN else []
+        alarmed += [stretch] if level >= Severity.ERROR else []
     raised = [
         (event.time_ns, LADDER.index(event.after))
         for event in scan.events

@@ -17,7 +17,7 @@ from typing import Any
 from stickslip_monitor.commands import options
 from stickslip_monitor.errors import DashboardError, RosError, no_ros
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.severity import NOT_MONITORING, Level
+from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 
 _LONGEST = 600
 ALONE = 1.5
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         raise RosError(f'no message from {node or "a monitor"} within {args.timeout:g} s{hint}')
     level, text = found[name]
     sys.stdout.write(f'{name}: {printable(text)}\n')
-    return int(level >= Level.ERROR or NOT_MONITORING in text)
+    return int(level >= Severity.ERROR or NOT_MONITORING in text)
 
 
 def _of_page(args: argparse.Namespace) -> int:

@@ -17,7 +17,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.severity import Level
+from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
 
@@ -300,7 +300,7 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
     """The events that are marked, with their numbers: of too many the alarms, or none."""
     numbered = list(enumerate(events, 1))
     if len(numbered) > _MOST_LINES:
-        numbered = [(i, e) for i, e in numbered if e.raised and e.after.level is Level.ERROR]
+        numbered = [(i, e) for i, e in numbered if e.raised and e.after.severity is Severity.ERROR]
     return numbered if len(numbered) <= _MOST_LINES else []
 
 

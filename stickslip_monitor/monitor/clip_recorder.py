@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from stickslip_monitor.monitor.parameters import ClipConfig
-from stickslip_monitor.monitor.severity import Condition, Level
+from stickslip_monitor.monitor.severity import Condition, Severity
 from stickslip_monitor.monitor.verdict import Event
 
 # What a message takes beside its data, in memory and in the file, roughly [bytes].
@@ -59,7 +59,7 @@ class ClipStore(Protocol):
 
 def begins_clip(event: Event) -> bool:
     """Whether a change of the alarm is one to keep a clip of."""
-    return event.raised and event.after.level is Level.ERROR
+    return event.raised and event.after.severity is Severity.ERROR
 
 
 class ClipRecorder:

@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
-from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Level, Unknown
+from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severity, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
@@ -121,7 +121,7 @@ def event_record(event: Event) -> dict[str, Any]:
         'time': event.time_ns,
         'from': event.before.value,
         'to': event.after.value,
-        'severity': event.after.level.name,
+        'severity': event.after.severity.name,
         'reason': event.after.value,
         'sticking': then.sticking,
         'growth': then.growth,
@@ -194,11 +194,11 @@ class BearingState:
         return 'waiting' if self.waiting else self.bearing.condition.value
 
     @property
-    def level(self) -> Level:
+    def severity(self) -> Severity:
         """How bad it is; nobody can say that all is well of a bearing that is not watched."""
         if not self.monitoring or self.waiting:
-            return Level.WARN
-        return max(self.bearing.condition.level, Level.WARN if self.faults else Level.OK)
+            return Severity.WARN
+        return max(self.bearing.condition.severity, Severity.WARN if self.faults else Severity.OK)
 
     @property
     def message(self) -> str:
@@ -227,7 +227,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     return {
         'bearing': bearing.config.name,
         'time': time_ns,
-        'severity': state.level.name,
+        'severity': state.severity.name,
         'reason': state.reason,
         'text': state.message,
         'monitoring': monitoring,
@@ -266,7 +266,7 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
     """The diagnostic status of a bearing, by a node of that full name without the leading slash."""
     name = state.bearing.config.name
     values = {key: _written(value) for key, value in diagnostic_values(state).items()}
-    return DiagnosticRecord(state.level, f'{node}: {name}', hardware_id(node, name), state.message, values)
+    return DiagnosticRecord(state.severity, f'{node}: {name}', hardware_id(node, name), state.message, values)
 
 
 def _written(value: str | float | None) -> str:
@@ -309,7 +309,7 @@ NODE_STATUS = 'the node'
 class DiagnosticRecord:
     """The fields of a ``diagnostic_msgs/DiagnosticStatus``, without ROS."""
 
-    level: Level
+    level: Severity
     name: str
     hardware_id: str
     message: str
@@ -351,12 +351,12 @@ class NodeHealth:
             self.changed[name] = before, after
 
     @property
-    def level(self) -> Level:
+    def severity(self) -> Severity:
         """ERROR where something is not done that was asked for."""
         if self.failing or self.state_file_fault or self.clip_fault:
-            return Level.ERROR
+            return Severity.ERROR
         doubtful = self.losing or self.double or self.clocks or self.changed
-        return Level.WARN if doubtful or not self.monitoring else Level.OK
+        return Severity.WARN if doubtful or not self.monitoring else Severity.OK
 
     @property
     def losses(self) -> str:
@@ -395,7 +395,7 @@ class NodeHealth:
 def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:
     """The diagnostic status of the node of that full name, without the leading slash."""
     return DiagnosticRecord(
-        level=health.level,
+        level=health.severity,
         name=f'{node}: {NODE_STATUS}',
         hardware_id=node,
         message=health.message,

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.messages import BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
-from stickslip_monitor.monitor.severity import Condition, Level
+from stickslip_monitor.monitor.severity import Condition, Severity
 from stickslip_monitor.monitor.signals import VALUE_FAULTS
 from stickslip_monitor.monitor.verdict import Event, Verdict, about
 
@@ -412,7 +412,7 @@ def tell_event(log: Log, event: Event) -> None:
     """Log a change of condition as gravely as it is."""
     if not event.raised:
         log.info(event.text)
-    elif event.after.level is Level.ERROR:
+    elif event.after.severity is Severity.ERROR:
         log.error(event.text)
     else:
         log.warning(event.text)

@@ -29,7 +29,7 @@ class SentenceEnum(str, Enum):
         return str(self.value)
 
 
-class Level(IntEnum):
+class Severity(IntEnum):
     """Severity, with the values of ``diagnostic_msgs/DiagnosticStatus``."""
 
     OK = 0
@@ -40,20 +40,20 @@ class Level(IntEnum):
 class Condition(SentenceEnum):
     """What the alarm of a bearing says."""
 
-    level: Level
+    severity: Severity
 
-    NORMAL = 'normal', Level.OK, 'No stick-slip predicted.'
+    NORMAL = 'normal', Severity.OK, 'No stick-slip predicted.'
     VIBRATION = (
         'vibration',
-        Level.WARN,
+        Severity.WARN,
         'Vibration is measured where none is predicted: the parameters may have changed, it is'
         ' something else, or the threshold is too low.',
     )
-    CAUTION = 'caution', Level.WARN, 'Near the stick-slip boundary.'
-    BISTABLE = ('bistable', Level.WARN, 'In the bistable range: a shock can start stick-slip.')
-    STICK_SLIP = 'stick_slip', Level.ERROR, 'Stick-slip predicted.'
-    AMPLITUDE = 'amplitude_limit', Level.ERROR, 'Stick-slip predicted above the amplitude limit.'
-    INPUT_STALE = 'input_stale', Level.ERROR, 'An input is lost: nothing can be predicted.'
+    CAUTION = 'caution', Severity.WARN, 'Near the stick-slip boundary.'
+    BISTABLE = ('bistable', Severity.WARN, 'In the bistable range: a shock can start stick-slip.')
+    STICK_SLIP = 'stick_slip', Severity.ERROR, 'Stick-slip predicted.'
+    AMPLITUDE = 'amplitude_limit', Severity.ERROR, 'Stick-slip predicted above the amplitude limit.'
+    INPUT_STALE = 'input_stale', Severity.ERROR, 'An input is lost: nothing can be predicted.'
 
 
 CONDITIONS = tuple(Condition)

@@ -124,7 +124,7 @@ def test_a_checked_bag_has_a_clip_around_each_alarm(
     assert main(['check', str(recording), '--clips', str(out), '--config', str(CONFIG)]) == 1
     assert f'2 clips written into {out}' in capsys.readouterr().err
     events = check_recording(recording, config).bearings['aft_stern'].events
-    alarms = [e for e in events if e.raised and e.after.level == 2]
+    alarms = [e for e in events if e.raised and e.after.severity == 2]
     for path, alarm in zip(sorted(out.iterdir()), alarms, strict=True):
         assert path.stem.endswith(f'_aft_stern_{alarm.after.value}')
         bag = open_bag(path)

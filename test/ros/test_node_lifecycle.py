@@ -117,7 +117,7 @@ def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
 
     assert monitor.node.survived(fails)('message') is None
     health = monitor.node.health
-    assert health.level == 2
+    assert health.severity == 2
     text = 'ZeroDivisionError: float division by zero (test_node_lifecycle'
     assert re.match(rf'1 callback failed, last at [\d:]+ UTC: {re.escape(text)}', health.message)
     assert f'[error] a callback failed and is survived: {text}' in monitor.output
@@ -147,7 +147,7 @@ def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host:
     health = monitor.node.health
     assert monitor.set(aft__alarm__on_delay=5.0) == [(True, '')]
     assert health.message == ('Changed over ROS and not acknowledged: aft.alarm.on_delay from 2.0 to 5.0.')
-    assert health.level == 1
+    assert health.severity == 1
     assert monitor.set(aft__alarm__on_delay=2.0) == [(True, '')]
     assert health.message == 'Monitoring.'
     assert monitor.set(aft__load__timeout=50.0) == [(True, '')]

@@ -111,7 +111,7 @@ def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, p
     from std_msgs.msg import Float64
 
     path = tmp_path / 'odd'
-    unknown = {'/speed': 'nowhere_msgs/msg/Speed', '/level': 'std_msgs/msg/Level', '/x': 'Old'}
+    unknown = {'/speed': 'nowhere_msgs/msg/Speed', '/level': 'std_msgs/msg/Severity', '/x': 'Old'}
     with BagWriter(path) as writer:
         writer.add_topic('/a', FLOAT64)
         writer.add_topic('/not a topic', FLOAT64)
@@ -130,7 +130,7 @@ def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, p
     skipped = {line.split(': ')[1]: line for line in lines if line.startswith('not played: ')}
     assert set(skipped) == {'/clock', '/not a topic', *unknown}
     assert skipped['/speed'].endswith('package nowhere_msgs is not installed')
-    assert skipped['/level'].endswith("package std_msgs has no message type 'Level'")
+    assert skipped['/level'].endswith("package std_msgs has no message type 'Severity'")
     assert 'Traceback' not in player.output
 
 
