@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -102,6 +103,19 @@ def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> N
 
     first, second = asyncio.run(work())
     assert first == second
+
+
+def test_a_log_of_columns_is_replayed_as_a_recording(tmp_path: Path) -> None:
+    """From 60 rpm to 20, where the reference bearing is in stick-slip below 30.7 rpm."""
+    rows = [f'{k},{60 - k},1000' for k in range(41)]
+    (tmp_path / 'voyage.csv').write_text('\n'.join(['time [s],shaft speed [rpm],load [N]', *rows]))
+    board = Board(lambda: 0.0)
+    player = replay.Replay(str(tmp_path / 'voyage.csv'), load_config(CONFIG), 1e4, board)
+    asyncio.run(player.play())
+    assert board.finished
+    assert board.bearings['aft_stern'].record['reason'] == 'stick_slip'
+    raised = [entry['alarm'] for entry in board.log.latest() if entry['what'] == 'raise']
+    assert raised == ['margin_low', 'bistable', 'stick_slip']
 
 
 def test_the_picture_says_what_the_program_says(capsys: pytest.CaptureFixture[str]) -> None:
