@@ -22,7 +22,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import web
-from aiohttp.typedefs import Handler, Middleware
+from aiohttp.typedefs import Handler
 
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.files import read_file
@@ -99,6 +99,25 @@ class Access:
         except ValueError:
             return False
 
+    @web.middleware
+    async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """The middleware that keeps the rules."""
+        refused = self._refusal(request)
+        return refused if refused is not None else await handler(request)
+
+    def _refusal(self, request: web.Request) -> web.Response | None:
+        if not self.is_ours(request.host):
+            text = 'This machine is not known by that name: start the page with --name NAME.\n'
+            return web.Response(status=421, text=text)
+        if request.method not in ('GET', 'HEAD') and not same_origin(request):
+            return web.Response(status=403, text='This must come from the page itself.\n')
+        if request.path in OPEN_PATHS or self.admits(request):
+            return None
+        if request.path == '/' and request.method == 'GET':
+            return web.Response(status=303, headers={'Location': 'login'})
+        headers = {'WWW-Authenticate': 'Bearer'}
+        return web.Response(status=401, text='The token is missing.\n', headers=headers)
+
 
 def cookie_name(request: web.Request) -> str:
     """The name of the page's cookie: browsers keep those of a host's ports in one place."""
@@ -141,31 +160,6 @@ def read_token(path: str) -> str:
     return token
 
 
-def guard(access: Access) -> Middleware:
-    """The middleware that keeps the rules."""
-
-    @web.middleware
-    async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
-        refused = _refusal(access, request)
-        return refused if refused is not None else await handler(request)
-
-    return middleware
-
-
-def _refusal(access: Access, request: web.Request) -> web.Response | None:
-    if not access.is_ours(request.host):
-        return web.Response(
-            status=421, text='This machine is not known by that name: start the page with --name NAME.\n'
-        )
-    if request.method not in ('GET', 'HEAD') and not same_origin(request):
-        return web.Response(status=403, text='This must come from the page itself.\n')
-    if request.path in OPEN_PATHS or access.admits(request):
-        return None
-    if request.path == '/' and request.method == 'GET':
-        return web.Response(status=303, headers={'Location': 'login'})
-    return web.Response(status=401, text='The token is missing.\n', headers={'WWW-Authenticate': 'Bearer'})
-
-
 async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
     """Give an answer the headers that keep its page by itself."""
     for name, value in _HEADERS.items():
@@ -180,18 +174,14 @@ class Connections:
         # Since when nothing is asked on each; infinite while a request is being answered.
         self._since: dict[Any, float] = {}
 
-    def count(self) -> Middleware:
+    @web.middleware
+    async def count(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """The middleware that knows on which connections a request is being answered."""
-
-        @web.middleware
-        async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
-            self._since[request.protocol] = math.inf
-            try:
-                return await handler(request)
-            finally:
-                self._since[request.protocol] = time.monotonic()
-
-        return middleware
+        self._since[request.protocol] = math.inf
+        try:
+            return await handler(request)
+        finally:
+            self._since[request.protocol] = time.monotonic()
 
     def sweep(self, connections: Iterable[Any]) -> None:
         """End those of a server's connections that must."""

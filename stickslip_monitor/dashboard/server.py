@@ -24,7 +24,6 @@ from stickslip_monitor.dashboard.access import (
     Connections,
     add_headers,
     cookie_name,
-    guard,
 )
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.seen_monitors import OFFERED, DashboardState
@@ -146,7 +145,7 @@ class Server:
     def application(self) -> web.Application:
         """The application to serve."""
         app = web.Application(
-            middlewares=[self._connections.count(), guard(self._access)], client_max_size=LARGEST_REQUEST
+            middlewares=[self._connections.count, self._access.guard], client_max_size=LARGEST_REQUEST
         )
         app.add_routes(
             [
