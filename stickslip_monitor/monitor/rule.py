@@ -39,7 +39,7 @@ Model: TypeAlias = tuple[Numbers, Sequence[Sequence[Numbers]], Numbers]
 Rows: TypeAlias = Sequence[MutableSequence[float]]
 _Number = TypeVar('_Number', float, FloatArray)
 
-SPEED, LOAD, LEVEL = Input
+SPEED, LOAD, LEVEL = map(int, Input)  # older numba takes no enumeration as an index
 ACCEPTED, NOT_FINITE, NO_VALUE, IMPLAUSIBLE, BELOW_MINIMUM, REPEATED, OUT_OF_ORDER = Status
 WITHIN, BEYOND, IDLE = 0, 1, 2
 """A stick-slip cycle exists, none exists, or nothing slides or moves."""

@@ -11,6 +11,7 @@ import pytest
 from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
 
 from stickslip_monitor import Monitor, Stream
+from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
@@ -97,3 +98,8 @@ def test_inputs_that_never_come_are_lost_by_the_end() -> None:
     first = min(each.timeout_ns for each in inputs.values())
     assert (str(event.after), event.time_ns) == ('input_stale', first)
     assert set(event.lost) == {n for n, each in inputs.items() if each.timeout_ns == first}
+
+
+def test_what_is_an_index_of_the_rule_is_a_plain_number() -> None:
+    """numba takes an enumeration as an index from some version after 0.60 on; 0.57 is supported."""
+    assert {type(place) for place in (rule.SPEED, rule.LOAD, rule.LEVEL)} == {int}
