@@ -92,6 +92,7 @@ setup(
             'colcon-test-result',
             'distributed>=2024.1',
             'hypothesis>=6.60',
+            'mcap>=1.5',  # its writer flushes
             'mpmath>=1.2',
             'numba>=0.57',
             'pyarrow>=12',

@@ -89,7 +89,7 @@ def some_cells(cells: Any, chosen: BoolArray) -> Any:
     """Those cells of a block that are chosen, shape (n,)."""
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
-    return cells.filter(chosen)
+    return cells.take(np.flatnonzero(chosen))
 
 
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
