@@ -38,7 +38,9 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PAGE = ROOT / 'docs/calibration.json', ROOT / 'docs/calibration.md'
 RELIABILITY = ROOT / 'docs/images/reliability.png'
 EXAMPLE = ROOT / 'docs/images/calibration.png'
-_SHIPS, _FEWER, _DRIFTING = 40, 20, 8
+_SHIPS, _FEWER, _DRIFTING, _MANY = 40, 20, 8, 60
+# Points of a passage at which a probability is judged.
+_POINTS = 60
 _TOLERANCE = Tolerance(damping=0.40, static=0.15, kinetic=0.15, decay=0.30, load=0.03)
 _FAR = (0.6, 1.0, 1.6)
 
@@ -213,14 +215,18 @@ def drift() -> dict[str, Any]:
 
 def reliability() -> dict[str, Any]:
     """Probabilities of passages never seen after five, and how often it was so."""
-    ships, voyages, _ = fleet(3109, _FEWER, 11, Kind())
+    ships, voyages, _ = fleet(3109, _MANY, 11, Kind())
     said: dict[str, list[tuple[Array, Array]]] = {'can': [], 'will': []}
     for ship, own in zip(ships, voyages, strict=True):
-        found = calibrate(heard(own[:5]), ship.drawn, _TOLERANCE)
+        try:
+            found = calibrate(heard(own[:5]), ship.drawn, _TOLERANCE)
+        except CalibrationError:
+            continue
         speed = math.hypot(found.floor, 0.0)
         belief = Belief(found.bearing, found.covariance, speed, 0.03, found.loads, True)
         for sent in own[5:]:
-            v, n = sent.speed[::10], sent.load[::10]
+            every = max(1, sent.speed.size // _POINTS)
+            v, n = sent.speed[::every], sent.load[::every]
             of = {'can': fold_load, 'will': hopf_load}
             for (name, boundary), p in zip(of.items(), belief.probabilities(v, n), strict=True):
                 with np.errstate(all='ignore'):

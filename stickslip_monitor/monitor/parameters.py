@@ -382,6 +382,15 @@ class BearingConfig:
         found = {'speed': self.speed, 'load': self.load}
         return found if self.level is None else {**found, 'level': self.level}
 
+    @property
+    def alarms_by_chance(self) -> bool:
+        """Whether probabilities take the place of the margins.
+
+        After a calibration they do not: its bearing has the fold within a per cent, and margins of
+        that bearing warned earlier and were half as long wrongly in alarm (docs/calibration.md).
+        """
+        return self.belief is not None and not self.belief.calibrated
+
 
 @dataclass(frozen=True, slots=True)
 class ClipConfig:

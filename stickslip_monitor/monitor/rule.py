@@ -252,7 +252,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = sliding and (wide if s.sticking else inside)
     # What the latest values end, the medians do not begin.
-    inside_now = c.has_belief == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
+    inside_now = c.by_chance == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
     judge_lining(s, c, measured_now(s, c) if may_tell else UNKNOWN, turns(s) and inside_now, fresh)
     running = s.sticking == 1
     coming = running or (sliding and comes(s, c, speed, (lower, limit)))
@@ -298,7 +298,7 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
 def reach(
     s: State, c: RuleNumbers, model: Model, size: float, place: float
 ) -> tuple[float, bool, bool, bool, bool, bool]:
-    """What the boundaries, or the probabilities where there is a belief, say of a point.
+    """What the boundaries, or the probabilities where they decide, say of a point.
 
     ``place`` is where its load lies in the table of the boundaries.
 
@@ -310,14 +310,16 @@ def reach(
     _, table, belief = model
     averaged = boundary_at(table[0], c.table_step, place)
     limit = max(averaged, boundary_at(table[1], c.table_step, place))
-    if not c.has_belief:
+    if c.has_belief:
+        # What is known of the averaged fold is known of the one that decides.
+        share = averaged / limit if 0.0 < averaged < limit else 1.0
+        s.can, s.will = chances(belief, size, s.load_mean, share)
+        s.runs = runs_after(s.runs, s.can, s.will)
+    if not c.by_chance:
         inside = size < limit
         near, wide = size < limit * c.caution_on, size <= limit * c.caution_off
         return limit, near, wide, inside, inside, inside
-    # What is known of the averaged fold is known of the one that decides.
-    share = averaged / limit if 0.0 < averaged < limit else 1.0
-    can, will = chances(belief, size, s.load_mean, share)
-    s.can, s.will, s.runs = can, will, runs_after(s.runs, can, will)
+    can = s.can
     near, wide = can > c.caution_chance, can >= LEFT_BELOW * c.caution_chance
     inside, held = can > c.can_chance, can >= LEFT_BELOW * c.can_chance
     return limit, near, wide, inside, held, can >= LEFT_BELOW * c.runs_chance

@@ -208,6 +208,7 @@ class RuleNumbers:
     off_delay: int
     decay: int
     has_belief: int
+    by_chance: int
     has_level: int
     in_db: int
     damping: float
@@ -270,11 +271,12 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         off_delay=alarm.off_delay_ns,
         decay=_decay_ns(bearing, alarm.onset_growth),
         has_belief=int(belief is not None),
+        by_chance=int(config.alarms_by_chance),
         has_level=int(level is not None),
         in_db=int(in_db),
         damping=bearing.damping,
         per_mass=0.5 / bearing.mass,
-        lean=1.0 if belief is None else belief.lean(alarm.runs_probability),
+        lean=belief.lean(alarm.runs_probability) if belief and config.alarms_by_chance else 1.0,
         onset_growth=alarm.onset_growth,
         look_ahead=alarm.look_ahead_ns * 1e-9,
         caution_on=margin,

@@ -381,7 +381,7 @@ def _way_out(b: Standing, point: Assessment) -> str:
 def _clear_speed(b: Standing, point: Assessment) -> float:
     """The speed above which caution, the mildest condition, clears at this load [m/s]."""
     alarm, belief = b.config.alarm, b.config.belief
-    if belief is None or not math.isfinite(point.probability_can):
+    if belief is None or not b.config.alarms_by_chance or not math.isfinite(point.probability_can):
         return float(point.stability_limit) * (1.0 + alarm.caution_margin + alarm.hysteresis)
     left = rule.LEFT_BELOW * alarm.caution_probability
     if not 0.0 < left < 1.0:
@@ -393,7 +393,7 @@ def warns(config: BearingConfig, point: Assessment) -> bool:
     """Whether an operating point by itself, of numbers, asks for caution or worse."""
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NOT_FINITE):
         return False
-    if point.has_belief:
+    if config.alarms_by_chance:
         return bool(point.probability_can > config.alarm.caution_probability)
     if point.outcome is Outcome.BELOW:
         return bool(abs(point.speed) * (1.0 + config.alarm.caution_margin) > point.lower_end)

@@ -79,9 +79,10 @@ def onset(rate: float, seconds: float, began: bool = True) -> Passage:
 
 
 def at(passage: Passage, log_q: FloatArray) -> FloatArray:
-    """Likelihood of a passage along ln q, e-folds summed over, without a lag."""
+    """Likelihood of a passage along ln q, e-folds summed over by their prior, without a lag."""
     found = log_passage(passage, REFERENCE, np.zeros(log_q.size), log_q)
-    return np.asarray(np.exp(found).mean(axis=1)[:, 1])
+    weight = np.exp(-0.5 * np.linspace(-2.2, 2.2, found.shape[1]) ** 2)
+    return np.asarray(np.exp(found[:, :, 1]) @ weight)
 
 
 def test_an_onset_is_likeliest_where_noise_has_grown_three_e_folds() -> None:

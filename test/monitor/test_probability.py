@@ -222,6 +222,17 @@ def test_a_calibration_takes_the_place_of_tolerances(configure: Configure, tmp_p
     assert fold_speed(aft.bearing, 1000.0) / RPM == pytest.approx(40.723091, rel=1e-6)
 
 
+def test_a_calibrated_bearing_alarms_as_if_it_were_configured(configure: Configure, tmp_path: Path) -> None:
+    path = tmp_path / 'aft.calibration.json'
+    path.write_text(json.dumps(calibration()))
+    calibrated, plain = configure(damping=900.0, calibration=str(path)), configure()
+    both = [Monitor(config).scan({'aft': passage()})['aft'] for config in (calibrated, plain)]
+    found, wanted = ([(e.time_ns, e.after) for e in scan.events] for scan in both)
+    assert found == wanted
+    assert len(found) > 3
+    assert np.nanmax(both[0].assessment.probability_runs) > 0.9
+
+
 @pytest.mark.parametrize(
     ('text', 'changes', 'words'),
     [
