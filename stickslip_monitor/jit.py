@@ -32,11 +32,6 @@ def has_compiler() -> bool:
 _OF_A_LAW = ('friction_drop', 'friction_slope')
 
 
-def is_loaded() -> bool:
-    """Whether numba has been imported, and what is compiled costs no start any more."""
-    return 'numba' in sys.modules
-
-
 @functools.cache
 def compiled(
     entry: str, *modules: ModuleType, law: ModuleType | None = None, inline: bool = True

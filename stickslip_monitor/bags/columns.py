@@ -18,8 +18,6 @@ from stickslip_monitor.monitor.signals import NO_VALUES
 from stickslip_monitor.tables.dialect import parse_heading
 
 FLOAT64 = 'std_msgs/msg/Float64'
-COARSE = 10.0
-"""From this interval on lines are too far apart for short stick-slip [s]."""
 # A value counts for so many intervals, as a lost line is no lost input.
 _TIMEOUT_LINES = 3.0
 _NEWTONS = {'N': 1.0, 'kN': 1e3}
@@ -96,7 +94,6 @@ class ColumnBinding:
         """The configuration with the topics and timeouts that hold for the table."""
         absent: dict[tuple[str, str], str] = {}
         changed: dict[str, dict[str, Any]] = {}
-        coarse = 0.0
         for bearing, quantity, source in _measured(config):
             if source.is_assumed:
                 continue
@@ -106,13 +103,8 @@ class ColumnBinding:
                 absent[bearing.name, quantity] = str(error)
                 continue
             every = self._interval(column)
-            coarse = max(coarse, every)
             own = self._bound(bearing, quantity, source, column, every)
             changed.setdefault(bearing.name, {})[quantity] = own
-        if coarse >= COARSE:
-            self.said.append(
-                f'lines are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen'
-            )
         for each in config.bearings:
             inputs = changed.get(each.name, {})
             if each.load.is_assumed and 'speed' in inputs:

@@ -41,7 +41,7 @@ from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.monitor.parameters import MonitorConfig
 
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
-_OF_TOPIC, _OF_ALL = 1 << 15, 1 << 19
+_OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19
 
 _LATEST_NS = (1 << 63) - 1
 _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
@@ -112,15 +112,16 @@ class Pass:
         """The channels of the topics in a file."""
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
-    def stretches(self, columns_of: MakeColumns, most: int) -> Iterator[Columns]:
+    def stretches(self, columns_of: MakeColumns, least: int, most: int) -> Iterator[Columns]:
         """Yield all messages in the order of time, then of place, some at a time.
 
         Args:
             columns_of: Makes the columns of a piece's messages.
-            most: How many messages may wait before some are handed on.
+            least: How many messages wait before some are handed on.
+            most: How many of them are handed on at a time.
         """
         waiting: list[Columns] = []
-        size, limit, handed = 0, most, -1
+        size, limit, handed = 0, least, -1
         for k, take in self._loaded():
             own = list(self._read(self._jobs[k], take, columns_of, handed))
             waiting += own
@@ -130,12 +131,12 @@ class Pass:
             handed = self._jobs[k + 1].start_ns
             columns = _in_order(waiting)
             cut = columns[0].searchsorted(handed)
-            yield from _some(_part(columns, slice(cut)))
+            yield from _some(_part(columns, slice(cut)), most)
             waiting = [_part(columns, slice(cut, None))]
             size = waiting[0][0].size
-            limit = most + 2 * size
+            limit = least + 2 * size
         if waiting:
-            yield from _some(_in_order(waiting))
+            yield from _some(_in_order(waiting), most)
         if self._steps.text:
             self._ways[0].file.findings.note(self._steps.text)
 
@@ -198,11 +199,11 @@ def _in_order(parts: Sequence[Columns]) -> Columns:
     return _part(columns, np.lexsort((number, time)))
 
 
-def _some(columns: Columns) -> Iterator[Columns]:
+def _some(columns: Columns, most: int) -> Iterator[Columns]:
     """Some messages at a time; those of one time are split only if these are too many."""
-    while columns[0].size > _OF_ALL:
-        times = columns[0][:_OF_ALL]
-        end = int(times.searchsorted(times[-1])) or _OF_ALL
+    while columns[0].size > most:
+        times = columns[0][:most]
+        end = int(times.searchsorted(times[-1])) or most
         yield _part(columns, slice(end))
         columns = _part(columns, slice(end, None))
     if columns[0].size:
@@ -239,9 +240,8 @@ class McapReading:
             BagError: A file cannot be read.
         """
         is_empty = True
-        for time, _, topic, *numbers in self._pass.stretches(
-            self._columns, min(_OF_TOPIC * len(self._wanted), _OF_ALL)
-        ):
+        most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
+        for time, _, topic, *numbers in self._pass.stretches(self._columns, most, most):
             is_empty = False
             yield series_of(self._wanted, self._sequence, time, topic, *numbers)
             self._sequence += time.size
@@ -366,7 +366,7 @@ class McapRecording(Recording):
         way = Pass(self.contents, self.steps, [name for name, _ in names], spans=spans)
         return (
             Message(names[topic][0], names[topic][1], time, data)
-            for columns in way.stretches(encoded, 1)
+            for columns in way.stretches(encoded, 1, _OF_ALL)
             for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True)
         )
 

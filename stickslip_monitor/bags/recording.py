@@ -228,6 +228,10 @@ class Recording(ABC):
         """What of it was not read: cuts, and those of the warnings that cost data."""
         return (*(cut.text for cut in self.cuts), *self._findings.losses)
 
+    def note(self, text: str) -> None:
+        """Take up what was noticed while it was read, and costs no data."""
+        self._findings.note(text)
+
     @abstractmethod
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration as it holds for this recording, and which inputs are not in it.

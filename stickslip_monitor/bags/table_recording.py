@@ -222,10 +222,6 @@ class TableRecording(Recording):
                 rows += zip(numbers, topic, times, data, strict=True)
             yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
 
-    def note(self, text: str) -> None:
-        """Take up what was noticed while it was read."""
-        self._findings.note(text)
-
     def lose(self, text: str) -> None:
         """Take up what was not used."""
         self._findings.lose(text)

@@ -182,20 +182,6 @@ class Scan:
         speed, load, chances = self.speed[rows], self.load[rows], self.chances[rows].T
         return assess(own.bearing, speed, load, own.belief, table, chances)
 
-    def part(self, points: IndexArray, samples: slice, events: Sequence[int]) -> Scan:
-        """Some of the points, samples and events; the counts stay those of all."""
-        columns: dict[str, Any] = {
-            name: column[points] for name in _OF_POINTS if (column := getattr(self, name)) is not None
-        }
-        return replace(
-            self,
-            **columns,
-            events=[self.events[k] for k in events],
-            at=[self.at[k] for k in events],
-            now_ns=self.now_ns[samples],
-            status=self.status[samples],
-        )
-
 
 def joined(parts: Sequence[Scan]) -> Scan:
     """The verdicts on a recording from those on its parts."""
@@ -276,17 +262,18 @@ class BearingScan:
         jumps = self._jumps + np.cumsum(np.diff(now, prepend=self._now) < 0)
         if size:
             self._jumps, self._now = int(jumps[-1]), int(now[-1])
+        rows = slice(None) if made.size == size else made
         columns: dict[str, Any] = {
-            'time_ns': now[made],
-            'until_ns': notes[made, UNTIL],
-            'speed': points[made, 0],
-            'load': points[made, 1],
-            'chances': points[made, 2:],
-            'rung': notes[made, CONDITION].astype(np.int8),
-            'sticking': notes[made, STICKING] > 0,
-            'measured': notes[made, MEASURED].astype(np.int8),
+            'time_ns': now[rows],
+            'until_ns': notes[rows, UNTIL],
+            'speed': points[rows, 0],
+            'load': points[rows, 1],
+            'chances': points[rows, 2:],
+            'rung': notes[rows, CONDITION].astype(np.int8),
+            'sticking': notes[rows, STICKING] > 0,
+            'measured': notes[rows, MEASURED].astype(np.int8),
             'sample': made + self._taken,
-            'stretch': jumps[made],
+            'stretch': jumps[rows],
         }
         if self._held:
             columns = {name: np.concatenate([self._held[name], new]) for name, new in columns.items()}
@@ -328,8 +315,9 @@ class BearingScan:
 
     def _room(self, stream: Stream) -> tuple[IntArray, FloatArray]:
         """Where the rule notes what became of each sample, and the points."""
-        size = stream.time_ns.size
-        return (np.zeros((size, 7), np.int64), np.zeros((size, 2 if self.config.belief is None else 5)))
+        size, numbers = stream.time_ns.size, 2 if self.config.belief is None else 5
+        # Each column in one piece: they are taken one by one.
+        return np.zeros((7, size), np.int64).T, np.zeros((numbers, size)).T
 
     def _run(
         self,
@@ -347,9 +335,7 @@ class BearingScan:
         size = stream.time_ns.size
         long = self._long
         if long is None:
-            # However short a block of a long recording is: compiled code is there already.
-            begun = self._taken + size >= LONG and jit.is_loaded()
-            long = begun or (size >= LONG and jit.has_compiler())
+            long = self._taken + size >= LONG and jit.has_compiler()
         compiled = settings.law.compiled if long else None
         long = compiled is not None  # a law without functions of its own runs as it stands
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)

@@ -8,9 +8,7 @@ the recording unless a sink's does.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,23 +16,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_monitor import jit
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.log_times import LogTimes
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, joined
+from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, joined
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import Extreme, Outline, Outliner, Worst
-from stickslip_monitor.offline.input_report import InputCheck, InputReport, Plausibility, bound_to
+from stickslip_monitor.offline.input_report import COARSE, InputCheck, InputReport, Plausibility, bound_to
 
 _NONE = np.empty(0, np.int64)
 _NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())
-_EARLIEST = -(1 << 63)
 _SILENCE = Stream(_NONE, np.empty(0, np.int8), np.empty(0))
 
 
@@ -75,17 +73,6 @@ class Heard:
 
     stream: Stream  # the samples in order of arrival
     scan: Scan  # the verdicts that are known with them
-    first: int  # which sample of the recording is the first of the stream
-
-    def between(self, begin_ns: int, end_ns: int) -> Heard:
-        """The same of what came after a log time and not after another [ns]."""
-        stream, scan = self.stream, self.scan
-        a, b = np.searchsorted(stream.arrival_ns, [begin_ns, end_ns], 'right').tolist()
-        # Verdicts and changes of before, which are known a sample late, go with the first.
-        low, high = self.first + a if begin_ns > _EARLIEST else 0, self.first + b
-        rows = np.flatnonzero((scan.sample >= low) & (scan.sample < high))
-        told = [k for k, sample in enumerate(scan.at) if low <= sample < high]
-        return Heard(_rows(stream, slice(a, b)), scan.part(rows, slice(a, b), told), self.first + a)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,17 +81,6 @@ class Stretch:
 
     end_ns: int  # the last log time in it [ns]
     bearings: Mapping[str, Heard]  # by name
-
-    def split(self, most: int) -> Iterator[Stretch]:
-        """The same in parts of some ``most`` samples of a bearing, cut between log times."""
-        arrivals = [own.stream.arrival_ns for own in self.bearings.values()]
-        longest = max(arrivals, key=np.size)
-        begin_ns = _EARLIEST
-        for end_ns in [*np.unique(longest[most::most] - 1).tolist(), self.end_ns]:
-            yield Stretch(
-                end_ns, {name: own.between(begin_ns, end_ns) for name, own in self.bearings.items()}
-            )
-            begin_ns = end_ns
 
 
 class StretchSink:
@@ -150,6 +126,7 @@ def check_recording(
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     bound = bound_to(bag, config)
     config, span, times = bound.config, SampleSpan(bag), LogTimes()
+    long = is_long(bag, config) if long is None else long
     checks = {own.name: _BearingCheck(own, bound, outlined, long) for own in config.bearings}
     reading = bag.reading({r for each in checks.values() for r in each.requests if r}, progress)
 
@@ -157,27 +134,24 @@ def check_recording(
         for sink in sinks:
             sink.take(Stretch(end_ns, heard))
 
-    # Bearings know nothing of each other, and arithmetic on arrays needs no interpreter: what was
-    # read before is scanned while the next is read.
-    with ThreadPoolExecutor(min(len(checks), os.cpu_count() or 1)) as pool:
-        end_ns, running = None, dict[str, Future[Heard]]()
-        for part in times.of(reading):
-            if end_ns is not None:
-                hand_on(end_ns, {name: each.result() for name, each in running.items()})
-            span.extend(part.values(), times.replaced)
-            if end_ns is None:
-                for sink in sinks:
-                    sink.begin(bag, config, span.start_ns)
-            ends = (int(each.log_time_ns[-1]) for each in part.values() if each.value.size)
-            end_ns = max(ends, default=bag.start_ns or 0)
-            running = {name: pool.submit(own.take, part, span.start_ns) for name, own in checks.items()}
-        hand_on(end_ns or 0, {name: each.result() for name, each in running.items()})
+    end_ns: int | None = None
+    for part in times.of(reading):
+        span.extend(part.values(), times.replaced)
+        if end_ns is None:
+            for sink in sinks:
+                sink.begin(bag, config, span.start_ns)
+        ends = (int(each.log_time_ns[-1]) for each in part.values() if each.value.size)
+        end_ns = max(ends, default=bag.start_ns or 0)
+        hand_on(end_ns, {name: own.take(part, span.start_ns) for name, own in checks.items()})
     end_ns = span.end_ns if times.replaced else bag.end_ns
     hand_on(end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
     for sink in sinks:
         sink.finish()
     faults = reading.faults()
     reports = {name: own.report(span, faults, times.text) for name, own in checks.items()}
+    usual = (each.gaps.usual for report in reports.values() for each in report.inputs[:2])
+    if (coarse := max((every for every in usual if every >= COARSE), default=0.0)) > 0.0:
+        bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 
@@ -185,7 +159,7 @@ def check_recording(
 class _BearingCheck:
     """Runs the monitor over one bearing's samples and adds up what it says."""
 
-    def __init__(self, config: BearingConfig, bound: Bound, outlined: bool, long: bool | None) -> None:
+    def __init__(self, config: BearingConfig, bound: Bound, outlined: bool, long: bool) -> None:
         self.config, self._long = config, long
         absent = [bound.absent.get((config.name, of), '') for of in config.inputs]
         self.requests = [
@@ -198,7 +172,7 @@ class _BearingCheck:
         self._plausibility = Plausibility(config)
         self._worst = Worst()
         self._events: list[Event] = []
-        self._evaluations = self._taken = 0
+        self._evaluations = 0
         self._lasting_ns = np.zeros(len(REGIMES), np.int64)
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
@@ -212,15 +186,14 @@ class _BearingCheck:
         self._add(scan)
         for each, own in zip(self._inputs, series, strict=True):
             each.take(own, stream, scan)
-        first, self._taken = self._taken, self._taken + stream.time_ns.size
-        return Heard(stream, scan, first)
+        return Heard(stream, scan)
 
     def finish(self, end_ns: int | None) -> Heard:
         """Come to the end of the recording [ns]."""
         assert self._scan is not None
         self._end = self._scan.finish(_SILENCE, end_ns)
         self._add(self._end)
-        return Heard(_SILENCE, self._end, self._taken)
+        return Heard(_SILENCE, self._end)
 
     def _add(self, scan: Scan) -> None:
         """Add up the verdicts that are known with a part, a point behind."""
@@ -269,6 +242,13 @@ def _lasting_ns(scan: Scan, codes: NDArray[np.int8], kinds: Sequence[Any]) -> In
     return totals.astype(np.int64)
 
 
+def is_long(bag: Recording, config: MonitorConfig) -> bool:
+    """Whether a recording has so many messages of the bearings that it pays to compile the rule."""
+    topics = {request.topic for own in config.bearings for request in requests_of(own)}
+    counts = (topic.count for name, topic in bag.topics.items() if name in topics)
+    return jit.has_compiler() and sum(counts) >= LONG
+
+
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
     """What to read for a bearing: one request for each of its inputs."""
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
@@ -283,12 +263,6 @@ def merged(series: Sequence[Series]) -> Stream:
         for name in ('stamp_ns', 'value', 'log_time_ns')
     )
     return Stream(stamp_ns, inputs[order], value, arrival_ns=arrival_ns)
-
-
-def _rows(stream: Stream, rows: slice) -> Stream:
-    return Stream(
-        stream.time_ns[rows], stream.inputs[rows], stream.value[rows], arrival_ns=stream.arrival_ns[rows]
-    )
 
 
 class SampleSpan:

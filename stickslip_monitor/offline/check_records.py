@@ -70,6 +70,7 @@ def _input(item: InputReport) -> dict[str, Any]:
         **({'assumed': True} if item.is_assumed else {}),
         'messages': item.messages,
         'used': item.used,
+        'without_value': item.without_value,
         'share': item.used / item.messages if item.messages else None,
         'span': [number(value) for value in item.span],
         'si_span': [number(value) for value in item.si_span],

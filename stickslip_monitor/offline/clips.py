@@ -18,7 +18,7 @@ from stickslip_monitor.bags.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
-from stickslip_monitor.offline.check import Stretch, StretchSink
+from stickslip_monitor.offline.check import Stretch, StretchSink, is_long
 from stickslip_monitor.offline.verdict_messages import (
     NODE,
     MessageColumn,
@@ -157,7 +157,7 @@ class ClipWriter(StretchSink):
         self._bag, self._topics = bag, input_topics(bag, config)
         definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}
         self._recorder = ClipRecorder(config.clips, definitions)
-        self._messages = VerdictMessages(config, start_ns)
+        self._messages = VerdictMessages(config, start_ns, is_long(bag, config))
         self._around_ns = config.clips.around_ns
         self._waiting: deque[tuple[int, Stretch]] = deque()
         self._alarms: list[int] = []

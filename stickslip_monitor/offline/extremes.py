@@ -14,15 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor.assessment import (
-    AT_REST,
-    REGIMES,
-    TABLE_ERROR,
-    Assessment,
-    Assessments,
-    Regime,
-    assess,
-)
+from stickslip_monitor.monitor.assessment import REGIMES, TABLE_ERROR, Assessment, Assessments, Regime, assess
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
@@ -257,15 +249,17 @@ class Worst:
 
     def take(self, scan: Scan) -> None:
         """Take the next part of the verdicts on one bearing."""
-        points = scan.summed
+        points, size = scan.summed, np.abs(scan.speed)
         # At rest nothing slides: its margin of -1 would be the worst of every voyage.
-        moving = np.flatnonzero(points.outcome_code != AT_REST)
-        for name in ('hopf_margin', 'fold_margin'):
-            margin = getattr(points, name)[moving]
-            least = margin[np.isfinite(margin)].min(initial=math.inf)
+        size = np.where(size == 0.0, np.nan, size)
+        for name, boundary in (('hopf_margin', points.hopf_speed), ('fold_margin', points.fold_speed)):
+            ratio = size / boundary
+            least = float(np.fmin.reduce(ratio, initial=np.inf))
             # What the error of the table leaves open is worked out to the last bit.
-            close = margin <= least + TABLE_ERROR * (1.0 + abs(least))
-            self._take(name, scan, moving[close & (least < math.inf)])
+            most = least + TABLE_ERROR * (1.0 + abs(least - 1.0))
+            known = self.found[name].value + 1.0 if name in self.found else math.inf
+            if least < math.inf and least <= known + TABLE_ERROR * (1.0 + abs(known - 1.0)):
+                self._take(name, scan, np.flatnonzero(ratio <= most))
         # One that dies out beyond the fold has no amplitude any more.
         exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
         rows = np.flatnonzero(scan.sticking & exists)

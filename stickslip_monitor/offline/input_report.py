@@ -32,6 +32,8 @@ from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_
 from stickslip_monitor.physics.averaging import fold_speed
 
 _MOST_NAMED = 5
+COARSE = 10.0
+"""From this interval on samples are too far apart for short stick-slip [s]."""
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
 
@@ -50,6 +52,7 @@ class Gaps:
     Attributes:
         count: How many intervals are longer.
         longest: Of these, longest first, at most five.
+        usual: The interval that is usual where it begins [s]; nan for fewer than two messages.
     """
 
     def __init__(self, limit_ns: int) -> None:
@@ -57,12 +60,15 @@ class Gaps:
         self._last = np.empty(0, np.int64)
         self.count = self._regular = self._passed_ns = 0
         self.longest: list[Gap] = []
+        self.usual = math.nan
 
     def take(self, stamp_ns: IntArray) -> None:
         """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
         stamp_ns = np.append(self._last, stamp_ns)
         self._last = stamp_ns[-1:].copy()
         interval = np.diff(stamp_ns)
+        if self.usual != self.usual and (interval > 0).any():
+            self.usual = float(np.median(interval[interval > 0])) * 1e-9
         long = np.flatnonzero(interval > self._limit_ns)
         lasting_ns = interval[long]
         self.count += long.size
@@ -96,6 +102,7 @@ class InputReport:
     fault: str = ''  # why it brings nothing, in the words of the running monitor
     is_assumed: bool = False  # a constant that nothing measures
     values: str = 'none'  # the range of the valid ones, for a person
+    without_value: int = 0  # messages that hold no number, or one that means "no value"
 
     @property
     def complaints(self) -> list[str]:
@@ -184,6 +191,7 @@ class InputCheck:
             questions=asked,
             fault=clock or self._fault(),
             values=self._values(first, last, low, high) if used else 'none',
+            without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
         )
 
     def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:
@@ -231,20 +239,23 @@ class Plausibility:
 
     def take(self, points: Assessments) -> None:
         """Take some points, of arrays."""
-        speed, load, fold = np.abs(points.speed), points.load, points.fold_speed
+        speed, load = np.abs(points.speed), points.load
+        turns, loaded = speed > 0.0, load > 0.0
         self._count += speed.size
         self._fastest = float(speed.max(initial=self._fastest))
-        self._negative += int(np.count_nonzero(load < 0.0))
-        self._moving += int(np.count_nonzero(speed > 0.0))
-        self._unloaded += int(np.count_nonzero((speed > 0.0) & (load == 0.0)))
-        turning = (speed > 0.0) & (load > 0.0)
-        bounded = turning & np.isfinite(fold)
-        self._turning |= bool(turning.any())
-        self._bounded &= bool((bounded == turning).all())
         self._heaviest = float(load.max(initial=self._heaviest))
-        ratio = speed[bounded] / fold[bounded]
-        self._least = float(ratio.min(initial=self._least))
-        self._most = float(ratio.max(initial=self._most))
+        self._moving += int(np.count_nonzero(turns))
+        if not loaded.all():
+            self._negative += int(np.count_nonzero(load < 0.0))
+            self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
+            turns &= loaded
+        ratio = speed / points.fold_speed
+        if not turns.all():
+            ratio = ratio[turns]
+        self._turning |= bool(ratio.size)
+        self._bounded &= not np.isnan(ratio).any()
+        self._least = float(np.fmin.reduce(ratio, initial=self._least))
+        self._most = float(np.fmax.reduce(ratio, initial=self._most))
 
     def questions(self) -> dict[str, list[str]]:
         """Questions by quantity, each a clause that follows the name of the input."""

@@ -44,7 +44,7 @@ from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 from stickslip_monitor.monitor.signals import Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.offline.check import Heard, Stretch, StretchSink
+from stickslip_monitor.offline.check import Heard, Stretch, StretchSink, is_long
 
 NODE = 'stickslip_monitor'
 TICK_NS = 10**9
@@ -52,8 +52,6 @@ TICK_NS = 10**9
 SILENCE_NS = 3600 * 10**9
 """Diagnostics of a longer silence end [ns]: a clock that was wrong for one message would else
 make them for years."""
-# Samples of a bearing whose messages are laid out at a time.
-_SAMPLES = 1 << 13
 ALWAYS = TimeSpans([(0, (1 << 63) - 1)])
 
 
@@ -111,13 +109,12 @@ class VerdictWriter(StretchSink):
             self._writer.add_topic(topic, kind, definition)
         self._inputs = bag.messages(input_topics(bag, config))
         self._next = next(self._inputs, None)
-        self._messages = VerdictMessages(config, start_ns)
+        self._messages = VerdictMessages(config, start_ns, is_long(bag, config))
 
     def take(self, stretch: Stretch) -> None:
         """Write the messages of a stretch, inputs before verdicts."""
-        for part in stretch.split(_SAMPLES):
-            columns = [*columns_of(self._until(part.end_ns)), *self._messages.of(part)]
-            self._writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
+        columns = [*columns_of(self._until(stretch.end_ns)), *self._messages.of(stretch)]
+        self._writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
         if self._progress is not None:
             self._progress(sum(self._writer.message_counts.values()))
 
@@ -163,10 +160,10 @@ class VerdictMessages:
     A verdict has its own time, that of the later of its two measurements.
     """
 
-    def __init__(self, config: MonitorConfig, start_ns: int | None) -> None:
+    def __init__(self, config: MonitorConfig, start_ns: int | None, long: bool) -> None:
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         period_ns = round(config.publish_period * 1e9)
-        self._bearings = {own.name: _Follower(own, start_ns, period_ns) for own in config.bearings}
+        self._bearings = {own.name: _Follower(own, start_ns, period_ns, long) for own in config.bearings}
         self._start_ns = start_ns or 0
         self._ticked_ns = self._heard_ns = self._start_ns - 1
         self._due: list[Event] = []
@@ -241,9 +238,9 @@ def events_of(stretch: Stretch) -> list[Event]:
 class _Follower:
     """What is published of one bearing: its verdicts, and its state at some times."""
 
-    def __init__(self, config: BearingConfig, start_ns: int | None, period_ns: int) -> None:
+    def __init__(self, config: BearingConfig, start_ns: int | None, period_ns: int, long: bool) -> None:
         self._config, self._period_ns = config, period_ns
-        self._scan = BearingScan(config, start_ns)
+        self._scan = BearingScan(config, start_ns, long=long)
         self._bearing = BearingMonitor(config)
         self._counts = np.zeros((len(Input), len(Status)), np.int64)
         self._changed: set[int] = set()

@@ -137,7 +137,7 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
 def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
     """Dates with times in one column, or in two."""
     most = max(columns)
-    known = [*rows, *(row for row in table.tail if len(row) > most)]
+    known = [row for row in (*rows, *table.tail) if len(row) > most]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
     seen = [' '.join(row[k].strip() for k in columns) for row in known]
     layout = StampLayout(seen, zone[1] if zone else '')

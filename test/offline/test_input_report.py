@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.offline.check import check_recording
+from stickslip_monitor.offline.check_records import to_json
 from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility
 from stickslip_monitor.physics.friction import Stribeck
 
@@ -200,3 +203,34 @@ def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureF
     (bearing,) = json.loads(capsys.readouterr().out)['bearings'].values()
     assert [own['used'] for own in bearing['inputs'].values()] == [100, 100]
     assert [event['to'] for event in bearing['events']] == ['bistable']
+
+
+def checked(path: Path, interval: float, rpm: list[float]) -> dict[str, Any]:
+    """The record of a check of a recording, MCAP or CSV, of some speeds under one load."""
+    seconds = interval * np.arange(len(rpm))
+    if path.suffix == '.csv':
+        rows = (f'{at},{"Bad" if np.isnan(n) else n},1000\n' for at, n in zip(seconds, rpm, strict=True))
+        path.write_text('time [s],shaft speed [rpm],load [N]\n' + ''.join(rows))
+    else:
+        time = START + (seconds * 1e9).astype(np.int64)
+        with BagWriter(path) as bag:
+            bag.add_topic(SPEED, FLOAT)
+            bag.add_topic(LOAD, FLOAT)
+            bag.write_float64s({SPEED: (time, rpm), LOAD: (time, np.full(len(rpm), 1000.0))})
+    return to_json(check_recording(path, load_config(CONFIG)))
+
+
+@pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
+@pytest.mark.parametrize(('interval', 'told'), [(9.9, False), (20.0, True)])
+def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, told: bool) -> None:
+    warnings = ' '.join(checked(tmp_path / name, interval, [60.0] * 30)['warnings'])
+    text = f'samples are {interval:g} s apart: stick-slip shorter than some minutes cannot be seen'
+    assert (text in warnings) == told
+
+
+@pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
+def test_messages_without_a_value_are_counted(tmp_path: Path, name: str) -> None:
+    rpm = [60.0, np.nan, 60.0, -999.25, 60.0, np.nan] * 5
+    (bearing,) = checked(tmp_path / name, 1.0, rpm)['bearings'].values()
+    counts = [(own['messages'], own['used'], own['without_value']) for own in bearing['inputs'].values()]
+    assert counts == [(30, 15, 15), (30, 30, 0)]
