@@ -25,6 +25,7 @@ from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarm_records import ActionRequest, request_record
 from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.session import Display
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 
@@ -38,17 +39,11 @@ def without_log_files(arguments: Sequence[str]) -> list[str]:
     return ['--ros-args', '--disable-external-lib-logs', '--', *arguments]
 
 
-class Listener(Protocol):
+class Listener(Display, Protocol):
     """Takes what a monitor says."""
-
-    def take_record(self, record: dict[str, Any], /) -> None:
-        """The record of a bearing; see :func:`.messages.bearing_record`."""
 
     def take_health(self, level: int, text: str) -> None:
         """The diagnostic status of the node itself."""
-
-    def take_alarms(self, document: Any, /) -> None:
-        """The list of alarms."""
 
     def take_other(self, node: str) -> None:
         """The name of another monitor whose diagnostics come."""

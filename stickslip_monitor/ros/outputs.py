@@ -144,7 +144,8 @@ class Configured:
         """Let time pass for the clips."""
         if self.clips is not None:
             bearings = self.session.monitor.bearings.values()
-            self.clips.tick(max((b.now_ns or 0 for b in bearings), default=0))
+            self.clips.advance(max((b.now_ns or 0 for b in bearings), default=0))
+            self.clips.write()
 
     def end_clips(self) -> None:
         """Write what is left of the clips."""
@@ -261,7 +262,7 @@ def _status(record: DiagnosticRecord) -> DiagnosticStatus:
     )
 
 
-class Clips:
+class Clips(ClipRecorder):
     """Records what passes the node, and writes a clip around each alarm.
 
     One that cannot be written is tried again until a newer one comes; of more than two that wait
@@ -270,9 +271,9 @@ class Clips:
 
     def __init__(self, node: LifecycleNode, config: ClipConfig, store: ClipStore) -> None:
         self._node, self._store = node, store
-        self._definitions: dict[str, str] = {}
-        self._recorder = ClipRecorder(config, self._definitions)
+        self._known: dict[str, str] = {}  # definitions by type
         self._writer = Background('clips', self._write, _CLIPS_WAITING)
+        super().__init__(config, self._known)
 
     @property
     def fault(self) -> str:
@@ -283,33 +284,24 @@ class Clips:
         """Take a message that is published; without a time [ns] it is that of the samples."""
         own = type(message)
         kind = f'{own.__module__.partition(".")[0]}/msg/{own.__name__}'
-        at_ns = self._recorder.now_ns if time_ns is None else time_ns
-        self.add(topic, kind, serialize_message(message), at_ns)
+        self.tap(topic, kind, serialize_message(message), self.now_ns if time_ns is None else time_ns)
 
-    def add(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
+    def tap(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
         """Take an encoded message of that type, with its time on the clock of the samples [ns]."""
-        if kind not in self._definitions:
-            self._definitions[kind] = definition(kind)
-        self._recorder.add(ClipMessage(time_ns, topic, kind, data))
-
-    def note(self, event: Event) -> None:
-        """Take notice of a change of an alarm."""
-        self._recorder.note(event)
-
-    def tick(self, now_ns: int) -> None:
-        """Let time pass on the clock of the samples [ns]."""
-        self._recorder.advance(now_ns)
-        self._collect()
+        if kind not in self._known:
+            self._known[kind] = definition(kind)
+        self.add(ClipMessage(time_ns, topic, kind, data))
 
     def close(self, patience: float = 10.0) -> None:
         """Write what is left, the clip that is being taken too, within so much time [s]."""
-        self._recorder.finish()
-        self._collect()
+        self.finish()
+        self.write()
         if not self._writer.close(patience):
             self._node.get_logger().error(f'an event clip is lost: the disk takes longer than {patience:g} s')
 
-    def _collect(self) -> None:
-        for clip in self._recorder.clips():
+    def write(self) -> None:
+        """Hand on the clips that are whole."""
+        for clip in self.clips():
             self._writer.put(clip)
 
     def _write(self, clip: Clip) -> None:

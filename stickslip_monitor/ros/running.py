@@ -83,13 +83,12 @@ class Running:
         self._node, self._own, self._simulated = node, configured, simulated
         self._session, self._health = configured.session, configured.health
         self._log, self._take, self._now = node.get_logger(), survived(self._receive), clock
-        tap = None if configured.clips is None else configured.clips.add
+        tap = None if configured.clips is None else configured.clips.tap
         self.inputs = Inputs(node, configured.config, clock, simulated, configured.graph, tap)
         self._actions = Actions(node, list(self._session.monitor.bearings), self._act)
         self._ticker: Any = None
         try:
             self.inputs.subscribe()
-            self._actions.serve()
         except ROS_FAULTS:
             self.destroy()
             raise
@@ -246,21 +245,16 @@ class Actions:
     ) -> None:
         self._node, self._bearings, self._act = node, bearings, act
         self._services: list[Any] = []
-        self._requests: Any = None
-
-    def serve(self) -> None:
-        """Offer all services, and listen to the topic."""
         for action in TRIGGERS:
             self._serve(Trigger, action, action, action)
         for name, (on, off) in SWITCHES.items():
             self._serve(SetBool, name, on, off)
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._requests = self._node.create_subscription(String, '~/actions', self._on_request, qos)
+        self._requests: Any = node.create_subscription(String, '~/actions', self._on_request, qos)
 
     def destroy(self) -> None:
         """Take services and topic down."""
-        if self._requests is not None:
-            self._node.destroy_subscription(self._requests)
+        self._node.destroy_subscription(self._requests)
         for service in self._services:
             self._node.destroy_service(service)
 

@@ -40,6 +40,7 @@ from stickslip_monitor.ros.inputs import (
     _type,
     check_inputs,
     definition,
+    node_name,
     number_reader,
 )
 
@@ -343,3 +344,10 @@ def test_a_definition_has_the_fields_of_the_published_one(kind: str) -> None:
 def test_bounds_of_texts_and_arrays() -> None:
     assert _type('sequence<double, 5>') == 'float64[<=5]'
     assert _type('sequence<string<10>>') == 'string<=10[]'
+
+
+def test_the_end_of_a_topic_that_names_no_node() -> None:
+    """So rmw calls what it has not heard of, as a sender that is no ROS 2 node."""
+    ghost = SimpleNamespace(node_name='_NODE_NAME_UNKNOWN_', node_namespace='_NODE_NAMESPACE_UNKNOWN_')
+    assert node_name(ghost) == 'a program that names no node'
+    assert node_name(SimpleNamespace(node_name='meter', node_namespace='/')) == '/meter'
