@@ -38,6 +38,15 @@ def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert 'one operating point' in said[0]
 
 
+def test_assess_asks_about_a_slip(tmp_path: Path, stickslip: Stickslip) -> None:
+    path = tmp_path / 'ship.yaml'
+    path.write_text(Path(CONFIG).read_text(encoding='utf-8').replace('0.9e-3', '0.9'), encoding='utf-8')
+    point = ('assess', '-c', path, '--speed', '50rpm', '--load', '1kN')
+    assert 'question: aft_stern: load may move the lining by 0.9 m' in stickslip(*point).out
+    (question,) = stickslip(*point, '--json').json['questions']
+    assert question.endswith('in metres?')
+
+
 @pytest.mark.parametrize('command', COMMANDS)
 def test_every_command_shows_its_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """A per cent sign in a help text is a format of argparse, and fails when it is shown."""

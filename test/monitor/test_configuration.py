@@ -11,12 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG
 
 from stickslip_monitor import MonitorConfig
-from stickslip_monitor.cli import main
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.lab.calibration import parameters_of_law
 from stickslip_monitor.monitor.configuration import (
     belief_of,
     load_calibration,
@@ -33,7 +30,13 @@ RESULT: dict[str, Any] = {
     'schema': 'stickslip_monitor/calibration/2',
     'bearing': 'aft',
     'inputs': {'speed': SENSOR},
-    'parameters': parameters_of_law(BEARING),
+    'parameters': {
+        'damping': 400.0,
+        'friction.law': 'stribeck',
+        'friction.static': 0.3,
+        'friction.kinetic': 0.1,
+        'friction.decay': 10.0,
+    },
     'factors': {'speeds': 1.1, 'loads': 0.9},
     'covariance': [[0.01, 0.0], [0.0, 0.02]],
     'loads': [500.0, 1500.0],
@@ -137,15 +140,3 @@ def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
 )
 def test_a_slip_is_asked_about(configure: Configure, changes: dict[str, object], clause: str) -> None:
     assert any(clause in text for text in asked(configure, **changes)), asked(configure, **changes)
-
-
-def test_assess_asks_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = CONFIG.read_text(encoding='utf-8').replace('0.9e-3', '0.9')
-    path = tmp_path / 'ship.yaml'
-    path.write_text(text, encoding='utf-8')
-    point = ['assess', '-c', str(path), '--speed', '50rpm', '--load', '1kN']
-    assert main(point) == 0
-    assert 'question: aft_stern: load may move the lining by 0.9 m' in capsys.readouterr().out
-    assert main([*point, '--json']) == 0
-    (question,) = json.loads(capsys.readouterr().out)['questions']
-    assert question.endswith('in metres?')
