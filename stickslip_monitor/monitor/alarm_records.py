@@ -88,12 +88,22 @@ def change_record(change: AlarmChange) -> dict[str, Any]:
     }
 
 
-def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
-    """One alarm as it stands."""
+def _common(alarm: LiveAlarm) -> dict[str, Any]:
+    """What a record of an alarm and the row of its bearing both have."""
     return {
         'bearing': alarm.bearing,
         'alarm': alarm.kind.value,
         'priority': alarm.kind.priority.name.lower(),
+        'since': alarm.since_ns,
+        'changed': alarm.changed_ns,
+        'by': alarm.by,
+        'count': alarm.count,
+    }
+
+
+def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
+    """One alarm as it stands."""
+    return _common(alarm) | {
         'state': alarm.state.value,
         'active': alarm.active,
         'sounding': alarm.sounding,
@@ -101,10 +111,6 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
         'latching': annunciator.latching(alarm),
         'suppressed_by': list(alarm.suppressed_by),
         'shelved_until': alarm.shelved_until_ns,
-        'since': alarm.since_ns,
-        'changed': alarm.changed_ns,
-        'by': alarm.by,
-        'count': alarm.count,
         'text': alarm.text,
         'covered': annunciator.covering(alarm) is not None,
     }
@@ -130,17 +136,10 @@ def row_records(
             text = f'{worst.text} {text}'
         back = annunciator.causes[name].back if worst.kind is AlarmKind.INPUT_LOST else None
         shift = time_ns - annunciator.now_ns
-        yield {
-            'bearing': name,
-            'alarm': worst.kind.value,
-            'priority': worst.kind.priority.name.lower(),
+        yield _common(worst) | {
             'state': state.value,
             'sounding': any(alarm.sounding for alarm in shown),
             'silenced': any(alarm.silenced for alarm in shown),
-            'since': worst.since_ns,
-            'changed': worst.changed_ns,
-            'by': worst.by,
-            'count': worst.count,
             'text': text,
             'first_text': worst.first_text,
             'first_time': worst.first_ns,

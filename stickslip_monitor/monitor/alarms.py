@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One alarm: its kinds and causes, its states, and one table of transitions.
 
-The ladder's thresholds and delays are the rule's, whose events are taken as they come. What the
-ladder does not know (an input that comes and goes, absurd values, a shaft that starts to turn) has
-its delays here.
+The ladder's thresholds and delays are the rule's, whose events are taken as they come. What the ladder does
+not know (an input that comes and goes, absurd values, a shaft that starts to turn) has its delays here.
 
 The states are those of ANSI/ISA-18.2 and IEC 62682, whose letters they carry, but for one: an
 alarm that latches and is not yet acknowledged waits as returned-unacknowledged, so that a latched
@@ -141,9 +140,8 @@ class Causes:
     def take_fault(self, place: int, what: str, now_ns: int) -> None:
         """A sample's value was not valid, or is of nobody knows which source.
 
-        One absurd value is a glitch: the cause is there when they keep coming, within the
-        off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
-        own off-delay.
+        One absurd value is a glitch: the cause is there when they keep coming, within the off-delay of one
+        another, for the on-delay. It is gone when none has come for the inputs' own off-delay.
         """
         self._settle_absurd(now_ns)
         if self._absurd_since is None:

@@ -80,12 +80,11 @@ class SourceWatch:
     Values that jump between two levels and back come from two publishers on one topic, a loose
     contact, or a counter of few pulses a turn.
 
-    A *jump* is a step between two successive values by at least a fifth of the larger one. It
-    *returns* if it ends within an eighth of its height from where the previous jump began. Each
-    return counts one, each other jump takes two away; twelve raise the fault, at the earliest
-    three seconds after the first. White noise of a fifth of the load reaches that less than once
-    in a thousand hours at 10 Hz; a steady second publisher, with a tenth of the other's rate too,
-    within a few seconds. A minute without evidence clears.
+    A *jump* is a step between two successive values by at least a fifth of the larger one. It *returns* if it
+    ends within an eighth of its height from where the previous jump began. Each return counts one, each other
+    jump takes two away; twelve raise the fault, at the earliest three seconds after the first. White noise of
+    a fifth of the load reaches that less than once in a thousand hours at 10 Hz; a steady second publisher,
+    with a tenth of the other's rate too, within a few seconds. A minute without evidence clears.
 
     Args:
         least_gap: The least distance between two levels [SI], see :func:`least_gap`.

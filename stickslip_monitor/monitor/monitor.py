@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The monitor: samples and the passing of time in, verdicts and events out.
 
-It reads no clock. Time is that of the samples; :meth:`Monitor.advance` lets time pass without
-any. :meth:`Monitor.update` takes one sample, :meth:`Monitor.scan` a recording; both
-run the rule of :mod:`.rule`.
+It reads no clock. Time is that of the samples; :meth:`Monitor.advance` lets time pass without any.
+:meth:`Monitor.update` takes one sample, :meth:`Monitor.scan` a recording; both run the rule of :mod:`.rule`.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
-from stickslip_monitor.monitor.over_arrays import Scan, scan_bearing
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
 from stickslip_monitor.monitor.severity import Condition
@@ -239,6 +238,6 @@ class Monitor:
             ConfigurationError: A bearing is not configured.
         """
         return {
-            name: scan_bearing(self._bearing(name).config, stream, start_ns, end_ns)
+            name: BearingScan(self._bearing(name).config, start_ns).finish(stream, end_ns)
             for name, stream in streams.items()
         }

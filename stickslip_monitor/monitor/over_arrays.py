@@ -123,9 +123,7 @@ LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
 # Room for changes of the alarm; the loop is left and entered again where they are more.
 _CHANGES = 256
-
-
-_OF_POINTS = (
+_OF_POINTS = [
     'time_ns',
     'until_ns',
     'speed',
@@ -136,7 +134,7 @@ _OF_POINTS = (
     'measured',
     'sample',
     'stretch',
-)
+]
 
 
 @dataclass(frozen=True)
@@ -196,11 +194,6 @@ def joined(parts: Sequence[Scan]) -> Scan:
         events=[event for part in parts for event in part.events],
         at=[sample for part in parts for sample in part.at],
     )
-
-
-def scan_bearing(config: BearingConfig, stream: Stream, start_ns: int | None, end_ns: int | None) -> Scan:
-    """Evaluate the recording of one bearing, with start and end as in :meth:`Monitor.scan`."""
-    return BearingScan(config, start_ns).finish(stream, end_ns)
 
 
 class _Snapshots(list[State]):

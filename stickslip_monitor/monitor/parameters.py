@@ -236,9 +236,8 @@ class InputConfig:
 class LoadConfig(InputConfig):
     """Where the load comes from, or the constant that stands for it.
 
-    Values below ``minimum`` [N] are invalid.
-    A constant is read from the messages of the speed, by a scale of 0: whatever hands out numbers
-    of the speed hands out the load as well.
+    Values below ``minimum`` [N] are invalid. A constant is read from the messages of the speed, by a scale of
+    0: whatever hands out numbers of the speed hands out the load as well.
     """
 
     minimum: float = parameter(

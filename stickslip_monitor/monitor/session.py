@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One monitored ship: the monitor, its alarms, the faults of its inputs, and what is published.
 
-The node, ``stickslip watch``, the dashboard's replay and ``stickslip check --mcap`` are shells
-around a :class:`Session`: they differ in their clocks, in where samples come from, and in the
-:class:`Sink` that takes what is to be published. A session reads no clock: every call is given a
-:class:`Moment`.
+The node, ``stickslip watch``, the dashboard's replay and ``stickslip check --mcap`` are shells around a
+:class:`Session`: they differ in their clocks, in where samples come from, and in the :class:`Sink` that takes
+what is to be published. A session reads no clock: every call is given a :class:`Moment`.
 """
 
 from __future__ import annotations
@@ -56,25 +55,13 @@ class Store(Protocol):
         """Where it is kept."""
 
     def read(self) -> object:
-        """The document; ``None`` where there is none yet.
-
-        Raises:
-            AlarmStateError: It cannot be read.
-        """
+        """The document, ``None`` where there is none yet; raises an AlarmStateError if it is damaged."""
 
     def write(self, document: dict[str, Any]) -> None:
-        """Put a new document in the place of the old one.
-
-        Raises:
-            OSError: It cannot be written; the old one is untouched.
-        """
+        """Put a new document in the place of the old one, which an OSError leaves untouched."""
 
     def set_aside(self) -> str | Path:
-        """Rename a damaged document and return its new name.
-
-        Raises:
-            OSError: It cannot be renamed.
-        """
+        """Rename a damaged document and return its new name; raises an OSError if that fails."""
 
 
 class Moment(NamedTuple):
@@ -347,7 +334,8 @@ class Session:
         for event in events:
             self._sink.take_event(event)
             self._changed.add(event.bearing)
-            tell_event(self._log, event)
+            grave = self._log.error if event.after.severity is Severity.ERROR else self._log.warning
+            (grave if event.raised else self._log.info)(event.text)
 
     def _alarm(self, changes: list[AlarmChange], events: list[Event]) -> None:
         """Publish and keep what has changed of the alarms, by these events too."""
@@ -406,16 +394,6 @@ class Session:
                 event = replace(event, text=f'{event.text} {why}'.rstrip())
             found.append(event)
         return found
-
-
-def tell_event(log: Log, event: Event) -> None:
-    """Log a change of condition as gravely as it is."""
-    if not event.raised:
-        log.info(event.text)
-    elif event.after.severity is Severity.ERROR:
-        log.error(event.text)
-    else:
-        log.warning(event.text)
 
 
 class NoLog:
