@@ -37,13 +37,35 @@ def averaged(law: FrictionLaw) -> Any:
 
 
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
-    """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable."""
+    """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable.
+
+    The highest root of ``-N mu'(V) = c``; for Stribeck's law ``ln((mu_s - mu_k) beta N/c)/beta``. It
+    is exact: averaging takes nothing away from a small vibration.
+
+    Returns:
+        Shape of ``load``; ``nan`` where steady sliding is stable at every speed.
+
+    >>> float(round(hopf_speed(bearing, 1000.0), 6))  # ln(5)/10
+    0.160944
+    >>> hopf_speed(bearing, [100.0, 1000.0]).round(3).tolist()
+    [nan, 0.161]
+    """
     law, c = bearing.friction, bearing.damping
     return mapped(lambda n: averaged(law).hopf_speed(law, damping_per_load(c, n)), load)
 
 
 def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
-    """Fold speed ``V_F`` [m/s] at a load [N]: above it no stick-slip cycle exists."""
+    """Fold speed ``V_F`` [m/s] at a load [N] by averaging: above it no stick-slip cycle exists.
+
+    There the unstable cycle meets the sliding limit ``omega A = V``; for Stribeck's law
+    ``2 I1(v) exp(-v)/v = c/((mu_s - mu_k) beta N)`` with ``v = beta V``.
+
+    Returns:
+        Shape of ``load``; ``nan`` where no speed has a cycle, ``inf`` where every high speed has one.
+
+    >>> float(bearing.speed.from_surface(fold_speed(bearing, 1000.0), 'rpm').round(2))
+    40.72
+    """
     law, c = bearing.friction, bearing.damping
     return mapped(lambda n: averaged(law).boundaries(law, damping_per_load(c, n))[1], load)
 
@@ -56,8 +78,11 @@ def _load_at(bearing: Bearing, slope: FloatArray) -> FloatArray:
 def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Load [N] above which steady sliding at a surface speed [m/s] is unstable.
 
-    An exponential law falls at every speed, so the load is ``inf`` only where it is too large for
-    a float.
+    ``N_H = -c/mu'(V)``, the inverse of :func:`hopf_speed`; ``nan`` where friction does not fall. An
+    exponential law falls at every speed, so the load is ``inf`` only where it is too large for a float.
+
+    >>> round(hopf_load(bearing, hopf_speed(bearing, 1000.0)), 6)
+    1000.0
     """
     law = bearing.friction
     if computes_as(law, Stribeck) and law.viscous == 0.0:
@@ -66,7 +91,13 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
 
 
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
-    """Load [N] above which a stick-slip cycle exists at a surface speed [m/s]."""
+    """Load [N] above which a stick-slip cycle exists at a surface speed [m/s], by averaging.
+
+    The inverse of :func:`fold_speed`; ``nan`` where no load has a cycle.
+
+    >>> round(fold_load(bearing, fold_speed(bearing, 1000.0)), 6)
+    1000.0
+    """
     law = bearing.friction
     return mapped(lambda v: _load_at(bearing, averaged(law).peak_slope(law, np.abs(v))), speed)
 
@@ -78,6 +109,9 @@ def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
         bearing: The bearing.
         speed: Surface speed [m/s].
         load: Load [N]; a negative one carries no friction.
+
+    >>> round(growth_rate(bearing, bearing.speed.to_surface(20.0, 'rpm'), 1000.0), 4)
+    3.0184
     """
 
     def rate(v: FloatArray, n: FloatArray) -> FloatArray:
@@ -111,6 +145,10 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
 
     Returns:
         All cycles of all points; none at rest, without load or where an input is not finite.
+
+    >>> cycles = stationary_amplitudes(bearing, bearing.speed.to_surface(34.0, 'rpm'), 1000.0)
+    >>> (1e3 * cycles.amplitude).round(3).tolist(), cycles.stable.tolist()  # in mm
+    ([0.593, 0.891], [False, True])
     """
     shape, (v, n) = flatten(speed, load)
     v = np.abs(v)
@@ -177,7 +215,11 @@ def amplitude_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike, amplitud
         amplitude: Displacement amplitude ``A`` >= 0 [m]; all three broadcast.
 
     Returns:
-        ``dA/dt`` [m/s], shape of the broadcast inputs.
+        ``dA/dt = (N S(omega A; V) - c omega A/2)/(m omega)`` [m/s], shape of the broadcast inputs.
+
+    >>> v = bearing.speed.to_surface(34.0, 'rpm')
+    >>> np.sign(amplitude_rate(bearing, v, 1000.0, [0.5e-3, 0.7e-3, 1.0e-3])).tolist()
+    [-1.0, 1.0, -1.0]
     """
     omega = bearing.natural_frequency
     a = omega * np.asarray(amplitude, dtype=float)

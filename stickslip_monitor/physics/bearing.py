@@ -28,6 +28,9 @@ class BearingSpeed:
 
     Raises:
         PhysicsError: The diameter breaks its rule.
+
+    >>> float(BearingSpeed(0.1).to_surface(60.0, 'rpm').round(6))  # pi D n
+    0.314159
     """
 
     journal_diameter: float
@@ -67,6 +70,8 @@ class BearingSpeed:
 class Bearing:
     """A water-lubricated bearing as the mass-spring-belt model sees it.
 
+    ``m x'' + c x' + k x = N mu(V - x')`` with the surface speed ``V`` and the load ``N``.
+
     Args:
         mass: Moving mass of the lining ``m`` > 0 [kg].
         damping: ``c`` >= 0 [N s/m].
@@ -76,6 +81,11 @@ class Bearing:
 
     Raises:
         PhysicsError: A quantity breaks its rule.
+
+    >>> law = Stribeck(static=0.30, kinetic=0.10, decay=10.0)
+    >>> own = Bearing(mass=50.0, damping=400.0, stiffness=2.0e6, friction=law, journal_diameter=0.1)
+    >>> own.natural_frequency, own.damping_ratio  # rad/s and 1
+    (200.0, 0.02)
     """
 
     mass: float

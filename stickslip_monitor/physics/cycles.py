@@ -208,6 +208,10 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
         that is unstable and leads to no stick-slip it is of kind ``PURE_SLIP``: a measured curve
         may fall over some speeds only. Where the kind is ``AT_FOLD`` the numbers, or their
         absence, are those of the side on which rounding put the point.
+
+    >>> cycle = exact_cycle(bearing, bearing.speed.to_surface(20.0, 'rpm'), 1000.0)
+    >>> print(cycle.kind, f'{1e3 * cycle.amplitude:.5f} mm')
+    stick_slip 0.55676 mm
     """
     return _cycle(bearing, speed, load, stable=True)
 
@@ -223,6 +227,10 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     Returns:
         The smallest cycle about a stable steady sliding beyond which disturbances grow; ``nan``
         with its kind where there is none, or one that is ``TOO_UNSTABLE``.
+
+    >>> cycle = exact_unstable_cycle(bearing, bearing.speed.to_surface(34.0, 'rpm'), 1000.0)
+    >>> print(cycle.kind, f'{1e3 * cycle.amplitude:.5f} mm', cycle.multiplier > 1.0)
+    pure_slip 0.59282 mm True
     """
     return _cycle(bearing, speed, load, stable=False)
 
@@ -268,6 +276,9 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
 
     Returns:
         ``nan`` where no speed has a stick-slip cycle, ``inf`` where every high speed has one.
+
+    >>> float(bearing.speed.from_surface(exact_fold_speed(bearing, 1000.0), 'rpm').round(4))
+    40.7179
     """
 
     def folds(n: FloatArray) -> FloatArray:

@@ -32,7 +32,11 @@ from stickslip_monitor.physics.friction_table import Tabulated as Tabulated
 
 @runtime_checkable
 class FrictionLaw(Protocol):
-    """What the dynamics asks of a friction law."""
+    """What the dynamics asks of a friction law; a frozen dataclass with these members is one.
+
+    >>> isinstance(Coulomb(static=0.3, kinetic=0.2), FrictionLaw)
+    True
+    """
 
     def __hash__(self) -> int: ...
 
@@ -86,6 +90,10 @@ class Stribeck:
 
     Raises:
         PhysicsError: A coefficient breaks its rule.
+
+    >>> law = Stribeck(static=0.30, kinetic=0.10, decay=10.0)
+    >>> law.coefficient([0.0, 0.1, -0.1]).round(4).tolist()  # at 1/beta: 0.1 + 0.2/e
+    [0.3, 0.1736, -0.1736]
     """
 
     static: float
@@ -204,6 +212,9 @@ class Coulomb:
 
     Raises:
         PhysicsError: A coefficient breaks its rule.
+
+    >>> Coulomb(static=0.3, kinetic=0.2).coefficient([0.0, 1.0, -1.0]).tolist()
+    [0.3, 0.2, -0.2]
     """
 
     static: float

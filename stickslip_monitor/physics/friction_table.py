@@ -32,6 +32,9 @@ class Tabulated:
 
     Raises:
         PhysicsError: A table breaks its rule.
+
+    >>> Tabulated([0.0, 0.1, 0.4], [0.30, 0.17, 0.11]).coefficient([0.1, 2.0]).tolist()
+    [0.17, 0.11]
     """
 
     speed: tuple[float, ...]
