@@ -18,15 +18,14 @@ The functions of a law and their arguments are those of :mod:`.closed_form`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics import closed_form
 from stickslip_monitor.physics.bearing import damping_per_load
-from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
+from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.quadrature import friction_harmonic, friction_harmonic_and_slope
 from stickslip_monitor.physics.roots import newton_on_bracket, root_on_bracket
 
@@ -41,7 +40,7 @@ _PEAK_SPEEDS = 200
 _PANELS = 40
 # Points of a table up to which all count: one of 100 that scatters by 0.004 has its fold at 0.107
 # m/s by 40 of them, at 0.185 by all.
-WHOLE = 200
+_WHOLE = 200
 _FAR_SPEEDS = np.geomspace(1.0, 1e6, 97)
 _SPEEDS = 1024
 # Friction has no scale outside this range; inside it no amplitude over- or underflows.
@@ -49,6 +48,9 @@ SLOWEST, FASTEST = 1e-200, 1e200
 _ROUNDING = 4e-16
 _DOUBT, _NOISE = 4.0, 1e-12
 _SMALLEST = 1e-3
+# Rounds that refine the peaks of a table of many points, the share by which a line is off, and how
+# far below the highest of all higher speeds a peak may stand to matter.
+_FINER, _BENT, _MATTERS = 2, 5e-3, 0.67
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -113,29 +115,30 @@ def surface_rows(law: FrictionLaw, speed: FloatArray) -> FloatArray:
     return rows
 
 
-def peak_and_place(law: FrictionLaw, speed: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``max_a rho(a; V)`` [s/m] and the amplitude coordinate where it stands.
+def highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``max_a rho(a; V)`` [s/m] and the amplitude coordinate where it stands, each shape (n,).
 
-    Args:
-        law: Friction law.
-        speed: Shape (n,) [m/s].
-        rows: ``rho`` on the amplitude grid there, shape (n, len(GRID)).
+    Beyond the sliding limit ``rho`` falls, so it stands at an amplitude ``a <= V``.
     """
-    best = np.argmax(rows, axis=1)
-    peak, place = rows[np.arange(speed.size), best], GRID[best]
-    # The surface has a cusp at the sliding limit: there, and only there, a grid point is exact.
-    smooth = np.flatnonzero(place != 1.0)
-    # Towards a = 0 the quotient S/a loses its digits; there the slope itself stands on the grid.
-    left = np.maximum(GRID[np.maximum(best[smooth] - 1, 0)], _SMALLEST)
-    right = GRID[np.minimum(best[smooth] + 1, GRID.size - 1)]
-    x, refined = peaks(law, speed[smooth], left, right, np.ones(smooth.size))
-    higher = refined > peak[smooth]
-    peak[smooth] = np.where(higher, refined, peak[smooth])
-    place[smooth] = np.where(higher, x, place[smooth])
+    parts = [_highest(law, speed[first : first + _SPEEDS]) for first in range(0, speed.size, _SPEEDS)]
+    peak, place = (np.concatenate(column) for column in zip(*parts, strict=True)) if parts else (speed, speed)
     # A fall in the last digit of the coefficient is rounding, not friction.
     reach = np.abs(peak) * amplitude_at(place, speed)
     peak[(place > 0.0) & (reach < _ROUNDING * law.coefficient(speed))] = 0.0
     return peak, place
+
+
+def _highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    n, m = speed.size, _BELOW.size
+    rows = slope_surface(law, np.tile(_BELOW, n), np.repeat(speed, m)).reshape(n, m)
+    best = np.argmax(rows, axis=1)
+    peak, place = rows[np.arange(n), best], _BELOW[best]
+    # At the limit too: the highest may stand just below it. Towards a = 0 the quotient S/a loses
+    # its digits; there the slope itself stands on the grid.
+    left = np.maximum(_BELOW[np.maximum(best - 1, 0)], _SMALLEST)
+    x, refined = peaks(law, speed, left, _BELOW[np.minimum(best + 1, m - 1)], np.ones(n))
+    higher = refined > peak
+    return np.where(higher, refined, peak), np.where(higher, x, place)
 
 
 def _panel_speeds(law: FrictionLaw, per_panel: int, most: int | None = None) -> FloatArray:
@@ -161,44 +164,72 @@ def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
     return speeds, -law.slope(speeds)
 
 
-@dataclass(frozen=True, slots=True)
-class SlopeTable:
+class PeakCurve(NamedTuple):
+    """The highest ``rho`` of each speed [s/m], and the amplitude coordinate where it stands."""
+
+    speeds: FloatArray
+    peak: FloatArray
+    place: FloatArray
+
+
+@lru_cache(maxsize=32)
+def peak_curve(law: FrictionLaw) -> PeakCurve:
+    """The highest ``rho`` of a law, from zero to far past its last breakpoint.
+
+    With more speeds where a line between neighbours is off, and no higher speed has a much higher one.
+    """
+    speeds = _table_speeds(law)
+    peak, place = highest(law, speeds)
+    for _ in range(_FINER if len(law.breakpoints) >= _PANELS else 0):
+        share = (speeds[1:-1] - speeds[:-2]) / (speeds[2:] - speeds[:-2])
+        line = peak[:-2] + share * (peak[2:] - peak[:-2])
+        above = np.maximum.accumulate(peak[::-1])[::-1]
+        bent = (np.abs(peak[1:-1] - line) > _BENT * peak[1:-1]) & (peak[1:-1] > _MATTERS * above[1:-1])
+        rows = np.flatnonzero(np.append(bent, False) | np.append(False, bent)) + 1
+        fresh = 0.5 * (speeds[rows] + speeds[rows - 1])
+        order = np.argsort(np.append(speeds, fresh))
+        more = highest(law, fresh)
+        speeds = np.append(speeds, fresh)[order]
+        peak, place = np.append(peak, more[0])[order], np.append(place, more[1])[order]
+    return PeakCurve(speeds, peak, place)
+
+
+class SlopeTable(NamedTuple):
     """``rho`` at some speeds over the amplitude grid.
 
     Attributes:
         speeds: Ascending, shape (m,) [m/s].
         rows: ``rho``, shape (m, len(GRID)) [s/m].
         doubt: How far the straight line from a speed to the next may be off, shape of ``rows``.
-        peak: Highest ``rho`` of each speed, shape (m,) [s/m].
-        place: The amplitude coordinate where it stands, shape (m,).
     """
 
     speeds: FloatArray
     rows: FloatArray
     doubt: FloatArray
-    peak: FloatArray
-    place: FloatArray
 
 
 @lru_cache(maxsize=32)
 def slope_table(law: FrictionLaw) -> SlopeTable:
     """The table of a law, from zero to far past its last breakpoint."""
+    speeds = _table_speeds(law)
+    rows = surface_rows(law, speeds)
+    # What the straight line over two cells is off in their middle is far more than the line over
+    # one of them is anywhere: a fourth where rho is smooth, twice as much at a kink.
+    off = np.abs(rows[1::2] - 0.5 * (rows[:-1:2] + rows[2::2]))
+    doubt = _DOUBT * np.repeat(off, 2, axis=0) + _NOISE * np.abs(rows).max(axis=1)[:-1, None]
+    return SlopeTable(speeds, rows, np.vstack([doubt, doubt[-1:]]))
+
+
+def _table_speeds(law: FrictionLaw) -> FloatArray:
     panels = min(len(law.breakpoints), _PANELS)
-    most = _PANELS if len(law.breakpoints) > WHOLE else None
+    most = _PANELS if len(law.breakpoints) > _WHOLE else None
     per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
     far = law.breakpoints[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
     steady, heights = equilibrium_table(law)
     # No speed at which even steady sliding is unstable may fall between two of the table.
     steepest = steady[np.argmax(heights)]
     few = np.unique(np.concatenate([_panel_speeds(law, per_panel, most), [steepest], far]))
-    speeds = np.insert(few, np.arange(1, few.size), 0.5 * (few[1:] + few[:-1]))
-    rows = surface_rows(law, speeds)
-    # What the straight line over two cells is off in their middle is far more than the line over
-    # one of them is anywhere: a fourth where rho is smooth, twice as much at a kink.
-    off = np.abs(rows[1::2] - 0.5 * (rows[:-1:2] + rows[2::2]))
-    doubt = _DOUBT * np.repeat(off, 2, axis=0) + _NOISE * np.abs(rows).max(axis=1)[:-1, None]
-    peak, place = peak_and_place(law, speeds, rows)
-    return SlopeTable(speeds, rows, np.vstack([doubt, doubt[-1:]]), peak, place)
+    return np.insert(few, np.arange(1, few.size), 0.5 * (few[1:] + few[:-1]))
 
 
 _BLOCK = 1024
@@ -211,18 +242,7 @@ _PEAK_STEPS, _PLACED = 8, 1e-6
 
 def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
     """``max_a rho(a; V)`` [s/m] for each speed."""
-    speed = np.clip(speed, SLOWEST, FASTEST)
-    if not law.breakpoints:
-        return peak_and_place(law, speed, surface_rows(law, speed))[0]
-    rows, doubt = _lines(law, speed)
-    # Only what may be the highest, and its neighbours, has to be known better.
-    least = np.max(rows - doubt, axis=1)[:, None]
-    high = ~(rows + doubt < least)
-    high[:, 1:] |= high[:, :-1]
-    high[:, :-1] |= high[:, 1:]
-    point, column = np.nonzero(high)
-    rows[point, column] = slope_surface(law, GRID[column], speed[point])
-    return peak_and_place(law, speed, rows)[0]
+    return highest(law, np.clip(speed, SLOWEST, FASTEST))[0]
 
 
 def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:
@@ -257,14 +277,14 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     """Highest speed with a stick-slip cycle [m/s]; ``nan`` where no speed has one."""
     if not law.breakpoints:
         return np.full_like(q, np.nan)
-    table = slope_table(law)
-    index = _last_above(table.peak, q)
+    curve = peak_curve(law)
+    index = _last_above(curve.peak, q)
     result = np.where(index >= 0, np.inf, np.nan)
-    inside = np.flatnonzero((index >= 0) & (index < table.speeds.size - 1))
+    inside = np.flatnonzero((index >= 0) & (index < curve.speeds.size - 1))
     if not inside.size:
         return result
     index, level = index[inside], q[inside]
-    here, there = table.place[index], table.place[index + 1]
+    here, there = curve.place[index], curve.place[index + 1]
     # The highest peak is steady sliding, the cusp at the sliding limit, or one that moves little
     # from here to there; where its kind changes in between, all peaks are compared.
     ways = np.full(inside.shape, 3)
@@ -277,13 +297,13 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
         if not rows.size:
             continue
         i, own = index[rows], level[rows]
-        low, high, place = table.speeds[i], table.speeds[i + 1], here[rows]
+        low, high, place = curve.speeds[i], curve.speeds[i + 1], here[rows]
         drift = (there[rows] - place) / (high - low)
         result[inside[rows]] = root_on_bracket(
             lambda v, level, x, begin, drift, h=height: h(law, v, x + drift * (v - begin)) - level,
             low,
             high,
-            (table.peak[i] - own, table.peak[i + 1] - own),
+            (curve.peak[i] - own, curve.peak[i + 1] - own),
             (own, place, low, drift),
         )
     return result
@@ -509,63 +529,3 @@ def _pad(
     amplitudes, stabilities = np.full((points, width), np.nan), np.zeros((points, width))
     amplitudes[point, rank], stabilities[point, rank] = amplitude, stable
     return amplitudes, stabilities
-
-
-# Amplitudes in units of the speed at which rho is looked at.
-_SHARES = np.linspace(0.0, 1.0, 33)
-# How far below the highest of a speed, as a share of it, a neighbour's highest may stand.
-_LOWER = 0.05
-
-
-def highest_slopes(law: FrictionLaw, speed: FloatArray, every: int = 1) -> FloatArray:
-    """``max_a rho(a; V)`` [s/m] at ascending speeds.
-
-    Args:
-        law: The friction law.
-        speed: ``V`` > 0, ascending, shape (n,) [m/s].
-        every: All amplitudes are looked at for each so-many-th speed, and between those that
-            stand high at one of two neighbours.
-    """
-    if computes_as(law, Stribeck):
-        return closed_form.peak_slope(law, speed)
-    n, m = speed.size, _SHARES.size
-    coarse = np.unique(np.append(np.arange(0, n, every), n - 1))
-    rows = slope_surface(law, np.tile(_SHARES, coarse.size), np.repeat(speed[coarse], m))
-    rows = rows.reshape(-1, m)
-    if every > 1:
-        near = _high(rows)
-        block = np.minimum(np.arange(n) // every, coarse.size - 2)
-        point, column = np.nonzero(near[block] | near[block + 1])
-        rows = np.full((n, m), -np.inf)
-        rows[point, column] = slope_surface(law, _SHARES[column], speed[point])
-    return _refined(law, speed, rows)
-
-
-def _high(rows: FloatArray) -> BoolArray:
-    """Amplitudes that may hold the highest value of a speed or of its neighbours."""
-    most = rows.max(axis=1, keepdims=True)
-    near: BoolArray = rows > most - _LOWER * np.abs(most)
-    near[:, 1:] |= near[:, :-1]
-    near[:, :-1] |= near[:, 1:]
-    near[:, [0, -1]] = True
-    return near
-
-
-def _refined(law: FrictionLaw, speed: FloatArray, rows: FloatArray) -> FloatArray:
-    """The highest of each row, by parabolas through three points that move together."""
-    best, i = np.argmax(rows, axis=1), np.arange(speed.size)
-    peak, k = rows[i, best], np.clip(best, 1, _SHARES.size - 2)
-    left, here, right = rows[i, k - 1], rows[i, k], rows[i, k + 1]
-    with np.errstate(all='ignore'):
-        off = 0.5 * (left - right) / (left - 2.0 * here + right)
-        todo = np.flatnonzero((best > 0) & (np.abs(off) < 1.0) & (k + off < _SHARES.size - 1))
-    x, v, width = (k + off)[todo] * _SHARES[1], speed[todo], _SHARES[1]
-    for _ in range(2):
-        width *= 0.125
-        some = np.concatenate([x - width, x, np.minimum(x + width, 1.0)])
-        left, here, right = slope_surface(law, some, np.tile(v, 3)).reshape(3, -1)
-        with np.errstate(all='ignore'):
-            move = 0.5 * (left - right) / (left - 2.0 * here + right)
-        x = np.clip(x + np.nan_to_num(np.clip(move, -1.0, 1.0)) * width, 0.0, 1.0 - width)
-        peak[todo] = np.maximum(peak[todo], np.maximum(np.maximum(left, here), right))
-    return peak

@@ -25,7 +25,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import averaging, closed_form
-from stickslip_monitor.physics.averaging_by_scan import WHOLE, highest_slopes, slope_surface, slope_table
+from stickslip_monitor.physics.averaging_by_scan import peak_curve, slope_surface
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
@@ -65,8 +65,6 @@ _OVERDAMPED = 2
 _SCAN, _FEWEST, _MOST, _READ, _BROKEN, _EVERY = 161, 32, 128, 1200, 1024, 8
 # Loads beyond the curve's that are solved one by one.
 _LARGER = 17
-# The slowest speed at which a lower end is looked for, in units of the law's slowest, and speeds.
-_CREEP, _SLOW = 1e-5, 600
 # Last coefficients of a series that is long enough, and errors in ln N.
 _SHORT, _CLOSE, _CLOSE_IN_PIECES = 1e-9, 1e-9, 1e-6
 # Loads in units of the least at any higher speed, up to which a speed can be the last.
@@ -393,7 +391,6 @@ class _Range(NamedTuple):
         scale: ``V0`` [m/s].
         low: The slowest speed [m/s].
         high: The fastest one with an exact fold [m/s].
-        averaged_high: The fastest one with an averaged fold [m/s].
         onset: As of :class:`FoldCurve` [N].
         top: As of :class:`FoldCurve` [N].
         limit: ``N/V`` up to which large loads have a cycle, as Coulomb's law has it [N s/m].
@@ -402,7 +399,6 @@ class _Range(NamedTuple):
     scale: float
     low: float
     high: float
-    averaged_high: float
     onset: float
     top: float
     limit: float
@@ -423,19 +419,28 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     return _curve_in_pieces(grazing, span) if grazing.in_pieces else _smooth_curve(grazing, span)
 
 
-def _least(bearing: Bearing, speed: FloatArray, every: int = 1) -> FloatArray:
-    """The least loads with a cycle under averaging, ``inf`` for none [N]."""
-    fall = np.maximum(highest_slopes(bearing.friction, speed, every), 0.0)
+def _averaged_curve(bearing: Bearing) -> tuple[FloatArray, FloatArray]:
+    """Speeds, and the least loads with a cycle under averaging, ``inf`` for none [N]."""
+    law, breaks = bearing.friction, _scales(bearing)
+    speed = np.geomspace(1e-3 * breaks[0], 300.0 * breaks[-1], _SCAN)
+    if computes_as(law, Stribeck):
+        peak = closed_form.peak_slope(law, speed)
+    elif law.breakpoints:
+        speed, peak, _ = peak_curve(law)
+    else:
+        peak = np.zeros(speed.size)
     with np.errstate(all='ignore'):
-        return np.asarray(bearing.damping / fall)
+        return speed, np.asarray(bearing.damping / np.maximum(peak, 0.0))
 
 
 def _range(grazing: Grazing) -> _Range | None:
     """The speeds at which the fold lies of loads from the onset to the largest of use."""
     bearing, law, breaks = grazing.bearing, grazing.law, _scales(grazing.bearing)
-    scan = np.geomspace(1e-3 * breaks[0], 300.0 * breaks[-1], _SCAN)
+    scan, least = _averaged_curve(bearing)
+    rows = (scan >= 1e-3 * breaks[0]) & (scan <= 300.0 * breaks[-1])
+    scan, least = scan[rows], least[rows]
     near = grazing.by_averaging(scan)
-    both = np.fmin(_least(bearing, scan), near)
+    both = np.fmin(least, near)
     k = int(np.argmin(both))
     onset = float(both[k])
     if not onset < np.inf:
@@ -460,9 +465,7 @@ def _range(grazing: Grazing) -> _Range | None:
     else:
         last = high
     scale = max(breaks[0], breaks[-1] / 50.0) if grazing.in_pieces else breaks[0]
-    return _Range(
-        scale, low, max(high, last) if grazing.in_pieces else last, max(high, last), onset, top, limit
-    )
+    return _Range(scale, low, max(high, last) if grazing.in_pieces else last, onset, top, limit)
 
 
 def _first_guess(grazing: Grazing, span: _Range, speed: FloatArray) -> FloatArray:
@@ -484,8 +487,7 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
         near = np.linspace(share[k - 1], share[k + 1], 129)[1:-1]
         share = np.unique(np.concatenate([share, near]))
         exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
-    wide = span._replace(high=span.averaged_high).places(share)
-    speeds, least, ends = known.places(share), _least(grazing.bearing, wide), (span.onset, span.top)
+    speeds, averaged, ends = known.places(share), _averaged_curve(grazing.bearing), (span.onset, span.top)
     larger = np.zeros((2, 0))
     if exact[-1] < math.log(span.top):  # beyond critical damping they stay unknown
         x, overdamped = (
@@ -493,7 +495,7 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
             grazing.bearing.damping_ratio >= 1.0,
         )
         larger = np.stack([x, x * np.nan if overdamped else _solve(grazing.bearing, np.exp(x))])
-    return FoldCurve(speeds, wide, least, np.exp(exact), *ends, larger, smooth=True)
+    return FoldCurve(speeds, *averaged, np.exp(exact), *ends, larger, smooth=True)
 
 
 def _series(grazing: Grazing, span: _Range, cuts: int = _CUTS) -> tuple[FloatArray, _Range]:
@@ -543,17 +545,10 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
         i = np.clip(np.searchsorted(place[rows], inside, side='right') - 1, 0, rows.size - 2)
         joined = np.polyval(cubics[:, i], inside - place[rows][i])
         exact = np.where(matters & ~lost, averaged * np.exp(joined), np.inf)
-    least = _least(grazing.bearing, speed, _EVERY)
-    # No range of speeds with cycles that the solver knows may fall between two of these.
-    if len(grazing.law.breakpoints) > WHOLE:  # of more points that is thinner than these
-        return FoldCurve(speed, speed, least, exact, span.onset, span.top, np.zeros((2, 0)), False)
-    known = slope_table(grazing.law)
-    inner = (known.speeds > speed[0]) & (known.speeds < speed[-1])
-    with np.errstate(all='ignore'):
-        more = grazing.bearing.damping / np.maximum(known.peak[inner], 0.0)
-    both, rows = np.unique(np.append(speed, known.speeds[inner]), return_index=True)
-    least = np.append(least, more)[rows]
-    return FoldCurve(speed, both, least, exact, span.onset, span.top, np.zeros((2, 0)), False)
+    larger = np.zeros((2, 0))
+    return FoldCurve(
+        speed, *_averaged_curve(grazing.bearing), exact, span.onset, span.top, larger, smooth=False
+    )
 
 
 def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -569,18 +564,19 @@ def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
     Returns:
         0 where there are cycles down to rest, or none at any speed, shape (n,) [m/s].
     """
-    breaks = _scales(bearing)
-    speed = np.geomspace(_CREEP * breaks[0], breaks[-1], _SLOW)
+    out = np.zeros(load.size)
+    if computes_as(bearing.friction, Stribeck):  # falls most at rest
+        return out
+    speed, least = _averaged_curve(bearing)
+    slow = speed <= _scales(bearing)[-1]
+    speed, least = speed[slow], np.minimum.accumulate(least[slow])
     with np.errstate(all='ignore'):
-        least = np.minimum.accumulate(_least(bearing, speed))
         x, y, level = np.log(speed), np.log(least), np.log(load)
         i = np.searchsorted(-y, -level, side='left')
         rows = np.flatnonzero((i > 0) & (i < speed.size))
         before, after = y[i[rows] - 1], y[i[rows]]
         share = np.where(np.isfinite(before), (before - level[rows]) / (before - after), 1.0)
-    out = np.zeros(load.size)
-    step = x[1] - x[0]
-    out[rows] = np.exp(x[i[rows] - 1] + share * step)
+    out[rows] = np.exp(x[i[rows] - 1] + share * (x[i[rows]] - x[i[rows] - 1]))
     return out
 
 

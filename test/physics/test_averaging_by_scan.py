@@ -97,7 +97,7 @@ def _random_tables(count: int) -> list[Tabulated]:
 def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(6)
     speed = rng.uniform(0.005, 1.3 * law.speed[-1], count) * rng.choice([1.0, 1.0, 0.1], count)
-    steepest = averaging_by_scan.slope_table(law).peak.max()
+    steepest = averaging_by_scan.peak_curve(law).peak.max()
     return speed, max(steepest, 1e-3) * np.exp(rng.uniform(np.log(1e-3), 0.0, count))
 
 
@@ -138,12 +138,8 @@ def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
         fold = averaging_by_scan.fold_speed(law, q)
         q, fold = q[np.isfinite(fold)], fold[np.isfinite(fold)]
 
-        def highest(speed: np.ndarray, law: Tabulated = law) -> np.ndarray:
-            rows = averaging_by_scan.surface_rows(law, speed)
-            return averaging_by_scan.peak_and_place(law, speed, rows)[0]
-
-        assert np.all(highest(fold * (1.0 - 1e-9)) >= q)
-        assert np.all(highest(fold * (1.0 + 1e-9)) <= q)
+        assert np.all(averaging_by_scan.peak_slope(law, fold * (1.0 - 1e-9)) >= q)
+        assert np.all(averaging_by_scan.peak_slope(law, fold * (1.0 + 1e-9)) <= q)
 
 
 def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
