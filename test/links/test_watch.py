@@ -232,6 +232,19 @@ def test_health_by_a_page(
     assert capsys.readouterr().out == f'{said}\n'
 
 
+def test_systemd_hears_that_it_lives(
+    watch: Callable[..., Program], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / 'notify'))
+        manager.settimeout(DEADLINE)
+        monkeypatch.setenv('NOTIFY_SOCKET', str(tmp_path / 'notify'))
+        monkeypatch.setenv('WATCHDOG_USEC', '1000000')
+        ship = watch(ship_file(tmp_path, Bus().links('aft_stern')))
+        assert [manager.recv(100) for _ in range(3)] == [b'READY=1', *[b'WATCHDOG=1'] * 2]
+        assert ship.stop() == 0
+
+
 @pytest.mark.slow
 def test_a_log_that_nobody_reads_stops_nothing(tmp_path: Path) -> None:
     """A line for each of 1,296 talkers is more than a pipe of 64 kB holds."""

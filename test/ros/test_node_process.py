@@ -29,7 +29,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from stickslip_monitor.ros import process as node
 
-UNIT = ROOT / 'launch_configs' / 'systemd' / 'stickslip-monitor.service'
+UNITS = sorted((ROOT / 'launch_configs' / 'systemd').glob('*.service'))
 
 
 def refused(program: Any, *texts: str) -> None:
@@ -284,16 +284,14 @@ def test_what_health_says(
         health.run(args)
 
 
-def test_the_unit_is_one_that_systemd_takes(tmp_path: Path) -> None:
+@pytest.mark.parametrize('unit', UNITS, ids=lambda unit: unit.stem)
+def test_the_units_are_such_as_systemd_takes(unit: Path, tmp_path: Path) -> None:
     """With the program where this environment has it; and little is left open to the service."""
     analyze = shutil.which('systemd-analyze')
     if analyze is None:
         pytest.skip('systemd is not installed')
-    text = UNIT.read_text('utf-8')
-    program = Path(sysconfig.get_path('scripts')) / 'monitor'
-    assert program.is_file()
-    own = tmp_path / UNIT.name
-    own.write_text(text.replace('/opt/stickslip_monitor/bin/monitor', str(program)))
+    own, text = tmp_path / unit.name, unit.read_text('utf-8')
+    own.write_text(text.replace('/opt/stickslip_monitor/bin', sysconfig.get_path('scripts')))
     done = subprocess.run([analyze, 'verify', '--man=no', own], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout + done.stderr) == (0, '')
     safe = [analyze, 'security', '--offline=true', '--threshold=20', own]
