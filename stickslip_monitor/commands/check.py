@@ -51,7 +51,7 @@ from stickslip_monitor.files import PICTURES, printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.lab.calibration import Evidence, EvidenceSource
-    from stickslip_monitor.monitor.parameters import MonitorConfig
+    from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
     from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink
     from stickslip_monitor.offline.clips import ClipCounts
     from stickslip_monitor.report.page import Archive, RecordingPart
@@ -165,19 +165,16 @@ def _check_bags(
 ) -> int:
     """Check recordings, and print and write what came of them in the order asked for.
 
-    Args:
-        args: What is to be printed and written.
-        bags: The recordings.
-        meter: Shows how far the work is.
-        shown: What the only recording is called, where its path means nothing to anybody.
-
-    Returns:
-        The exit code, the worst of all.
+    ``shown`` is what the only one is called, where its path means nothing to anybody.
     """
     task = _task_of(args, len(bags))
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
-    all_found, archive = [], _archive_of(task)
+    all_found, archive = [], None
+    if task.is_drawn:
+        from stickslip_monitor.report.page import Archive
+
+        archive = Archive()
     for found in _check_all(task, bags, args, meter):
         _tell(found, args, listed=listed, shown=shown)
         if archive is not None and found.part is not None:
@@ -198,13 +195,14 @@ def _check_bags(
     output.write_outputs(args, report=lambda: _report_of(args, task, archive, text))
     if args.mcap is not None:
         output.say_written(args.mcap)
-    exact = [own.name for own in task.config.bearings if own.belief is None]
-    if args.json:
-        sys.stdout.write(text)
-    elif exact:
-        advice = f'{printable(", ".join(exact))}: add a tolerance for probabilities (docs/calibration.md)'
-        sys.stdout.write(f'{_wrapped(advice, output.line_width())}\n')
+    sys.stdout.write(text if args.json else _advice(task.config))
     return code
+
+
+def _advice(config: MonitorConfig) -> str:
+    exact = ', '.join(own.name for own in config.bearings if own.belief is None)
+    advice = f'{printable(exact)}: add a tolerance for probabilities (docs/calibration.md)'
+    return f'{_wrapped(advice, output.line_width())}\n' if exact else ''
 
 
 def _task_of(args: argparse.Namespace, count: int) -> Task:
@@ -280,7 +278,7 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
     from stickslip_monitor.offline.check_records import to_json
 
     sinks: list[StretchSink] = []
-    kept = clips = None
+    kept, clips = Kept(), None
     try:
         with contextlib.ExitStack() as opened:
             if task.mcap is not None:
@@ -293,14 +291,15 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
                 clips = ClipWriter(ClipFolder(replace(task.config.clips, directory=task.clips)))
                 sinks.append(clips)
             if task.learn is not None:
-                kept = Kept()
                 sinks.append(kept)
             checked = check_recording(
                 bag, task.config, sinks, progress and partial(progress, str(bag)), outlined=task.is_drawn
             )
         document = to_json(checked)
-        part, evidence = _part(task, document, checked), _evidence(task, checked, kept)
-        return Found(document, part, None if clips is None else clips.counts, evidence)
+        part, counts = _part(task, document, checked), None if clips is None else clips.counts
+        if task.learn is None:
+            return Found(document, part, counts)
+        return Found(document, part, counts, dict(_evidence(task.learn, checked.config.bearings, kept)))
     except StickslipError as error:
         return _failed(task, bag, str(error))
 
@@ -335,16 +334,14 @@ def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
     return _failed(task, bag, program_fault(outcome), faulty=True)
 
 
-def _evidence(task: Task, checked: CheckReport, kept: Kept | None) -> dict[str, Evidence | str]:
-    found: dict[str, Evidence | str] = {}
-    if task.learn is None or kept is None:
-        return found
-    for config in checked.config.bearings:
+def _evidence(
+    source: EvidenceSource, bearings: Sequence[BearingConfig], kept: Kept
+) -> Iterator[tuple[str, Evidence | str]]:
+    for config in bearings:
         try:
-            found[config.name] = task.learn.of_recording(kept, config)
+            yield config.name, source.of_recording(kept, config)
         except CalibrationError as error:
-            found[config.name] = str(error)
-    return found
+            yield config.name, str(error)
 
 
 def _lessons_of(
@@ -365,15 +362,6 @@ def _lessons_of(
         lessons += learned(own, task.learn, known, command)
     meter.hide()
     return lessons
-
-
-def _archive_of(task: Task) -> Archive | None:
-    """What collects the parts of the report, where one is drawn."""
-    if not task.is_drawn:
-        return None
-    from stickslip_monitor.report.page import Archive
-
-    return Archive()
 
 
 def _report_of(args: argparse.Namespace, task: Task, archive: Archive | None, text: str) -> Any:
@@ -446,7 +434,6 @@ def _painted(text: str, document: Mapping[str, Any]) -> str:
     change = re.compile(r'^( +[\d.]+(?:  \w+ +| s: \w+ to ))(\w+)', re.MULTILINE)
     text = change.sub(lambda m: m[1] + paint(levels.get(m[2], 'OK'), m[2]), text)
     text = re.sub(r'^(data:|question:)', lambda m: paint('data', m[1]), text, flags=re.MULTILINE)
-    text = re.sub(r'^( +time \[s\].*)', lambda m: paint('bold', m[1]), text, flags=re.MULTILINE)
     return re.sub(r'\A(.*): ', lambda m: f'{paint("bold", m[1])}: ', text)
 
 
@@ -456,26 +443,17 @@ def _wrapped(line: str, width: int | None, indent: int = 2) -> str:
         return line
     # The last column stays free: not every terminal breaks behind it. A path that is cut in two
     # cannot be copied.
-    return textwrap.fill(
-        line,
-        max(width - 1, 20),
-        subsequent_indent=' ' * indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    fill = partial(textwrap.fill, break_long_words=False, break_on_hyphens=False)
+    return fill(line, max(width - 1, 20), subsequent_indent=' ' * indent)
 
 
 def _lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
     seconds = document['duration'] or 0.0
     yield f'{printable(document["path"])}: {plural(document["messages"], "message")} in {seconds:.1f} s'
+    topics = [(name, topic['problem']) for name, topic in document['topics'].items()]
     faults = [*(cut['text'] for cut in document['cuts']), *document['warnings']]
-    faults += (
-        f'topic {name} not readable: {topic["problem"]}'
-        for name, topic in document['topics'].items()
-        if topic['problem']
-    )
-    for text in faults:
-        yield f'data: {printable(text)}'
+    faults += (f'topic {name} not readable: {problem}' for name, problem in topics if problem)
+    yield from (f'data: {printable(text)}' for text in faults)
     for name, item in document['bearings'].items():
         yield from _bearing_lines(name, item, document['start'] or 0, width)
 
