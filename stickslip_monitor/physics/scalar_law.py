@@ -115,6 +115,14 @@ class ScalarLaw:
     compiled: LawInUse | None
     module: ModuleType | None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A module goes to another process by its name."""
+        return _received, (self.plain, self.compiled, self.module and self.module.__name__)
+
+
+def _received(plain: LawInUse, compiled: LawInUse | None, module: str | None) -> ScalarLaw:
+    return ScalarLaw(plain, compiled, None if module is None else import_module(module))
+
 
 @lru_cache(maxsize=64)
 def scalar_law(law: FrictionLaw) -> ScalarLaw:
