@@ -725,6 +725,8 @@ def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None
     assert browser.text('#tally') == '2 not acknowledged'
     height = 'document.querySelector("#alarm-list > li").getBoundingClientRect().height'
     assert browser.js(height) < 200
+    # What is chosen among fifty is close to the list.
+    assert browser.js('document.querySelector(".bearing").getBoundingClientRect().top') < 900
 
 
 def test_paper_has_badges_and_no_buttons(dashboard: Any, page: Any) -> None:
