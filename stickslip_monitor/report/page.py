@@ -43,6 +43,7 @@ _MOST_TOPICS = 100
 _GRADES = {'OK': 'clear', 'WARN': 'warning', 'ERROR': 'alarm'}
 _CONDITIONS = {condition.value: name for condition, name in canvas.CONDITION_NAMES.items()}
 _ORDER = tuple(_GRADES)
+_FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'minute', 'share')
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = 9.0, 3.6
 _MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
@@ -69,8 +70,7 @@ _FEW_MARKED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(NamedTuple):
     """A picture as inline SVG: for a wide page, for a narrow one, and what it shows in words."""
 
     wide: str
@@ -105,15 +105,9 @@ class RecordingPart:
 
 
 def recording_part(document: Mapping[str, Any], checked: CheckReport | None = None) -> RecordingPart:
-    """Say what there is to one recording.
-
-    Args:
-        document: What ``check --json`` prints of it.
-        checked: What the check found, with outlines; ``None`` where it could not be checked.
-    """
+    """What a report says of a recording, by the record and the outlines of its check, if there was one."""
     # A path may be no text.
-    path = os.fsencode(document['path'])
-    anchor = f'bag-{hashlib.sha256(path).hexdigest()[:12]}'
+    anchor = f'bag-{hashlib.sha256(os.fsencode(document["path"])).hexdigest()[:12]}'
     name = printable(os.path.basename(os.path.realpath(document['path'])))  # noqa: PTH119
     if checked is None:
         text = f'this recording could not be checked: {document["error"]}'
@@ -128,13 +122,11 @@ class Archive:
 
     Outlines are kept of the recordings whose bearings need a look most, so that memory and page
     grow with the others by a row each.
-
-    Attributes:
-        parts: All parts, in the order in which they were added.
     """
 
     def __init__(self) -> None:
         self.parts: list[RecordingPart] = []
+        """All of them, in the order in which they were added."""
         self._urgent: list[tuple[int, int, int]] = []
 
     def add(self, part: RecordingPart) -> None:
@@ -283,17 +275,10 @@ def html_page(
             f'a report needs Jinja2, which cannot be imported ({error}): install the extra'
             " 'report', e.g. pip install 'stickslip_monitor[report]'"
         ) from error
-    environment = Environment(
-        loader=PackageLoader('stickslip_monitor.report', '.'),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        name: getattr(summary, name)
-        for name in ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'minute', 'share')
-    }
+    rules: dict[str, Any] = {'autoescape': True, 'undefined': StrictUndefined, 'trim_blocks': True}
+    loader = PackageLoader('stickslip_monitor.report', '.')
+    environment = Environment(loader=loader, lstrip_blocks=True, **rules)
+    environment.filters |= {name: getattr(summary, name) for name in _FILTERS}
     environment.filters |= {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
     page = environment.get_template('page.html').render(
         parts=whole,
@@ -306,9 +291,7 @@ def html_page(
         is_dated=summary.is_dated,
         config_path=config_path,
         config_digest=hashlib.sha256(Path(config_path).read_bytes()).hexdigest(),
-        parameters=parameter_groups(
-            load_parameters(config_path, node), [bearing.name for bearing in config.bearings]
-        ),
+        parameters=parameter_groups(load_parameters(config_path, node), [b.name for b in config.bearings]),
         colours={canvas.variable(light): (light, dark) for light, dark in canvas.ON_DARK.items()},
     )
     return f'{page}\n'.encode(errors='replace')

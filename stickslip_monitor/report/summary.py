@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ class Finding:
         return GRADES.index(self.grade)
 
 
-@dataclass(frozen=True, slots=True)
-class Fact:
+class Fact(NamedTuple):
     """One figure that matters: its name, its value, and when and where it was."""
 
     name: str
@@ -120,11 +120,8 @@ def finding_of(course: Course) -> Finding:
     # Of two sources at once a quiet verdict is none.
     grade = 'unknown' if course.sources and found.grade == 'clear' else found.grade
     doubts = [f'In doubt: {text}.' for text in course.sources]
-    return _finding(grade, *found.sentences, *doubts, *map(_asked, course.questions))
-
-
-def _asked(question: str) -> str:
-    return question[:1].upper() + question[1:]
+    asked = (text[:1].upper() + text[1:] for text in course.questions)
+    return _finding(grade, *found.sentences, *doubts, *asked)
 
 
 def _verdict(course: Course) -> Finding:
@@ -215,11 +212,8 @@ def _lost(course: Course) -> str:
     seconds = _lost_seconds(course)
     if not seconds:
         return ''
-    return (
-        f'An input was missing for {duration(seconds)}'
-        f' ({share(seconds, course.span)} of the time):'
-        ' there is no verdict for that time.'
-    )
+    missing = f'{duration(seconds)} ({share(seconds, course.span)} of the time)'
+    return f'An input was missing for {missing}: there is no verdict for that time.'
 
 
 def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
