@@ -13,10 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.methods import MethodResult, breakaway, smoothed, switching, turning_points, typical_period
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
+from stickslip_monitor.lab.methods import (
+    MethodResult,
+    breakaway,
+    smoothed,
+    switching,
+    turning_points,
+    typical_period,
+)
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_cycle
 from stickslip_monitor.physics.integrator import FAST, Drive, MotionState, integrate

@@ -24,17 +24,15 @@ from scipy.special import i1e
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.drawing import canvas
+from stickslip_monitor.lab.accuracy import REFERENCE
 from stickslip_monitor.monitor.assessment import Regime, assess
-from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.averaging import amplitude_rate, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import Cycle, exact_cycle, exact_fold_speed, exact_unstable_cycle
 from stickslip_monitor.physics.friction import as_stribeck
 from stickslip_monitor.physics.integrator import Drive, Motion, MotionState, integrate
 
-ROOT = Path(__file__).resolve().parents[1]
-IMAGES = ROOT / 'docs' / 'images'
-REFERENCE = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml').bearings[0].bearing
+IMAGES = Path(__file__).resolve().parents[1] / 'docs' / 'images'
 REFERENCE_RPM, REFERENCE_LOAD = 20.0, 1000.0
 
 

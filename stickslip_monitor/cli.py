@@ -26,6 +26,7 @@ from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you
 from stickslip_monitor.files import printable
 
 COMMANDS = {
+    'accuracy': 'show what accuracy costs in time',
     'assess': 'assess one operating point',
     'calibrate': 'infer the boundaries from recordings and reports of vibration',
     'check': 'run the monitor over recorded bags',
@@ -44,7 +45,6 @@ COMMANDS = {
 PACKAGE = 'stickslip_monitor.commands'
 # For one version: where commands went that no user of a ship calls.
 _MOVED = {
-    'accuracy': '`python -m benchmarks.accuracy`, in the source tree',
     'figures': '`python scripts/draw_findings.py`, in the source tree',
     'score': '`python -m benchmarks.score`, in the source tree',
 }

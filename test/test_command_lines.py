@@ -30,7 +30,7 @@ OWN_CONFIGURATIONS = ('my_ship.yaml', 'ship.yaml')
 APPENDED = {
     'stickslip play ': '--rate 5000',
     'stickslip dashboard ': '--port 0',
-    'python -m benchmarks.accuracy --picture ': '--quick',
+    'stickslip accuracy --picture ': '--quick',
 }
 
 

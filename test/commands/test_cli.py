@@ -82,6 +82,7 @@ def test_units_are_understood_in_any_case(stickslip: Stickslip) -> None:
         (*CURVE, '--journal-diameter', '0.1', '--config', CONFIG, '--load', '1kN'),
         POINT,
         ('check', BAG, '--config', CONFIG),
+        ('accuracy', '--from', str(ROOT / 'docs' / 'accuracy.csv')),
         ('simulate', str(ROOT / 'launch_configs/scenes/wear.yaml'), '-o', 'bag'),
         ('--help',),
     ],

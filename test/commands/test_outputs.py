@@ -58,6 +58,7 @@ def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
 def test_the_commands_that_write_declare_it() -> None:
     written = {name: sorted(outputs_of(name)) for name in COMMANDS}
     assert {name: outputs for name, outputs in written.items() if outputs} == {
+        'accuracy': ['output', 'picture'],
         'calibrate': ['fragment', 'output', 'picture'],
         'check': ['report'],
         'diagram': ['output'],

@@ -25,7 +25,6 @@ REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
 REFUSED = {
     # What was meant.
     'chek x': "command 'chek' is not known; did you mean 'check'?",
-    'accuracy --quick': "command 'accuracy' has moved to `python -m benchmarks.accuracy`",
     'figures -o x': "command 'figures' has moved to `python scripts/draw_findings.py`",
     'score x': "command 'score' has moved to `python -m benchmarks.score`",
     'xyz': f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}",
@@ -54,6 +53,7 @@ REFUSED = {
     f'fit {CURVE} -c own.yaml': '--config needs --load',
     f'fit {CURVE} --load 1kN': '--load needs --config',
     f'fit {CURVE} --speed 1rpm': '--speed needs --config and --load',
+    'accuracy --from x --quick': 'does not go with --quick',
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
     f'check {BAG} -c own.yaml --resume x': "option '--resume' is not known",
     f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
@@ -76,6 +76,7 @@ REFUSED = {
     'map -c own.yaml -o no/a.csv': "'no/a.csv' cannot be written: there is no folder",
     'map -c own.yaml -o a.png --track none': "bag 'none' does not exist",
     'fit none.csv': 'none.csv: No such file',
+    'accuracy --from none.csv': 'cannot be read',
     # The folder that the shell is in is not meant, but a variable that is not set.
     'play empty': "bag 'empty' has no messages to play",
     'play none': "bag 'none' does not exist",

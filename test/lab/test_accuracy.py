@@ -11,25 +11,23 @@ from pathlib import Path
 import mpmath as mp
 import pytest
 import taylor
-from shared import png_size
 
-from benchmarks import accuracy as measurement
-from benchmarks.accuracy import (
+from stickslip_monitor.commands.accuracy import markdown
+from stickslip_monitor.drawing.canvas import write_csv
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.lab import accuracy as measurement
+from stickslip_monitor.lab.accuracy import (
     BASE,
     CASES,
     Effort,
     Row,
     columns,
-    main,
-    markdown,
     measure,
     pareto,
     read_rows,
     summarise,
     time_call,
 )
-from stickslip_monitor.drawing.canvas import write_csv
-from stickslip_monitor.errors import ConfigurationError
 
 DOCS = Path(__file__).parents[2] / 'docs'
 TINY = Effort(budget=0.0, sample=1e-9, fewest=1, most=1)
@@ -147,22 +145,8 @@ def test_what_is_no_measurement_is_refused(tmp_path, text, words):
 
 def test_the_page_shows_the_stored_measurement():
     page = (DOCS / 'accuracy.md').read_text('utf-8')
-    mark = '<!-- lines of: python -m benchmarks.accuracy --from docs/accuracy.csv -->\n'
+    mark = '<!-- lines of: stickslip accuracy --from docs/accuracy.csv --markdown -->\n'
     shown = page.partition(mark)[2].partition('\n\n')[0].splitlines()
     assert len(shown) >= 10
     # The page leaves some methods out.
     assert set(shown) <= set(markdown(read_rows(DOCS / 'accuracy.csv')).splitlines())
-
-
-def test_quick_measures_shows_and_draws(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(measurement, 'QUICK', TINY)
-    chosen = ('KBM', 'exact cycle', 'harmonic balance, H = 1')
-    monkeypatch.setattr(measurement, 'METHODS', [m for m in measurement.METHODS if m.name in chosen])
-    table, picture = tmp_path / 'a.csv', tmp_path / 'a.png'
-    main(['--quick', '-o', str(table), '--picture', str(picture)])
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith('| method | 38 rpm |')
-    assert len({line.count('|') for line in lines}) == 1
-    rows = read_rows(table)
-    assert all(abs(row.error) < 1e-13 for row in rows if row.method == 'exact cycle')
-    assert png_size(picture) == (2400, 1440)

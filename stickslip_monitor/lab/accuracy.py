@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What accuracy costs in time: methods, cases, and the error and the time of each on each.
 
-``python -m benchmarks.accuracy`` measures, some minutes (``--quick``: seconds), and prints the table;
-``-o`` keeps it as CSV, ``--from`` shows a stored one, ``--picture`` draws it. Time is measured warm
-and repeatedly; the median counts. A sample in which the wall clock runs well ahead of the process'
-own time was disturbed by another process and is left out.
+Time is measured warm and repeatedly; the median counts. A sample in which the wall clock runs
+well ahead of the process' own time was disturbed by another process and is left out.
+
+The methods compared, and the operating points on which they are, from easy to hard.
 
 The reference amplitudes are Taylor series in 40 digits by mpmath, which share no code with any
 method; a test computes some of them again.
@@ -12,11 +12,9 @@ method; a test computes some of them again.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields, replace
@@ -25,7 +23,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from benchmarks.methods import (
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import read_file
+from stickslip_monitor.lab.methods import (
     REFUSED,
     MethodResult,
     averaging,
@@ -36,10 +36,6 @@ from benchmarks.methods import (
     smoothed,
     switching,
 )
-from benchmarks.reference import bearing
-from stickslip_monitor.drawing.canvas import save_figure, write_csv
-from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.files import read_file
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 
@@ -251,7 +247,7 @@ def read_rows(path: str | Path) -> list[Row]:
         reason = getattr(error, 'strerror', None) or error
         raise ConfigurationError(f'{path} cannot be read: {reason}') from error
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
-        raise ConfigurationError(f'{path} is no measurement of benchmarks.accuracy')
+        raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
     try:
         # Each value is parsed by the type of its field, which the type checker cannot follow.
         return [
@@ -311,7 +307,14 @@ METHODS = (
 )
 """All methods, in the order of the tables."""
 
-REFERENCE = bearing()
+REFERENCE = Bearing(
+    mass=50.0,
+    damping=400.0,
+    stiffness=2.0e6,
+    friction=Stribeck(static=0.30, kinetic=0.10, decay=10.0),
+    journal_diameter=0.100,
+)
+"""The test-bench bearing of the docs."""
 _RPM = REFERENCE.speed.factor('rpm')
 
 
@@ -342,87 +345,3 @@ CASES = (
 
 TYPICAL = '20 rpm'
 """The case that stands for common use."""
-
-
-_WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
-
-
-def footnote(rows: Sequence[Row]) -> str:
-    """What the picture should be read with."""
-    disturbed = sum(row.disturbed for row in rows)
-    text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
-    return text + (f'; {disturbed} of {len(rows)} times disturbed' if disturbed else '')
-
-
-def error_text(row: Row | None) -> str:
-    """An error in a table's cell."""
-    if row is None:
-        return ''
-    if row.outcome in _WORDS:
-        return _WORDS[row.outcome]
-    text = f'{abs(row.error):.0e}'.replace('e-0', 'e-').replace('e+0', 'e')
-    return text if row.error else '0'
-
-
-def time_text(seconds: float) -> str:
-    """A time in a table's cell."""
-    for unit, factor in (('s', 1.0), ('ms', 1e3)):
-        if seconds * factor >= 1.0:
-            return f'{seconds * factor:.3g} {unit}'
-    return f'{seconds * 1e6:.3g} us' if math.isfinite(seconds) else '-'
-
-
-def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Headings and cells of the table method x case."""
-    cases = list(dict.fromkeys(row.case for row in rows))
-    at = {(row.method, row.case): row for row in rows}
-    lines = [
-        [
-            s.method,
-            *(error_text(at.get((s.method, case))) for case in cases),
-            time_text(s.seconds),
-            f'{s.ratio:.3g}' if math.isfinite(s.ratio) else '-',
-        ]
-        for s in summarise(rows, BASE.name)
-    ]
-    return ['method', *cases, 'time', '/ KBM'], lines
-
-
-def markdown(rows: Sequence[Row]) -> str:
-    """The table in Markdown."""
-    headings, lines = table_cells(rows)
-    rule = ['---', *['--:'] * (len(headings) - 1)]
-    return ''.join(f'| {" | ".join(line)} |\n' for line in [headings, rule, *lines])
-
-
-def measured(quick: bool) -> list[Row]:
-    """Measure every method on every case, or a few."""
-    cases = [case for case in CASES if case.quick or not quick]
-    rows = []
-    for method in METHODS:
-        if not (quick and method.slow):
-            print(method.name, file=sys.stderr)
-            rows += [measure(method, case, QUICK if quick else Effort()) for case in cases]
-    return rows
-
-
-def main(argv: Sequence[str] | None = None) -> None:
-    """Measure or read, show and keep."""
-    parser = argparse.ArgumentParser(prog='python -m benchmarks.accuracy', description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='a few cases, done in seconds')
-    parser.add_argument('--from', dest='source', metavar='FILE', help='show an earlier result (.csv)')
-    parser.add_argument('--output', '-o', metavar='FILE', help='.csv: a row for each method and case')
-    parser.add_argument('--picture', metavar='FILE', help='error over time, .png or .svg')
-    args = parser.parse_args(argv)
-    rows = read_rows(args.source) if args.source else measured(args.quick)
-    if args.output:
-        write_csv(columns(rows), args.output, force=True)
-    if args.picture:
-        from benchmarks.accuracy_picture import draw_accuracy
-
-        save_figure(draw_accuracy(rows), args.picture, force=True)
-    sys.stdout.write(markdown(rows))
-
-
-if __name__ == '__main__':
-    main()

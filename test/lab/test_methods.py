@@ -7,9 +7,9 @@ import math
 
 import pytest
 
-from benchmarks.accuracy import CASES, METHODS
-from benchmarks.accuracy import REFERENCE as BENCH
-from benchmarks.methods import (
+from stickslip_monitor.lab.accuracy import CASES, METHODS
+from stickslip_monitor.lab.accuracy import REFERENCE as BENCH
+from stickslip_monitor.lab.methods import (
     CYCLE,
     NO_CYCLE,
     REFUSED,
