@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
-    rows = read_rows(args.source) if args.source else measured(args.quick)
+    rows = read_rows(args.source) if args.source else measured(quick=args.quick)
     output.write_outputs(
         args, output=lambda: columns(rows), picture=lambda: draw_pareto(panels(rows), footnote(rows))
     )
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def measured(quick: bool) -> list[Row]:
+def measured(*, quick: bool) -> list[Row]:
     """Measure, with a progress bar on the error stream."""
     cases = [case for case in CASES if case.quick or not quick]
     steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
