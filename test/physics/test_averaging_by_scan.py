@@ -12,7 +12,7 @@ from stickslip_monitor.physics import averaging_by_scan
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed
-from stickslip_monitor.physics.friction import Stribeck, Tabulated
+from stickslip_monitor.physics.friction import Stretched, Stribeck, Tabulated
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
 # c/N [s/m] of kappa = 0.5, 0.2, 0.02, 0.002
@@ -172,3 +172,10 @@ def test_the_fold_of_a_noisy_table_is_that_of_a_dense_scan(seed: int) -> None:
         last = dense[np.flatnonzero(load * peak > 400.0)[-1]]
         found = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)
         assert found == pytest.approx(last, rel=3e-3)
+
+
+def test_the_highest_average_is_that_of_a_dense_scan_also_just_below_the_sliding_limit() -> None:
+    law, shares = Stretched(0.3, 0.1, 10.0, 0.0, 2.0), np.linspace(0.0, 1.0, 1601)[1:]
+    for speed in np.geomspace(0.01, 0.4, 12):
+        dense = averaging_by_scan.slope_surface(law, shares, np.full(1600, speed)).max()
+        assert averaging_by_scan.peak_slope(law, np.array([speed]))[0] >= dense * (1.0 - 1e-10)

@@ -200,3 +200,8 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_or_unknown_however_it_is_dampe
     below, above = (exact_cycle(bearing, fold[found] * share, load[found]).kind for share in (0.99, 1.01))
     assert np.all(below <= CycleKind.OVERTAKING)
     assert np.all(above > CycleKind.OVERTAKING)
+
+
+def test_beyond_critical_damping_coulombs_slip_never_returns():
+    """Its slip is linear and overdamped: the velocity changes its sign once, so no fold is found."""
+    assert np.all(np.isnan(exact_fold_speed(bench(Coulomb(0.3, 0.1), 4e5), [1e3, 1e5])))
