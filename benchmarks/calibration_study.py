@@ -256,9 +256,6 @@ PARTS: dict[str, Callable[[], dict[str, Any]]] = {
 }
 
 MARK = '<!-- What follows is made by `make calibration-study`. -->\n'
-_OF_EACH = ('error', 'bias', 'half-width', 'cover')
-_FORMATS = ('.1%', '+.1%', '.1%', '.0%')
-_HEAD = [f'{name}: {of}' for name in ('fold', 'Hopf') for of in _OF_EACH]
 _NAMES = {
     'slow': 'ramps of 1 to 10 min',
     'many': 'the same',
@@ -281,11 +278,10 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
             continue
         own = results[name]
         for label, *values in own['rows']:
-            cells = [format(v, how) for v, how in zip(values, 2 * _FORMATS, strict=True)]
-            rows.append([text, str(own['ships']), str(label), *cells])
+            rows.append([text, str(own['ships']), str(label), _cell(*values[:4]), _cell(*values[4:])])
         if own.get('refused'):
             notes.append(f'{text}: {own["refused"]} refused')
-    text = MARK + '\n' + _table(('what', 'ships', 'passages', *_HEAD), rows)
+    text = MARK + '\n' + _table(('what', 'ships', 'slow-downs', 'fold', 'Hopf'), rows)
     if notes:
         text += f'\nNo result: {"; ".join(notes)}.\n'
     if 'slow' in results:
@@ -311,6 +307,10 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
     return before.partition(MARK)[0] + text
 
 
+def _cell(error: float, bias: float, half: float, cover: float) -> str:
+    return f'{error:.1%} ({bias:+.1%}), {half:.1%}, {cover:.0%}'.replace('%', '')
+
+
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [f'| {" | ".join(head)} |', f'|{"---|" * len(head)}']
     return '\n'.join([*lines, *(f'| {" | ".join(row)} |' for row in rows), ''])
@@ -326,8 +326,11 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
             axes.plot(said, was, color=colour, lw=1.2, marker=marker, label=text)
             size = 12.0 + 40.0 * np.log10(count)
             axes.scatter(said, was, size, color=colour, marker=marker, ec='white', zorder=3)
+            for x, y, n in zip(said, was, count.astype(int), strict=True):
+                beside: dict[str, Any] = {'xytext': (8.0, -9.0), 'textcoords': 'offset points'}
+                axes.annotate(f'{n}', (x, y), size=7.5, color=colour, **beside)
         axes.set_xlabel('predicted probability')
-        axes.set_ylabel('share of the points at which it was so')
+        axes.set_ylabel('share of the points at which it was so (beside a mark: how many)')
         axes.set_aspect('equal')
         axes.tick_params(colors=INK)
         axes.legend(frameon=False, loc='upper left')
@@ -337,7 +340,7 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
 
 def draw_example() -> None:
     """The picture of one ship of five passages, with knocks of its level."""
-    ships, voyages, _ = fleet(3100, 1, 5, replace(Kind(), ramps=(100.0, 400.0)))
+    ships, voyages, _ = fleet(3203, 1, 5, replace(Kind(), ramps=(100.0, 400.0)))
     found = calibrate(heard(voyages[0]), ships[0].drawn, _TOLERANCE)
     config: Any = SimpleNamespace(name='aft_stern', bearing=ships[0].drawn)
     save_figure(draw_calibration(config, found), EXAMPLE, force=True)
