@@ -8,21 +8,22 @@ so that the calls can be made in processes. A scene is judged by its recording, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from benchmarks.warning_quality import Interval, Quality, RuleOutput, merged, quality_of
 from stickslip_monitor import jit
 from stickslip_monitor.bags.recording import Recording
-from stickslip_monitor.errors import SceneError
+from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scene import STAGES, Scene, load_scene, write_bag
-from stickslip_monitor.lab.settings import with_parameter_errors
+from stickslip_monitor.lab.settings import random_stream
 from stickslip_monitor.lab.truth import TruthRecord, has_truth, known_truth, read_truth
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.assessment import assess
@@ -307,3 +308,39 @@ def _has_wrong_source(sent: Sent) -> bool:
         if watch.see_column(stream.arrival_ns[own], si):
             return True
     return False
+
+
+def with_parameter_errors(config: BearingConfig, errors: Mapping[str, float], seed: int) -> BearingConfig:
+    """The configuration of a bearing as the monitor gets it, with errors drawn for a seed.
+
+    Errors are given by parameter; each is drawn evenly up to it, either way.
+    """
+    factor = {
+        name: 1.0 + error * float(random_stream(seed, 'parameter_error', config.name, name).uniform(-1, 1))
+        for name, error in errors.items()
+    }
+    law: Any = config.bearing.friction  # a dataclass, as every law
+    try:
+        own = _scaled(law, 'friction.', factor)
+        friction = replace(law, **own) if own else law
+        bearing = replace(config.bearing, friction=friction, **_scaled(config.bearing, '', factor))
+    except PhysicsError as error:
+        raise SceneError(f'parameter_error of bearing {config.name}: {error}') from error
+    return replace(
+        config,
+        bearing=bearing,
+        speed=replace(config.speed, **_scaled(config.speed, 'speed.', factor)),
+        load=replace(config.load, **_scaled(config.load, 'load.', factor)),
+    )
+
+
+def _scaled(thing: Any, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
+    """The attributes of a thing that are off, e.g. ``static`` for ``friction.static``."""
+    names = {n: n.removeprefix(prefix) for n in factor if n.startswith(prefix)}
+    own = {n: name for n, name in names.items() if '.' not in name}
+    known = [f.name for f in fields(thing)]
+    for n, name in own.items():
+        if name not in known:
+            kind = type(thing).__name__.lower()
+            raise PhysicsError(f'{n}: a {kind} law has no {name}')
+    return {name: getattr(thing, name) * factor[n] for n, name in own.items()}

@@ -12,13 +12,11 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.errors import PhysicsError, SceneError, did_you_mean
-from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.errors import SceneError, did_you_mean
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15
@@ -188,39 +186,3 @@ def read_parameter_error(settings: Settings) -> dict[str, float]:
         return {}
     own = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')
     return {name: own.number(name, '-', least=0.0, most=0.9) for name in PARAMETERS if name in own}
-
-
-def with_parameter_errors(config: BearingConfig, errors: Mapping[str, float], seed: int) -> BearingConfig:
-    """The configuration of a bearing as the monitor gets it, with errors drawn for a seed.
-
-    Errors are given by parameter; each is drawn evenly up to it, either way.
-    """
-    factor = {
-        name: 1.0 + error * float(random_stream(seed, 'parameter_error', config.name, name).uniform(-1, 1))
-        for name, error in errors.items()
-    }
-    law: Any = config.bearing.friction  # a dataclass, as every law
-    try:
-        own = _scaled(law, 'friction.', factor)
-        friction = replace(law, **own) if own else law
-        bearing = replace(config.bearing, friction=friction, **_scaled(config.bearing, '', factor))
-    except PhysicsError as error:
-        raise SceneError(f'parameter_error of bearing {config.name}: {error}') from error
-    return replace(
-        config,
-        bearing=bearing,
-        speed=replace(config.speed, **_scaled(config.speed, 'speed.', factor)),
-        load=replace(config.load, **_scaled(config.load, 'load.', factor)),
-    )
-
-
-def _scaled(thing: Any, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
-    """The attributes of a thing that are off, e.g. ``static`` for ``friction.static``."""
-    names = {n: n.removeprefix(prefix) for n in factor if n.startswith(prefix)}
-    own = {n: name for n, name in names.items() if '.' not in name}
-    known = [f.name for f in fields(thing)]
-    for n, name in own.items():
-        if name not in known:
-            kind = type(thing).__name__.lower()
-            raise PhysicsError(f'{n}: a {kind} law has no {name}')
-    return {name: getattr(thing, name) * factor[n] for n, name in own.items()}

@@ -41,6 +41,14 @@ def test_an_end_with_rising_speed_is_at_the_fold() -> None:
     assert not quiet.began
 
 
+def test_an_onset_on_a_ramp_of_half_a_minute_tells_nothing() -> None:
+    """At 26 rpm a fall of 0.2 rpm a second is a factor e in 130 s, one of 2 rpm in 13 s."""
+    for rate, told in ((0.2, True), (2.0, False)):
+        one = passage(rate=rate, level=False)
+        found = edges_of([(one.courses[0], one.reports)], REFERENCE)
+        assert any(each.began for each in found.passages) == told
+
+
 def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
     one = passage(level=False)
     (course,) = one.courses

@@ -52,6 +52,12 @@ def test_ends_are_averaged_as_normal_numbers_are() -> None:
     assert math.sqrt(found.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
 
 
+def test_what_agrees_with_the_configuration_changes_nothing() -> None:
+    """The prior's best is at (0, 0), and ends at the configured fold do not move it off there."""
+    found = infer(edges(*[fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).fold
+    assert found.middle == pytest.approx((0.0, 0.0), abs=0.01)
+
+
 def test_a_bound_pushes_the_fold_up() -> None:
     own = edges(fold(1.0))
     bound = End(REPORT, 'bag 9', 9.0, np.array([[fold(1.3), 1000.0]]), 0.0)

@@ -18,10 +18,11 @@ import mpmath
 import numpy as np
 import pytest
 
+from benchmarks.voyages import with_parameter_errors
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.effects import cos_turns, exp
 from stickslip_monitor.lab.scene import Scene
-from stickslip_monitor.lab.settings import drawn, with_parameter_errors
+from stickslip_monitor.lab.settings import drawn
 from stickslip_monitor.lab.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Tabulated
