@@ -338,8 +338,11 @@ def _read(
         if t[b - 1] - t[a] < _SHORTEST:
             knocks.append(report(t[a], t[b - 1], True))
             continue
-        rise = float(np.median(x[a:b][t[a:b] <= t[a] + _PLATEAU]))
-        fall = float(np.median(x[a:b][t[a:b] >= t[b - 1] - _PLATEAU]))
+        # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
+        there = a + np.flatnonzero(x[a:b] >= np.median(x[a:b]) - EDGE)
+        rise = float(np.median(x[a:b][t[a:b] <= t[there[0]] + _PLATEAU]))
+        plateau = (t[a:b] >= t[there[-1]] - _PLATEAU) & (t[a:b] <= t[there[-1]])
+        fall = float(np.median(x[a:b][plateau]))
         on = float(t[a + int(np.argmax(x[a:b] >= rise - EDGE))]) if a else float(t[0])
         edge = b - 1 - int(np.argmax(x[a:b][::-1] >= fall - EDGE))
         off = float(t[edge])
