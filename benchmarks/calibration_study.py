@@ -278,31 +278,27 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
             continue
         own = results[name]
         for label, *values in own['rows']:
+            label = label.replace(' of the loads', '')
             rows.append([text, str(own['ships']), str(label), _cell(*values[:4]), _cell(*values[4:])])
         if own.get('refused'):
             notes.append(f'{text}: {own["refused"]} refused')
     text = MARK + '\n' + _table(('what', 'ships', 'slow-downs', 'fold', 'Hopf'), rows)
     if notes:
         text += f'\nNo result: {"; ".join(notes)}.\n'
-    if 'slow' in results:
-        own = results['slow']
-        costs = ', '.join(f'{n}: {s:.1f} s' for n, s in own['seconds'].items())
+    if 'slow' in results and 'drift' in results:
+        own, worn = results['slow'], results['drift']
+        costs = ', '.join(f'{s:.1f} s for {n}' for n, s in own['seconds'].items())
         text += (
-            f'\nProcessor time without numba, passages: {costs}. A change of the bearing was'
-            f' reported falsely for {own["changed"]} results of the first two rows.\n'
-        )
-    if 'drift' in results:
-        own = results['drift']
-        text += (
-            f'That a worn bearing may have changed was reported for {own["warned"]} of'
-            f' {own["ships"]} ships.\n'
+            f'\nProcessor time without numba: {costs}. A change of the bearing was reported falsely for'
+            f' {own["changed"]} ships of the first rows, truly for {worn["warned"]} of'
+            f' {worn["ships"]} worn ones.\n'
         )
     if 'reliability' in results:
         own = results['reliability']
         brier = ', '.join(f'{said} {own[name]["brier"]:.4f}' for name, said in _SAYINGS.items())
         text += (
-            f'\nProbabilities of six passages never seen, after five, {own["ships"]} ships (Brier'
-            f' scores: {brier}):\n\n![Predicted and observed](images/reliability.png)\n'
+            f'\nProbabilities of passages never seen, {own["ships"]} ships (Brier scores: {brier}):\n\n'
+            '![Predicted and observed](images/reliability.png)\n'
         )
     return before.partition(MARK)[0] + text
 
