@@ -63,6 +63,8 @@ _OVERDAMPED = 2
 # that are read from their series; of a law in pieces speeds of the curve, and of which each
 # so-many-th is solved.
 _SCAN, _FEWEST, _MOST, _READ, _BROKEN, _EVERY = 161, 32, 128, 1200, 1024, 8
+# Share of the onset's speed by averaging at which the exact one is looked for: it lies at 0.6 to 1.
+_BELOW_ONSET = 0.5
 # Loads beyond the curve's that are solved one by one.
 _LARGER = 17
 # Last coefficients of a series that is long enough, and errors in ln N.
@@ -451,7 +453,7 @@ def _range(grazing: Grazing) -> _Range | None:
             onset = bearing.damping / float(-law.slope(ALMOST_REST))
         most = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
         octaves = max(octaves, math.ceil(math.log2(max(most / onset, 1.0))))
-    top, low = onset * 2.0**octaves, float(scan[max(k - 1, 0)])
+    top, low = onset * 2.0**octaves, float(scan[k]) * (_BELOW_ONSET if k else 1.0)
     fall = law_in_use(law).hold - float(np.min(law.coefficient(scan)))
     limit = 1.0 / float(grazing.lasting_speed(max(fall, 1e-300), 0.0))
     below = np.flatnonzero(near <= top)

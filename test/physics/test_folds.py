@@ -205,3 +205,12 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_or_unknown_however_it_is_dampe
 def test_beyond_critical_damping_coulombs_slip_never_returns():
     """Its slip is linear and overdamped: the velocity changes its sign once, so no fold is found."""
     assert np.all(np.isnan(exact_fold_speed(bench(Coulomb(0.3, 0.1), 4e5), [1e3, 1e5])))
+
+
+@pytest.mark.parametrize(('exponent', 'load'), [(1.5, 310.0), (2.0, 310.0), (4.0, 285.0)])
+def test_the_table_has_the_exact_fold_just_above_its_own_onset(exponent, load):
+    """It begins at lower speeds than averaging's; read off the table, and solved for the load."""
+    bearing = bench(Stretched(0.3, 0.1, 10.0, 0.0, exponent))
+    assert boundary_table(bearing).exact(np.array([load]))[0] == pytest.approx(
+        exact_fold_speed(bearing, load), rel=1e-3
+    )
