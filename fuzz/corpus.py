@@ -345,7 +345,7 @@ ODD: dict[str, Odd] = {
     **{
         f'encapsulation {name}': Odd(
             lambda kind=kind: _encapsulated(kind),
-            f"20 of 40 messages of '{SPEED}' are in the encapsulation {name} (0x{kind:04x})",
+            f"20 of 40 messages of '{SPEED}' are in the encapsulation 0x{kind:04x}",
             40,
             20,
         )

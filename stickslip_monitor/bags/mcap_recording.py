@@ -25,7 +25,6 @@ from stickslip_monitor.bags.mcap_chunks import Block, Piece, loading
 from stickslip_monitor.bags.mcap_file import DATED, FilePass, McapFile
 from stickslip_monitor.bags.message_fields import FieldReader, TopicNumbers, series_of
 from stickslip_monitor.bags.recording import (
-    Bound,
     Fault,
     Findings,
     Message,
@@ -35,10 +34,8 @@ from stickslip_monitor.bags.recording import (
     Series,
     TimeSpans,
     TopicInfo,
-    bound_to_topics,
 )
 from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.monitor.parameters import MonitorConfig
 
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19
@@ -322,10 +319,6 @@ class McapRecording(Recording):
         self.steps = BlockSteps(files, self.least_ns)
         if self.steps.text:
             findings.note(self.steps.text)
-
-    def bound(self, config: MonitorConfig) -> Bound:
-        """The configuration, and which inputs the recording lacks."""
-        return bound_to_topics(self.path, self.topics, config)
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""

@@ -81,20 +81,6 @@ _SILENCE = threading.Lock()
 _DECODE_ERRORS = (struct.error, ValueError, LookupError, NotImplementedError, RecursionError, MemoryError)
 
 
-# RTPS 2.5, table 10.3.
-_ENCAPSULATIONS = {
-    0x02: 'PL_CDR_BE',
-    0x03: 'PL_CDR_LE',
-    0x06: 'CDR2_BE',
-    0x07: 'CDR2_LE',
-    0x08: 'D_CDR2_BE',
-    0x09: 'D_CDR2_LE',
-    0x0A: 'PL_CDR2_BE',
-    0x0B: 'PL_CDR2_LE',
-    0x04: 'XML',
-}
-
-
 class SchemaError(Exception):
     """A definition cannot be used, or a path does not fit it; the text is a clause."""
 
@@ -418,8 +404,7 @@ class FieldReader:
                 self._fill(numbers, data, offset, size, mine, order)
         other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
         for code, number in sorted(Counter(other.byteswap().tolist()).items()):
-            name = _ENCAPSULATIONS.get(code, 'of no known name')
-            reason = f'are in the encapsulation {name} (0x{code:04x}), which is not decoded'
+            reason = f'are in the encapsulation 0x{code:04x}, which is not decoded'
             numbers.faults[reason] += number
         return numbers
 

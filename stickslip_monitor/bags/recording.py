@@ -29,32 +29,29 @@ class Findings:
     def __init__(self) -> None:
         # Whether each of them costs data.
         self._texts: dict[str, bool] = {}
-        self._more = {False: 0, True: 0}
 
-    def note(self, text: str, *, is_loss: bool = False) -> None:
+    def note(self, text: str) -> None:
         """Take up what is odd and costs no data."""
-        if text not in self._texts and len(self._texts) >= _MOST_TOLD:
-            self._more[is_loss] += 1
-        else:
-            self._texts[text] = is_loss
+        self._texts[text] = False
 
     def lose(self, text: str) -> None:
         """Take up what was not read."""
-        self.note(text, is_loss=True)
+        self._texts[text] = True
 
     @property
     def texts(self) -> tuple[str, ...]:
         """All of them, and how many were too many."""
-        return (*self._texts, *self._rest(sum(self._more.values())))
+        return _some(list(self._texts))
 
     @property
     def losses(self) -> tuple[str, ...]:
         """Those that cost data, and how many were too many."""
-        known = (text for text, is_loss in self._texts.items() if is_loss)
-        return (*known, *self._rest(self._more[True]))
+        return _some([text for text, is_loss in self._texts.items() if is_loss])
 
-    def _rest(self, more: int) -> tuple[str, ...]:
-        return (f'{more} more findings are not listed',) if more else ()
+
+def _some(texts: list[str]) -> tuple[str, ...]:
+    more = len(texts) - _MOST_TOLD
+    return (*texts[:_MOST_TOLD], *([f'{more} more findings are not listed'] if more > 0 else []))
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,13 +229,26 @@ class Recording(ABC):
         """Take up what was noticed while it was read, and costs no data."""
         self._findings.note(text)
 
-    @abstractmethod
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration as it holds for this recording, and which inputs are not in it.
+
+        Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
 
         Raises:
             BagError: It is not to be told which part of the recording an input is.
         """
+        absent: dict[tuple[str, str], str] = {}
+        bearings = []
+        for bearing in config.bearings:
+            own: dict[str, Any] = {
+                quantity: replace(source, topic=full_name(source.topic, self.topics))
+                for quantity, source in bearing.inputs.items()
+            }
+            bearings.append(replace(bearing, **own))
+            for quantity, source in own.items():
+                if text := _absent(self.path, self.topics, source):
+                    absent[bearing.name, quantity] = text
+        return Bound(replace(config, bearings=tuple(bearings)), absent)
 
     @abstractmethod
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
@@ -331,25 +341,6 @@ def missing_topic(topics: Collection[str], name: str) -> str:
     rest = f' and {more} more' if more > 0 else ''
     listed = f'{", ".join(ranked[:MOST_NAMED])}{rest}' if ranked else 'no topics'
     return f"the recording has no topic '{name}': it has {listed}"
-
-
-def bound_to_topics(path: Path, topics: Mapping[str, TopicInfo], config: MonitorConfig) -> Bound:
-    """A configuration for a recording of topics, with their full names.
-
-    Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
-    """
-    absent: dict[tuple[str, str], str] = {}
-    bearings = []
-    for bearing in config.bearings:
-        own: dict[str, Any] = {
-            quantity: replace(source, topic=full_name(source.topic, topics))
-            for quantity, source in bearing.inputs.items()
-        }
-        bearings.append(replace(bearing, **own))
-        for quantity, source in own.items():
-            if text := _absent(path, topics, source):
-                absent[bearing.name, quantity] = text
-    return Bound(replace(config, bearings=tuple(bearings)), absent)
 
 
 def full_name(topic: str, topics: Collection[str]) -> str:

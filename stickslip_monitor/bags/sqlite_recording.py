@@ -25,7 +25,6 @@ from mcap.records import Schema
 from stickslip_monitor.bags.log_times import LATEST_NS, StepClock
 from stickslip_monitor.bags.message_fields import FieldReader, TopicNumbers, definition_of, series_of
 from stickslip_monitor.bags.recording import (
-    Bound,
     Fault,
     Findings,
     Message,
@@ -35,10 +34,8 @@ from stickslip_monitor.bags.recording import (
     Series,
     TimeSpans,
     TopicInfo,
-    bound_to_topics,
 )
 from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.monitor.parameters import MonitorConfig
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read together, and the largest one that is unpacked [bytes].
@@ -218,10 +215,6 @@ class SqliteRecording(Recording):
                 if skips > _MOST_SKIPS:
                     return
                 last, step = max(last, 0) + step, 2 * step
-
-    def bound(self, config: MonitorConfig) -> Bound:
-        """The configuration, and which inputs the recording lacks."""
-        return bound_to_topics(self.path, self.topics, config)
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""
