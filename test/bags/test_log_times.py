@@ -78,7 +78,7 @@ def test_steps_of_several_topics_are_one(tmp_path: Path) -> None:
     assert 'was set back once' in ' '.join(recording.warnings)
 
 
-@pytest.mark.parametrize('order', ['messages', 'chunks', 'topics', 'late'])
+@pytest.mark.parametrize('order', ['messages', 'chunks', 'topics', 'late', 'burst'])
 def test_blocks_in_no_order_of_time_keep_their_times(tmp_path: Path, order: str) -> None:
     times, rng = START + np.arange(600) * SECOND, np.random.default_rng(5)
     rows = counted(times.tolist())
@@ -88,6 +88,8 @@ def test_blocks_in_no_order_of_time_keep_their_times(tmp_path: Path, order: str)
         chunks = [in_chunks(rows, 100)[k] for k in (0, 3, 1, 2, 5, 4)]
     elif order == 'topics':
         chunks = in_chunks([*rows, *counted(times.tolist(), '/y')], 350)
+    elif order == 'burst':
+        chunks = in_chunks([*rows[:510], *rows[515:550], *rows[510:515], *rows[550:]], 100)
     else:
         late = [k + 30 if k % 60 == 0 else k for k in range(600)]
         chunks = in_chunks([rows[k] for k in np.argsort(late, kind='stable')], 100)

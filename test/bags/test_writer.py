@@ -254,3 +254,10 @@ def test_we_read_what_rosbags_writes(tmp_path: Path) -> None:
         "14 of 20 messages of '/joints' lack the element of field 'velocity[1]'",
     )
     assert bag.warnings == bag.cuts == ()
+
+
+def test_a_definition_of_ones_own_has_no_hash(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/x', FLOAT64, 'float64 data\nfloat64 more\n')
+    (channel,) = make_reader((tmp_path / 'bag' / 'bag_0.mcap').open('rb')).get_summary().channels.values()
+    assert channel.metadata['topic_type_hash'] == ''

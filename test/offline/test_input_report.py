@@ -234,3 +234,11 @@ def test_messages_without_a_value_are_counted(tmp_path: Path, name: str) -> None
     (bearing,) = checked(tmp_path / name, 1.0, rpm)['bearings'].values()
     counts = [(own['messages'], own['used'], own['without_value']) for own in bearing['inputs'].values()]
     assert counts == [(30, 15, 15), (30, 30, 0)]
+
+
+def test_a_shaft_at_rest_is_not_the_worst_of_a_voyage(tmp_path: Path) -> None:
+    record = checked(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [0.0] * 20)
+    worst = record['bearings']['aft_stern']['worst']
+    known = assess(BEARING.bearing, BEARING.bearing.speed.factor('rpm') * 60.0, 1000.0)
+    assert worst['fold_margin']['value'] == pytest.approx(known.fold_margin, rel=1e-12)
+    assert worst['hopf_margin']['value'] == pytest.approx(known.hopf_margin, rel=1e-12)
