@@ -24,6 +24,8 @@ _STEP_GAPS, _STEP_NS = 2.5, 10**9
 # How far behind the last message the next one is put [ns].
 _BEHIND_NS = 10**7
 _NONE = np.empty(0, np.int64)
+# Larger chunks, which no recorder writes, are not looked at [bytes].
+_MOST_LOOKED = 16 << 20
 # The years 2001 to 2099 [ns].
 _DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
 LATEST_NS = 1 << 62
@@ -126,6 +128,7 @@ class BlockSteps:
             end = block.end_ns + self._shift_ns
             is_next = self._is_early(other.topics_of(behind), behind, self._later(dict.fromkeys(names, end)))
             is_odd = is_next or self._is_early(names, block, self._latest)
+            is_odd = is_odd and block.size <= _MOST_LOOKED
             found = _messages(file, block, least_ns) if is_odd else None
             if found is None or not found[0].size:
                 self._go_on(dict.fromkeys(names, end), block.start_ns + self._shift_ns)
@@ -163,7 +166,8 @@ class BlockSteps:
             spans = [*self._spans, *([(int(before.min()), int(before.max()))] if k else [])]
             had = np.mean(TimeSpans(spans).holds(time_ns[is_back])) > 0.5
             goes_on = all((np.diff(time_ns[own[own >= k]]) >= -_STEP_NS).all() for own in rows.values())
-            if not goes_on or not had:
+            # A clock that stands still was not set back.
+            if not goes_on or not had or (behind.size > 1 and behind.max() == behind.min()):
                 return False
             step = max([*self._latest.values(), *before.tolist()]) - int(behind[0])
             # Behind late ones time leaps to where it was.

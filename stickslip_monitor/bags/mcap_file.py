@@ -300,9 +300,9 @@ class FilePass:
         self.is_over = False
         self._most = self._left = _FREE + _FOR_EACH * file.size
 
-    def _spend(self, block: Block) -> None:
-        """Take what a block grows to, unless that is too much for any; the pass may be over."""
-        self._left -= block.size if block.size <= MOST else 0
+    def spend(self, block: Block, size: int) -> None:
+        """Take memory [bytes] for a block; with what is too much the pass is over."""
+        self._left -= size
         if self._left < 0 and not self.is_over:
             self.is_over = True
             self.file.findings.lose(
@@ -318,7 +318,7 @@ class FilePass:
         Yields:
             The records piece by piece, and which messages of it each channel has.
         """
-        self._spend(block)
+        self.spend(block, block.size if block.size <= MOST else 0)
         if self.is_over:
             return
         lose = self.file.findings.lose

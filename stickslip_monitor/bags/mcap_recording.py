@@ -41,6 +41,8 @@ from stickslip_monitor.errors import BagError, plural
 _OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19
 
 _LATEST_NS = (1 << 63) - 1
+# What a number takes that is kept until all before it is known [bytes].
+_ROW = 24
 _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
 _UNSET = 'have log time 0, as of a clock that was not set, and were not used'
 _REFUSED = 'come behind a definition that does not fit, and were not used'
@@ -119,6 +121,9 @@ class Pass:
         """
         waiting: list[Columns] = []
         size, limit, handed = 0, least, -1
+        # The least number of a block that is still to come.
+        numbers = np.array([job.number for job in self._jobs] + [1 << 62])
+        rest = np.minimum.accumulate(numbers[::-1])[::-1]
         for k, take in self._loaded():
             own = list(self._read(self._jobs[k], take, columns_of, handed))
             waiting += own
@@ -128,6 +133,9 @@ class Pass:
             handed = self._jobs[k + 1].start_ns
             columns = _in_order(waiting)
             cut = columns[0].searchsorted(handed)
+            if not cut and columns[1].max() < rest[k + 1]:
+                # So many of one time: it is split, rather than to wait for more.
+                cut = columns[0].searchsorted(handed, 'right')
             yield from _some(_part(columns, slice(cut)), most)
             waiting = [_part(columns, slice(cut, None))]
             size = waiting[0][0].size
@@ -170,6 +178,8 @@ class Pass:
                 continue
             piece.log_time_ns = self._steps.follow(job.number, file, piece)
             columns = columns_of(job, piece, chosen)
+            if job.way.is_over:
+                break
             is_late = columns[0] < handed
             late += int(np.count_nonzero(is_late))
             yield _part(columns, ~is_late) if is_late.any() else columns
@@ -275,6 +285,7 @@ class McapReading:
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             found, stamps = wanted.read(reader, piece.data, piece.offset[rows], piece.size[rows], own_times)
+            job.way.spend(job.block, _ROW * rows.size)
             topic[rows] = number
             for column, own in zip(values, found, strict=False):
                 column[rows] = own
