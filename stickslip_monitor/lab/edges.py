@@ -199,7 +199,7 @@ def edges_of(
     Args:
         courses: Each with the reports about it.
         reference: The configured bearing.
-        onsets: Whether onsets count too: a person hears them late.
+        onsets: Whether quiet counts too, up to an onset or without one: a person hears late.
     """
     found = Edges()
     for course, reports in sorted(courses, key=lambda one: int(one[0].time_ns[0])):
@@ -229,7 +229,7 @@ def _read(found: Edges, track: ReportedCourse, reference: Reference, onsets: boo
         else:
             trust = min(one.trust, after.trust) if meets and after is not None else one.trust
             passage = _passage(track, one, begin, b, meets, trust)
-            if passage is not None and (onsets or not passage.began):
+            if passage is not None and onsets:
                 found.passages.append(passage)
             begin = b
 
