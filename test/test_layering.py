@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -165,6 +166,13 @@ def test_no_class_and_no_module_is_named_twice() -> None:
             stems.setdefault(path.stem, set()).add(str(path))
     assert {name: places for name, places in classes.items() if len(places) > 1} == {}
     assert {n: p for n, p in stems.items() if len(p) > 1} == {}
+
+
+def test_the_house_has_two_floors_and_the_formatter_is_right() -> None:
+    assert [path for path in modules() if len(path.parts) > 2] == []
+    lines = [(path, line) for path in modules() for line in (PACKAGE / path).read_text('utf-8').splitlines()]
+    assert [(path, line) for path, line in lines if len(line) > 110] == []
+    assert [(path, line) for path, line in lines if re.search(r'# fmt: *(skip|off)', line)] == []
 
 
 @pytest.mark.parametrize(
