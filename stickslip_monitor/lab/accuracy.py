@@ -249,11 +249,10 @@ def read_rows(path: str | Path) -> list[Row]:
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
         raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
     try:
-        # Each value is parsed by the type of its field, which the type checker cannot follow.
-        return [
-            Row(**{f.name: _PARSERS[str(f.type)](line[f.name]) for f in fields(Row)})  # type: ignore[arg-type]
-            for line in lines
-        ]
+        parsers = {field.name: _PARSERS[str(field.type)] for field in fields(Row)}
+        # The type checker cannot follow that each value has the type of its field.
+        rows = [{name: parse(line[name]) for name, parse in parsers.items()} for line in lines]
+        return [Row(**row) for row in rows]  # type: ignore[arg-type]
     except (ValueError, TypeError) as error:
         raise ConfigurationError(f'{path} has a cell that is no number: {error}') from error
 
