@@ -253,9 +253,9 @@ def rooms() -> dict[str, tuple[int, int]]:
     return found
 
 
-def outgrown(row: tuple[int, int], now: tuple[int, int]) -> bool:
-    """Whether a room has a module, or 3 % of lines, more than was decided."""
-    return now[0] > row[0] or now[1] > 1.03 * row[1]
+def undecided(row: tuple[int, int], now: tuple[int, int]) -> bool:
+    """Whether a room has a module or 3 % of lines more than its row, or 5 % less than it."""
+    return now[0] > row[0] or not 0.95 * row[1] <= now[1] <= 1.03 * row[1]
 
 
 def decided(page: str) -> dict[str, tuple[int, int]]:
@@ -264,12 +264,12 @@ def decided(page: str) -> dict[str, tuple[int, int]]:
 
 
 def with_rooms(page: str) -> str:
-    """The page on design with the rows of the rooms that have outgrown theirs as these are now."""
+    """The page on design with the rows that do not hold any more as the rooms are now."""
     now, rows = rooms(), decided(page)
 
     def row(found: re.Match[str]) -> str:
         room = found[1]
-        if room not in now or not outgrown(rows[room], now[room]):
+        if room not in now or not undecided(rows[room], now[room]):
             return found[0]
         return f'| `{room}` | {now[room][0]} | {now[room][1]:,} |'
 

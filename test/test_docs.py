@@ -243,14 +243,17 @@ def test_the_plan_of_the_house_is_that_of_the_layers() -> None:
 def test_no_room_grows_without_a_decision() -> None:
     rows, now = make_docs.decided((DOCS / 'design.md').read_text('utf-8')), make_docs.rooms()
     assert rows.keys() == now.keys()
-    grown = {room: now[room] for room in rows if make_docs.outgrown(rows[room], now[room])}
-    assert grown == {}, 'make it smaller, or decide its growth: `make docs`, and say why in the commit'
+    off = {room: (rows[room], now[room]) for room in rows if make_docs.undecided(rows[room], now[room])}
+    assert off == {}, 'make it smaller, or decide its size: `make docs`, and say why in the commit'
 
 
-@pytest.mark.parametrize(('now', 'too_large'), [((3, 1030), False), ((3, 1031), True), ((4, 900), True)])
-def test_when_a_room_has_outgrown_its_row(now: tuple[int, int], too_large: bool) -> None:
-    page = '| `a` | 3 | 1,000 |\n'
-    assert make_docs.outgrown(make_docs.decided(page)['a'], now) is too_large
+@pytest.mark.parametrize(
+    ('now', 'undecided'),
+    [((3, 1030), False), ((3, 1031), True), ((4, 1000), True), ((2, 950), False), ((2, 949), True)],
+)
+def test_when_the_size_of_a_room_is_to_be_decided(now: tuple[int, int], undecided: bool) -> None:
+    row = make_docs.decided('| `a` | 3 | 1,000 |\n')['a']
+    assert make_docs.undecided(row, now) is undecided
 
 
 def test_the_tutorial_prints_what_it_shows(tmp_path: Path) -> None:
