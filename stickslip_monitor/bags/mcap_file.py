@@ -52,6 +52,8 @@ _BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
 _DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 _BEGIN = HEAD.size + CHUNK_HEAD.size
 _FOOTER = HEAD.size + 20
+# Of an entry of the index of chunks, to the end of where its chunk begins [bytes].
+_INDEXED = HEAD.size + 24
 
 
 class McapFile:
@@ -180,6 +182,11 @@ class McapFile:
             self.findings.note(f"file '{name}' has {odd} of kind 0, which is none: passed over")
         if heads.behind:
             self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
+        for begin, end in heads.holes:
+            self.findings.lose(
+                f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
+                ' behind was found by the index of chunks'
+            )
         last = self._count(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
@@ -343,8 +350,9 @@ class FilePass:
 
 
 class _Heads:
-    """The heads of the records of a file, as far as it was walked: to ``offset``.
+    """The heads of the records of a file, as far as it was walked.
 
+    To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
     ``statistics`` and ``definitions`` are those of the summary, ``indexed`` counts the messages of
     each channel after the message indexes.
     """
@@ -355,6 +363,8 @@ class _Heads:
         self.blocks: list[Block] = []
         self.has_ended = self.is_finished = self.behind = False
         self.strange = 0
+        self.holes: list[tuple[int, int]] = []
+        self._places: list[int] | None = None
         self.statistics: Statistics | None = None
         self.definitions: list[bytes] = []
         self.indexed: Counter[int] = Counter()
@@ -369,6 +379,8 @@ class _Heads:
             offset, length = self.offset, length + HEAD.size
             # A crash often leaves a tail of zeros, which are no records.
             if (kind == 0 and length == HEAD.size) or length > self._size - offset:
+                if self._leap():
+                    continue
                 break
             self.offset += length
             if kind == Opcode.FOOTER:
@@ -388,6 +400,35 @@ class _Heads:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
             block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
             self.blocks.append(block)
+
+    def _leap(self) -> bool:
+        """Go on behind damage, where the index of chunks leads on; whether it does."""
+        if self._places is None:
+            self._places = self._read_places()
+        place = next((place for place in self._places if place > self.offset), None)
+        if place is None:
+            return False
+        self.holes.append((self.offset, place))
+        self.offset = place
+        if place == self._places[-1]:
+            self.has_ended, self._summary_start = True, place
+        return True
+
+    def _read_places(self) -> list[int]:
+        """Where the chunks begin after their index, and where the summary does."""
+        end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
+        if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
+            return []
+        start = int.from_bytes(end[HEAD.size : HEAD.size + 8], 'little')
+        if not 0 < start < self._size:
+            return []
+        data, at, places = os.pread(self._file, _MOST_SUMMARY, start), 0, []
+        while at + _INDEXED <= len(data):
+            kind, length = HEAD.unpack_from(data, at)
+            if kind == Opcode.CHUNK_INDEX:
+                places.append(int.from_bytes(data[at + _INDEXED - 8 : at + _INDEXED], 'little'))
+            at += HEAD.size + length
+        return [*sorted(place for place in places if place < start), start]
 
     def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
         """Put a record of the data into a block: the last one, if it may join that."""
@@ -432,7 +473,7 @@ class _Heads:
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False
-        if self.behind or self._has_bare or self.strange:
+        if self.behind or self._has_bare or self.strange or self.holes:
             return False
         footer = Footer.read(ReadDataStream(BytesIO(self._footer[HEAD.size :])))
         length = self.offset - len(MAGIC) - 4 - self._summary_start

@@ -193,3 +193,14 @@ def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summa
     begin = f"file 'a.mcap': the chunk at byte {middle.chunk_start_offset} is damaged ("
     assert warning.startswith(begin)
     assert warning.endswith(') and was skipped')
+
+
+def test_zeros_in_the_middle_cost_the_chunks_that_they_touch(tmp_path: Path) -> None:
+    """The index of chunks leads on where the heads of records do not."""
+    whole = make('zstd', chunks=6, per_chunk=8)
+    begin, end = (whole.chunks[k].chunk_start_offset + 5 for k in (1, 3))
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(whole.data[:begin] + bytes(end - begin) + whole.data[end:])
+    bag = open_bag(path)
+    assert read_times(bag) == whole.times[:8] + whole.times[32:]
+    assert 'what lies behind was found by the index of chunks' in ' '.join(bag.losses)
