@@ -162,8 +162,7 @@ def _table(times: dict[str, Times], count: int) -> Table:
             f'Log times and values of {count / 1e6:g} million `std_msgs/Float64` on two topics at'
             ' 1 kHz, zstd in chunks of 1 MiB, as two arrays each. The mixed recording has a string'
             ' of 0 to 200 letters after every pair of them. In blocks is as a check reads, which'
-            ' keeps nothing. `mcap` unpacks the number by hand, the others decode messages. Ours'
-            ' has a second thread that decompresses ahead.'
+            ' keeps nothing. `mcap` unpacks the number by hand, the others decode messages.'
         ),
         columns=('reader', 'million/s, median of 3', 'best', 'time', 'ratio'),
         rows=rows,
