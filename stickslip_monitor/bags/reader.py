@@ -23,11 +23,11 @@ from stickslip_monitor.bags.recording import METADATA_NAME, METADATA_ROOT, MOST_
 from stickslip_monitor.bags.sqlite_recording import MAGIC as SQLITE
 from stickslip_monitor.bags.sqlite_recording import SqliteRecording
 from stickslip_monitor.bags.table_recording import TableRecording
-from stickslip_monitor.errors import BagError
+from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import near_name, open_file, read_file
 
 # What is often brought and not read, by its first bytes, with the remedy.
-_FOREIGN = (
+_FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
     (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV'),
     (
         b'#ROSBAG V',
@@ -36,7 +36,8 @@ _FOREIGN = (
     (b'MDF ', 'an MDF measurement (.mf4): export it as CSV'),
     (b'\x89HDF', 'an HDF5 file: export it as CSV or Parquet'),
     (b'TDSm', 'a TDMS file of LabVIEW: export it as CSV'),
-    (b'MATLAB 5.0', 'a MATLAB file: write it as CSV with writetable or writematrix'),
+    # From 7.3 it is HDF5 behind this head.
+    ((b'MATLAB 5.0', b'MATLAB 7.3'), 'a MATLAB file: write it as CSV with writetable or writematrix'),
     (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
 )
 _LOOK = 4096
@@ -191,6 +192,17 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
         for bag in _within(path) or [path]:
             found.setdefault(Path(os.path.realpath(bag)), bag)
     return list(found.values())
+
+
+def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
+    """A sentence on the logs under some paths that are not among what is found; empty for none."""
+    known = {os.path.realpath(path) for path in found}
+    logs = {log for path in map(Path, paths) for log in _walk(path, is_log) if is_log(log.name)}
+    others = sorted(str(log) for log in logs if os.path.realpath(log) not in known)
+    if not others:
+        return ''
+    named = ', '.join(f"'{log}'" for log in others[:MOST_NAMED]) + ', ...' * (len(others) > MOST_NAMED)
+    return f'{plural(len(others), "log")} beside recordings not checked (name logs to check them): {named}'
 
 
 def _within(path: Path) -> list[Path]:
@@ -366,7 +378,9 @@ def folder_files(folder: Path, findings: Findings) -> FolderFiles:
         if path.name not in there:
             findings.lose(f"file '{path.name}' was not read{near_name(path)}")
     if not there:
-        raise BagError(f"bag '{folder}' has no .mcap and no .db3 file")
+        logs = sorted((p.name for p in folder.iterdir() if is_log(p.name)), key=natural)
+        remedy = f": name one of its logs, as '{folder / logs[0]}'" if logs else ''
+        raise BagError(f"bag '{folder}' has no .mcap and no .db3 file{remedy}")
     if isinstance(metadata, str):
         if len(there) > 1 and len({stem_of(name) or name for name in there}) > 1:
             raise BagError(f"folder '{folder}' holds {len(there)} recordings: name one of them")

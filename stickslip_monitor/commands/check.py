@@ -4,9 +4,9 @@
 Prints every alarm, the time in each regime, the worst margins, and what is wrong with the data.
 
 A recording is a rosbag2 folder, an .mcap or sqlite3 file, or a log: CSV, Parquet, NMEA 0183 or
-Signal K. A folder of recordings stands for all of them, - for one on standard input. Of one that
-is cut, all up to the cut is read. What a log leaves open is guessed and said; `stickslip info`
-shows its columns.
+Signal K. A folder of recordings stands for all of them, - for one on standard input; logs beside
+them are named and not checked. Of one that is cut, all up to the cut is read. What a log leaves
+open is guessed and said; `stickslip info` shows its columns.
 
 --report writes one file that opens anywhere without a network: .html to read, .png to show, .json
 for programs. --mcap writes inputs and verdicts as messages, for Foxglove or PlotJuggler; --clips
@@ -74,6 +74,7 @@ class Task:
     mcap: str | None = None  # where to write the recording of verdicts, if at all
     clips: str | None = None  # the folder to write clips into, if at all
     learn: EvidenceSource | None = None  # the source of when the bearings vibrated, to learn from
+    left_out: str = ''  # a sentence on what lies beside the recordings and is not checked
 
     @property
     def is_drawn(self) -> bool:
@@ -167,7 +168,7 @@ def _check_bags(
 
     ``shown`` is what the only one is called, where its path means nothing to anybody.
     """
-    task = _task_of(args, len(bags))
+    task = _task_of(args, bags)
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     all_found, archive = [], None
@@ -205,16 +206,19 @@ def _advice(config: MonitorConfig) -> str:
     return f'{_wrapped(advice, output.line_width())}\n' if exact else ''
 
 
-def _task_of(args: argparse.Namespace, count: int) -> Task:
+def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
+    from stickslip_monitor.bags.reader import left_out
+
     config = options.chosen(args)
     if args.mcap is not None:
-        if count > 1:
-            raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {count}")
+        if len(bags) > 1:
+            raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
         from stickslip_monitor.offline.verdict_messages import check_target
 
         check_target(args.mcap)
     report = None if args.report is None else Path(args.report).suffix.lower()
-    return Task(config, report, args.mcap, args.clips, _source(args.learn, config))
+    others = left_out(args.bags, [*bags, args.learn or ''])
+    return Task(config, report, args.mcap, args.clips, _source(args.learn, config), others)
 
 
 def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
@@ -238,12 +242,14 @@ def _check_all(
     """What came of each recording, in the order asked for."""
     if args.scheduler is not None:
         bags = [bag.absolute() for bag in bags]
-    calls = {number: (task, bag) for number, bag in enumerate(bags)}
+    # What is left out is said once, with the first.
+    rest = replace(task, left_out='')
+    calls = {number: (rest if number else task, bag) for number, bag in enumerate(bags)}
     waiting: dict[int, Found] = {}
     following = 0
     with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
         for count, (number, outcome) in enumerate(arriving, 1):
-            waiting[number] = _as_found(task, bags[number], outcome)
+            waiting[number] = _as_found(*calls[number], outcome)
             meter.hide()
             while following in waiting:
                 yield waiting.pop(following)
@@ -295,6 +301,9 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
             checked = check_recording(
                 bag, task.config, sinks, progress and partial(progress, str(bag)), outlined=task.is_drawn
             )
+        if task.left_out:
+            checked.bag.note(task.left_out)
+            checked = replace(checked, complete=False)
         document = to_json(checked)
         part, counts = _part(task, document, checked), None if clips is None else clips.counts
         if task.learn is None:
@@ -306,6 +315,7 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
 
 def _failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
     """What came of a recording that could not be checked."""
+    text = '; '.join(filter(None, (text, task.left_out)))
     document = {'schema': 'stickslip_monitor/check/2', 'path': str(bag), 'error': text}
     return Found(document, _part(task, document), faulty=faulty)
 

@@ -249,6 +249,10 @@ def folder_with(files: dict[str, list[int]], **metadata: object) -> Callable[[Pa
     return lambda path: write_folder(path, files, **metadata)
 
 
+def folder_of_logs(path: Path) -> None:
+    make(path, 'b.csv', 'notes.txt')
+
+
 CONVERT = "convert it with 'ros2 bag convert' first"
 
 
@@ -262,6 +266,16 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             lambda path: path.write_bytes(b'\1\2\3\4'),
             "bag file '{}' is not an MCAP recording: it begins with bytes 01 02 03 04",
         ),
+        # Of v7.3 the head is 128 bytes of the 512 before the HDF5 file: MAT-File Format, MathWorks.
+        (
+            lambda path: path.write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM' + bytes(384)),
+            "'{}' is a MATLAB file: write it as CSV with writetable or writematrix",
+        ),
+        (
+            lambda path: path.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(88)),
+            "'{}' is an HDF5 file: export it as CSV or Parquet",
+        ),
+        (folder_of_logs, "bag '{0}' has no .mcap and no .db3 file: name one of its logs, as '{0}/b.csv'"),
         (make_sqlite, "bag file '{}' cannot be read: no such table: topics"),
         (make_sqlite_folder, "bag file '{}/bag_0.db3' cannot be read: no such table: topics"),
         (

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, Stickslip, until
 
+from stickslip_monitor.bags.reader import find_bags, left_out
+
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
 
@@ -64,6 +66,28 @@ def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, stickslip: Stick
     shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
     code, found = documents(stickslip, tmp_path)
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
+
+
+def test_logs_beside_recordings_are_named_and_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
+    shutil.copytree(BAGS / 'voyage', tmp_path / 'b')
+    log = tmp_path / 'load.csv'
+    log.write_text('time,rpm,load\n')
+    text = f"1 log beside recordings not checked (name logs to check them): '{log}'"
+    code, (checked,) = documents(stickslip, tmp_path)
+    assert (code, checked['complete'], checked['warnings'][-1]) == (1, False, text)
+    assert f'data: {text}\n' in stickslip(*CHECK, tmp_path).out
+    # It is said once, whatever comes of the recording that is first.
+    (tmp_path / 'a.mcap').write_bytes(b'nothing')
+    code, (torn, checked) = documents(stickslip, tmp_path, '--jobs', 1)
+    assert (code, torn['error'].endswith(f'; {text}'), checked['complete']) == (2, True, True)
+
+
+def test_a_log_that_is_named_or_learnt_from_is_not_left_out(tmp_path: Path) -> None:
+    (tmp_path / 'a.mcap').touch()
+    (tmp_path / 'b.csv').touch()
+    (tmp_path / 'reports.csv').touch()
+    found = [*find_bags([tmp_path, tmp_path / 'b.csv']), tmp_path / 'reports.csv']
+    assert left_out([tmp_path], found) == ''
 
 
 @pytest.mark.parametrize('cut', [0, 3000])
