@@ -334,8 +334,13 @@ class Session:
         for event in events:
             self._sink.take_event(event)
             self._changed.add(event.bearing)
-            grave = self._log.error if event.after.severity is Severity.ERROR else self._log.warning
-            (grave if event.raised else self._log.info)(event.text)
+            # The logger of ROS 2 takes one severity from one place of the source.
+            if not event.raised:
+                self._log.info(event.text)
+            elif event.after.severity is Severity.ERROR:
+                self._log.error(event.text)
+            else:
+                self._log.warning(event.text)
 
     def _alarm(self, changes: list[AlarmChange], events: list[Event]) -> None:
         """Publish and keep what has changed of the alarms, by these events too."""

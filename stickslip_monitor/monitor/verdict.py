@@ -268,9 +268,11 @@ def _what(b: Standing, point: Assessment) -> str:
         return 'Steady sliding is unstable: stick-slip is starting.'
     if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
-    if b.asked > b.rung:
-        delay = rule.due(b.state, b.settings.live, b.asked - 1) * 1e-9
-        near = LADDER[b.asked].sentence.rstrip('.').partition(':')[0]
+    # The alarm goes by medians: the latest values alone may be within the region already.
+    asked = max(b.asked, rule.CAUTION + 1 if warns(b.config, point) else 0)
+    if asked > b.rung:
+        delay = rule.due(b.state, b.settings.live, asked - 1) * 1e-9
+        near = LADDER[asked].sentence.rstrip('.').partition(':')[0]
         return f'{near} for less than {delay:.3g} s: no alarm yet.'
     if condition is Condition.CAUTION and abs(point.speed) > (clear := _clear_speed(b, point)):
         return f'Slowing towards stick-slip: stay above {_goal(b.config, point, clear)}.'

@@ -393,3 +393,14 @@ def test_a_stop_warns_before_the_range_that_it_goes_through(configure: Configure
     assert after == 'caution'
     # It would be within a fifth of the fold, at 48.9 rpm, 8.9 s after it began to slow down.
     assert 20.0 < time < 26.0
+
+
+def test_no_sentence_says_normal_of_values_within_the_region(configure: Configure) -> None:
+    """The alarm goes by medians of three: the first values of a slow-down have not moved them yet."""
+    monitor = Monitor(configure())
+    for time in range(40):
+        _point(monitor, time, QUIET)
+    _point(monitor, 40, UNSTABLE)
+    assert monitor.bearings['aft'].condition is Condition.NORMAL
+    text = monitor.bearings['aft'].text()
+    assert text.startswith('aft: Near the stick-slip boundary for less than 4 s: no alarm yet. Now 20 rpm')
