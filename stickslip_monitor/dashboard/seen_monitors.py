@@ -579,6 +579,8 @@ def _cell(text: str) -> str:
 
 # --- all of them -----------------------------------------------------------------------------
 
+PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
+
 
 class DashboardState:
     """The newest of all monitors that are shown.
@@ -621,7 +623,9 @@ class DashboardState:
             return None
         floods = [record['flood'] for record in known]
         return {
+            'time': max(record['time'] for record in known),
             'sounding': any(record['sounding'] for record in known),
+            'unacknowledged': sum(record['unacknowledged'] for record in known),
             'flood': max(floods, key=lambda f: (f['flooding'], f['alarms_10min'])),
             'alarms': [alarm for record in known for alarm in record['alarms']],
             'rows': [row for record in known for row in record['rows']],
@@ -665,18 +669,21 @@ class DashboardState:
 
     def _tell(self) -> None:
         monitor = self.monitor()
-        state = monitor | {'faults': len(monitor['faults'])}
+        state = monitor | {'silent': None, 'faults': len(monitor['faults'])}
         if state != self._sent:
             self._sent = state
             self.send('monitor', monitor, '')
 
     def monitor(self) -> dict[str, Any]:
         """Whether the monitors are there, and why what is shown must not be taken for all there is."""
+        silences = [monitor.silent_for for monitor in self.monitors]
+        known = [round(silent, 1) for silent in silences if silent is not None]
         watched = () if self.finished else self.monitors
         log = f'The log is not kept: {self.log.fault}' if self.log.fault else ''
         return {
             'there': any(monitor.receiving for monitor in watched),
             'finished': self.finished,
+            'silent': max(known) if len(known) == len(silences) else None,
             'faults': [text for monitor in watched for text in monitor.faults()],
             'notices': [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text],
             'missing': [key for monitor in watched for key in monitor.missing()],
@@ -686,6 +693,7 @@ class DashboardState:
         """All that the page shows, for one that has just opened or come back."""
         names = ', '.join(monitor.source for monitor in self.monitors)
         return {
+            'schema': PAGE_SCHEMA,
             'source': {'name': names, 'replay': self._replay},
             'monitor': self.monitor(),
             'columns': COLUMNS,
@@ -722,8 +730,9 @@ class DashboardState:
         ]
         if not asked:
             raise DashboardError(f'there is nothing to {request.action}')
-        waited = (monitor.ask(request, patience) for monitor in asked)
-        counts = await asyncio.gather(*waited, return_exceptions=True)
+        counts = await asyncio.gather(
+            *(monitor.ask(request, patience) for monitor in asked), return_exceptions=True
+        )
         for each in counts:
             if isinstance(each, BaseException):
                 raise each

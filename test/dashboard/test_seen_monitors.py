@@ -310,6 +310,7 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
     assert board.monitor()['faults']
     starboard.take_alarms(alarms(alarm()))
     assert (board.monitor()['there'], board.monitor()['faults']) == (True, [])
+    assert board.alarms['unacknowledged'] == 1
     assert [(a['bearing'], a['state']) for a in board.alarms['alarms']] == [
         ('port/aft_stern', 'unacknowledged'),
         ('starboard/aft_stern', 'normal'),
