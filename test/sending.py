@@ -7,8 +7,10 @@ Time is the test's own. A number may be a function of the time [s].
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
+from functools import cache, partial
+from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,8 +146,17 @@ class Ship(Sink):
         self.published: list[dict[str, Any]] = []
         self.standing: list[BearingState] = []
         self.lines: list[str] = []
-        self.info = self.warning = self.error = self.lines.append
+        self._severities: dict[tuple[CodeType, int], str] = {}
+        self.info, self.warning, self.error = (partial(self._log, s) for s in ('INFO', 'WARN', 'ERROR'))
         self.boot()
+
+    def _log(self, severity: str, text: str) -> None:
+        """Take a line; as ROS 2's logger it raises where one place of the source changes its severity."""
+        caller = sys._getframe(1)
+        place = caller.f_code, caller.f_lasti
+        if self._severities.setdefault(place, severity) != severity:
+            raise ValueError('Logger severity cannot be changed between calls.')
+        self.lines.append(text)
 
     def boot(self) -> None:
         """Start the session, or start it again after a kill."""

@@ -213,6 +213,10 @@ def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
 
     Raises:
         ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
+
+    Examples:
+        >>> load_config('launch_configs/reference_bearing.yaml').bearings[0].name
+        'aft_stern'
     """
     parameters = load_parameters(path, node)
     for name, value in parameters.items():
