@@ -365,9 +365,21 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     inside = np.flatnonzero((speed > 0.0) & (speed < fold))
     for start in range(0, inside.size, _BLOCK):
         part = inside[start : start + _BLOCK]
-        point, *_, rising = _brackets(law, np.clip(speed[part], SLOWEST, FASTEST), q[part])
-        result[part[point[rising == 0.0]]] = True
+        v = np.clip(speed[part], SLOWEST, FASTEST)
+        sure = _surely_falls(law, v, q[part])
+        result[part] = sure
+        point, *_, rising = _brackets(law, v[~sure], q[part[~sure]])
+        result[part[~sure][point[rising == 0.0]]] = True
     return result
+
+
+def _surely_falls(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> BoolArray:
+    """Where the law's table alone has ``rho`` fall below ``q`` along the amplitude."""
+    if not law.breakpoints:
+        return np.zeros(speed.shape, dtype=bool)
+    above, doubt = _lines(law, speed)
+    above -= q[:, None]
+    return np.asarray((np.maximum.accumulate(above > doubt, axis=1) & (above < -doubt)).any(axis=1))
 
 
 def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
