@@ -214,3 +214,19 @@ def test_the_table_has_the_exact_fold_just_above_its_own_onset(exponent, load):
     assert boundary_table(bearing).exact(np.array([load]))[0] == pytest.approx(
         exact_fold_speed(bearing, load), rel=1e-3
     )
+
+
+@pytest.mark.parametrize(
+    ('law', 'damping', 'load'),
+    [
+        (Stretched(0.3, 0.1, 3.0, 0.05, 4.0), 1260.0, 1778.0),
+        (Stretched(0.3, 0.1, 10.0, 0.3, 1.5), 1540.0, 1334.0),
+        (Stretched(0.3, 0.1, 10.0, 1.0, 4.0), 6260.0, 3162.0),
+    ],
+)
+def test_a_lining_that_sticks_at_no_speed_has_no_exact_fold(law, damping, load):
+    """Against cycles at many speeds: it vibrates at some, too little to stick."""
+    bearing = bench(law, damping)
+    kind = exact_cycle(bearing, np.geomspace(1e-3, 1.0, 120), load).kind
+    assert set(kind.tolist()) == {CycleKind.PURE_SLIP, CycleKind.NONE}
+    assert np.isnan(exact_fold_speed(bearing, load))
