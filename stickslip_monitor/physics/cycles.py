@@ -38,6 +38,7 @@ from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
+    FEW,
     LANDED,
     TURNED,
     Route,
@@ -87,8 +88,9 @@ _AT_FOLD, _UNSTABLE = 1e-9, math.log(1e12)
 _LARGEST = 700.0
 # Error of a step of a cycle, and of one whose amplitude alone is wanted: that errs by 1e-9.
 _ERROR, _OF_AMPLITUDES = 1e-13, 1e-10
-# How roughly a cubic knows the place of a contact: measured 0.011 at 40,000 points.
-_ROUGHLY = 0.03
+# How roughly a cubic knows the place of a contact: measured 0.011 at 40,000 points; and how well the
+# steps of an amplitude know one that is located.
+_ROUGHLY, _LOCATED = 0.03, 1e-6
 # Panels in which a sign change of the energy gain is looked for, a gain that is rounding, and
 # fourfold increases in search of the far side of an overtaking cycle.
 _PANELS, _BALANCED, _QUADRUPLINGS = 24, 1e-13, 40
@@ -576,8 +578,9 @@ def _changes(gains: FloatArray, stable: bool) -> BoolArray:
 def _sticking_strokes(field: SlipField) -> FloatArray:
     """From turn to turn of the cycles that certainly stick; ``nan`` for all others."""
     nothing = np.zeros(field.speed.size)
-    route = Route(3, _OF_AMPLITUDES, contact=True, locate=False)
-    one = follow(field, nothing, nothing, route)
+    few = nothing.size <= FEW  # to locate a contact costs them less than to follow them again
+    one = follow(field, nothing, nothing, Route(3, _OF_AMPLITUDES, contact=True, locate=few))
     stroke = _stroke(field)
-    sticks = (one.end == LANDED) & (one.place >= stroke + _ROUGHLY * (1.0 - stroke))
+    known = _LOCATED if few else _ROUGHLY
+    sticks = (one.end == LANDED) & (one.place >= stroke + known * (1.0 - stroke))
     return np.where(sticks, one.turns[0] - one.turns[1], np.nan)

@@ -54,7 +54,7 @@ _AT_EDGE, _OVER_EDGES = 1e-6, 1e-11
 # Trials for the end of a step, and how well it is to be known in units of the error of a step.
 _TRIALS, _SAME = 60, 1e-2
 # Orbits up to which each is followed by itself: a step costs 0.012 ms then, one of arrays 0.3 ms.
-_FEW = 24
+FEW = 24
 # Rows of the state of orbits.
 _E, _Z, _RATE, _LENGTH, _TIME, _GAIN = range(6)
 
@@ -286,7 +286,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     All at once, but few number by number. Both steps are of the same method and go by the same
     rules; what they find differs by the errors of steps.
     """
-    if e.size <= _FEW and not route.weigh:
+    if e.size <= FEW and not route.weigh:
         return _one_by_one(field, e, z, route)
     run = _Run(field, e, z, route)
     for _ in range(route.most if e.size else 0):
