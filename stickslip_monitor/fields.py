@@ -63,7 +63,8 @@ class NumberField:
 
     def __init__(self, path: FieldPath) -> None:
         self._path = path
-        # What the message that came first called each place that is chosen by its index.
+        # What the message that came first called each place that is chosen by its index. In a recording
+        # that is the one written first, whatever its log time: a recorder writes in the order of arrival.
         self._called: dict[int, str] = {}
 
     def read(self, message: Any) -> float:

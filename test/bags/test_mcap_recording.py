@@ -84,6 +84,12 @@ class Cdr:
         self.data += raw
         return self
 
+    def names(self, names: list[str]) -> Cdr:
+        self.put('I', len(names))
+        for name in names:
+            self.text(name)
+        return self
+
     def sequence(self, code: str, values: list[Any]) -> Cdr:
         return self.put('I', len(values)).put(code, *values)
 
@@ -120,11 +126,9 @@ def encode(type_name: str, rng: np.random.Generator, big_endian: bool) -> bytes:
         cdr.put('b', int(rng.integers(-128, 128))).put('d', 1.0)
     else:
         header()
-        names = [str(rng.choice(TEXTS)) for _ in range(rng.integers(0, 3))]
-        cdr.put('I', len(names))
-        for name in names:
-            cdr.text(name)
-        cdr.sequence('d', floats())
+        # The place that is read keeps its name: which message is the first to give it one goes by the
+        # order of writing, and what is expected here by time.
+        cdr.names([str(rng.choice(TEXTS)), 'shaft'][: rng.integers(0, 3)]).sequence('d', floats())
     return cdr.message()
 
 
@@ -207,7 +211,6 @@ def expected(
 ) -> tuple[list[tuple[int, int, int, float]], int, int]:
     """What the reference decoder gives, with the counts of undecoded and short messages."""
     rows, undecoded, short = [], 0, 0
-    # It remembers how the elements are called.
     field = NumberField(parse_field(request.field))
     asked = [message for message in ordered if message.topic in topics]
     for sequence, message in enumerate(asked):
@@ -268,6 +271,21 @@ def test_reads_what_the_reference_decodes(
             assert counts.get('lack t', 0) == short
         found = [(m.topic, m.type, m.log_time_ns, m.data) for m in bag.messages()]
         assert found == [(m.topic, m.type, m.log_time_ns, m.data) for m in ordered]
+
+
+def test_the_message_written_first_names_the_elements(tmp_path: Path) -> None:
+    messages = []
+    for time, names, speeds in (
+        (2000, ['rudder', 'shaft'], [0.1, 6.0]),
+        (1000, ['shaft', 'rudder'], [7.0, 0.2]),
+    ):
+        cdr = Cdr(False).put('i', 0).put('I', 0).text('').names(names).sequence('d', speeds)
+        messages.append(Written('/joints', 'ship_msgs/msg/Joints', time, cdr.message()))
+    write_file(tmp_path / 'a.mcap', {}, messages)
+    request = Request('/joints', 'velocity[1]')
+    series = open_bag(tmp_path / 'a.mcap').read([request])[request]
+    assert series.log_time_ns.tolist() == [1000, 2000]
+    np.testing.assert_array_equal(series.value, [math.nan, 6.0])
 
 
 def load_messages(count: int, frames: list[str]) -> list[Written]:
