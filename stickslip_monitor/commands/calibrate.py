@@ -38,6 +38,7 @@ from stickslip_monitor.lab.evidence import NoTwoModes, read_reports
 from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.verdict import rounded
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.physics.probability import QUANTILES
 
@@ -112,7 +113,7 @@ def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
     (low, high), (log_r, log_q) = found.loads, found.factors
     out.print(
         f'[bold]{escape(config.name)}[/]: {plural(len(found.edges.tracks), "passage")},'
-        f' {plural(found.episodes, "episode")}, {low:.4g} to {high:.4g} N'
+        f' {plural(found.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
     )
     out.print(_boundary_table(config, found))
     spread = np.sqrt(np.diag(found.covariance))
@@ -138,5 +139,5 @@ def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
                 ', '.join(f'{value / rpm:.1f}' for value in values)
                 for values in (past, now[3 * k : 3 * k + 3])
             ]
-            table.add_row('' if k else f'{load:.4g} N', name, *texts)
+            table.add_row('' if k else f'{rounded(load, 4)} N', name, *texts)
     return table

@@ -36,6 +36,7 @@ from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KE
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
+from stickslip_monitor.monitor.verdict import rounded
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
@@ -257,7 +258,7 @@ class Calibration:
             )
         if high < _ONE_LOAD * low:
             found.append(
-                f'all evidence is at {low:.4g} to {high:.4g} N: beyond a fifth from there the'
+                f'all evidence is at {rounded(low, 4)} to {rounded(high, 4)} N: beyond a fifth from there the'
                 ' boundaries are known less well'
             )
         return found
@@ -505,7 +506,7 @@ def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
     predicted = float(fold_speed(config.bearing, load)) / rpm
     count = len(result.edges.seen)
     which = plural(count, 'episode')
-    seen = f'{low:.1f} to {high:.1f} rpm at {load:.4g} N'
+    seen = f'{low:.1f} to {high:.1f} rpm at {rounded(load, 4)} N'
     if not count or low <= predicted <= high:
         does = 'agrees' if count == 1 else 'agree'
         return f'{which} {does} with the predicted fold of {predicted:.1f} rpm ({seen})'

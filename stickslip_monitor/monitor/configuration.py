@@ -517,7 +517,7 @@ def note_on_table(bearing: Bearing) -> str:
         return ''
     return (
         f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g} m/s: above'
-        f' {bearing.damping / fall:.3g} N verdicts at higher speeds rest on nothing measured'
+        f' {bearing.damping / fall / 1e3:.3g} kN verdicts at higher speeds rest on nothing measured'
     )
 
 

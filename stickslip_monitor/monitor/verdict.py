@@ -229,7 +229,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
     assumed = ' (assumed)' if config.load.is_assumed else ''
-    load = f'{_three(point.load / 1e3)} kN{assumed}'
+    load = f'{rounded(point.load / 1e3)} kN{assumed}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
     text = f'{config.name}: {what}{_way_out(b, point)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
@@ -238,7 +238,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
         ends = (_speed_text(config, point, v) for v in (point.lower_end, point.stability_limit))
         return f'{text}. {point.outcome.sentence} Stay below {" or go above ".join(ends)}.'
     if b.sticking and math.isfinite(point.amplitude_exact):
-        text += f', amplitude {_three(point.amplitude_exact * 1e3)} mm'
+        text += f', amplitude {rounded(point.amplitude_exact * 1e3)} mm'
     margin = point.stability_margin
     text += f', {abs(margin) * 100.0:.0f} % {"below" if margin < 0.0 else "above"} the fold.'
     if b.state.raised & (1 << rule.VIBRATION) and condition is not Condition.VIBRATION:
@@ -341,13 +341,13 @@ def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
 def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
     """A magnitude of the surface speed, in the direction in which the shaft turns."""
     rpm = float(config.bearing.speed.from_surface(speed, 'rpm'))
-    return f'{_three(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
+    return f'{rounded(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
 
 
-def _three(number: float) -> str:
-    """A number to three digits, without an exponent where it is of usual size."""
-    text = f'{number:.3g}'
-    return f'{float(text):g}' if 'e' in text and abs(number) < 1e6 else text
+def rounded(number: float, digits: int = 3) -> str:
+    """A number to some digits, without an exponent where it is of usual size."""
+    text = f'{number:.{digits}g}'
+    return f'{float(text):.9g}' if 'e' in text and abs(number) < 1e9 else text
 
 
 def about(seconds: float) -> str:

@@ -29,6 +29,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, Mon
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
+from stickslip_monitor.monitor.verdict import rounded
 from stickslip_monitor.physics.averaging import fold_speed
 
 _MOST_NAMED = 5
@@ -199,10 +200,14 @@ class InputCheck:
         source = self._source
         low, high = sorted(source.scale * end + source.offset for end in (first, last))
         si_unit = {'speed': 'm/s', 'load': 'N'}.get(self.quantity, source.unit)
-        more = [f'{si_low:.4g} to {si_high:.4g} {si_unit}'] if si_unit != source.unit else []
+        more = [f'{_range(si_low, si_high)} {si_unit}'] if si_unit != source.unit else []
         if (source.scale, source.offset) != (1.0, 0.0):
-            more.append(f'sent as {first:.4g} to {last:.4g}')
-        return f'{low:.4g} to {high:.4g} {source.unit}' + (f' ({"; ".join(more)})' if more else '')
+            more.append(f'sent as {_range(first, last)}')
+        return f'{_range(low, high)} {source.unit}' + (f' ({"; ".join(more)})' if more else '')
+
+
+def _range(low: float, high: float) -> str:
+    return f'{rounded(low, 4)} to {rounded(high, 4)}'
 
 
 def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
@@ -292,5 +297,5 @@ class Plausibility:
             return []
         return [
             f'has no boundary at any load up to {FACTOR:g} times the largest seen,'
-            f' {self._heaviest:.4g} N: {asked}'
+            f' {rounded(self._heaviest, 4)} N: {asked}'
         ]

@@ -205,7 +205,7 @@ def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureF
     assert [event['to'] for event in bearing['events']] == ['bistable']
 
 
-def checked(path: Path, interval: float, rpm: list[float]) -> dict[str, Any]:
+def checked(path: Path, interval: float, rpm: list[float], config: Path = CONFIG) -> dict[str, Any]:
     """The record of a check of a recording, MCAP or CSV, of some speeds under one load."""
     seconds = interval * np.arange(len(rpm))
     if path.suffix == '.csv':
@@ -217,7 +217,7 @@ def checked(path: Path, interval: float, rpm: list[float]) -> dict[str, Any]:
             bag.add_topic(SPEED, FLOAT)
             bag.add_topic(LOAD, FLOAT)
             bag.write_float64s({SPEED: (time, rpm), LOAD: (time, np.full(len(rpm), 1000.0))})
-    return to_json(check_recording(path, load_config(CONFIG)))
+    return to_json(check_recording(path, load_config(config)))
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
@@ -242,3 +242,19 @@ def test_a_shaft_at_rest_is_not_the_worst_of_a_voyage(tmp_path: Path) -> None:
     known = assess(BEARING.bearing, BEARING.bearing.speed.factor('rpm') * 60.0, 1000.0)
     assert worst['fold_margin']['value'] == pytest.approx(known.fold_margin, rel=1e-12)
     assert worst['hopf_margin']['value'] == pytest.approx(known.hopf_margin, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('unit', 'scale', 'shown'),
+    [
+        ('kN', 0.03, '30 to 30 kN (30000 to 30000 N; sent as 1000 to 1000)'),
+        ('N', 12.3456, '12350 to 12350 N (sent as 1000 to 1000)'),
+    ],
+)
+def test_a_large_load_has_no_exponent(unit: str, scale: float, shown: str, tmp_path: Path) -> None:
+    """30 kN and 12 345.6 N, each to four digits."""
+    config = tmp_path / 'config.yaml'
+    config.write_text(CONFIG.read_text('utf-8').replace('unit: N,', f'unit: {unit}, scale: {scale},'))
+    report = checked(tmp_path / 'bag.mcap', 1.0, [30.0] * 9, config)
+    (bearing,) = report['bearings'].values()
+    assert bearing['inputs']['load']['values'] == shown
