@@ -99,11 +99,11 @@ setup(
             'pynmeagps>=1.0.40',
             'pytest>=7',
             'pytest-xdist>=3',
-            'rosbags>=0.10.9',
+            'rosbags>=0.11',  # reads MCAP outside a folder
             'setuptools>=70.1',
         ],
         # What the benchmarks compare with.
-        'bench': ['numba>=0.57', 'pathsim>=0.20', 'rosbags>=0.10.9'],
+        'bench': ['numba>=0.57', 'pathsim>=0.20', 'rosbags>=0.11'],
         'lint': ['mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
     },
     entry_points={'console_scripts': [f'monitor = {NAME}.live:main', f'stickslip = {NAME}.cli:main']},
