@@ -9,7 +9,9 @@ import io
 import random
 import sqlite3
 import struct
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -121,7 +123,20 @@ def databases() -> list[bytes]:
 
 
 def _database(page: int) -> bytes:
-    with contextlib.closing(sqlite3.connect(':memory:')) as database:
+    with _folder_file() as path:
+        _fill(path, page)
+        return path.read_bytes()
+
+
+@contextlib.contextmanager
+def _folder_file() -> Iterator[Path]:
+    """A file of a folder of its own: in Python 3.10 a database in memory gives no bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder) / 'database'
+
+
+def _fill(path: Path, page: int) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute(f'PRAGMA page_size={page}')
         database.executescript(_DATABASE)
         topics = [(k + 1, topic, FLOAT64, 'cdr') for k, topic in enumerate(TOPICS)]
@@ -134,7 +149,6 @@ def _database(page: int) -> bytes:
         ]
         database.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
         database.commit()
-        return database.serialize()
 
 
 def change_cell(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
@@ -157,21 +171,22 @@ def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     """A database with a value changed, rows dropped, or a table gone."""
     table, columns = rng.choice(_COLUMNS)
     column, value, some = rng.choice(columns), rng.choice(_VALUES), rng.choice((1, 2, 7))
-    with contextlib.closing(sqlite3.connect(':memory:')) as database:
+    with _folder_file() as path:
+        path.write_bytes(data)
         try:
-            database.deserialize(data)
-            match rng.randrange(8):
-                case 0:
-                    database.execute(f'DROP TABLE {table}')
-                case 1:
-                    database.execute(f'DELETE FROM {table} WHERE rowid % {some} = 0')
-                case 2:
-                    database.execute(f'ALTER TABLE {table} RENAME COLUMN {column} TO odd')
-                case _:
-                    database.execute(
-                        f'UPDATE OR IGNORE {table} SET {column} = ? WHERE rowid % {some} = 0', (value,)
-                    )
-            database.commit()
-            return database.serialize()
+            with contextlib.closing(sqlite3.connect(path)) as database:
+                match rng.randrange(8):
+                    case 0:
+                        database.execute(f'DROP TABLE {table}')
+                    case 1:
+                        database.execute(f'DELETE FROM {table} WHERE rowid % {some} = 0')
+                    case 2:
+                        database.execute(f'ALTER TABLE {table} RENAME COLUMN {column} TO odd')
+                    case _:
+                        database.execute(
+                            f'UPDATE OR IGNORE {table} SET {column} = ? WHERE rowid % {some} = 0', (value,)
+                        )
+                database.commit()
+            return path.read_bytes()
         except (sqlite3.Error, ValueError, MemoryError):
             return data
