@@ -348,17 +348,17 @@ def main(asked: Sequence[str]) -> None:
         running = {pool.submit(PARTS[name]): name for name in asked or PARTS if name != 'page'}
         for done in as_completed(running):
             found = {running[done]: done.result()}
-            RESULTS.write_text(json.dumps(_results() | found) + '\n')
+            RESULTS.write_text(json.dumps(_results() | found) + '\n', 'utf-8')
             print(running[done], 'done', flush=True)
     results = _results()
     if 'reliability' in results:
         _draw_reliability(results['reliability'])
     draw_example()
-    PAGE.write_text(_page(PAGE.read_text(), results))
+    PAGE.write_text(_page(PAGE.read_text('utf-8'), results), 'utf-8')
 
 
 def _results() -> dict[str, Any]:
-    return dict(json.loads(RESULTS.read_text())) if RESULTS.exists() else {}
+    return dict(json.loads(RESULTS.read_text('utf-8'))) if RESULTS.exists() else {}
 
 
 if __name__ == '__main__':
