@@ -172,9 +172,9 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     """
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
-    _refuse_unknown(values, names)
+    notes = _retired(values, names)
     bearings = tuple(_build_bearing(name, values) for name in names)
-    notes = [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
+    notes += [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
     return filled(
         MonitorConfig,
         '',
@@ -201,15 +201,20 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     return names
 
 
-def _refuse_unknown(values: Mapping[str, Any], names: tuple[str, ...]) -> None:
-    known = parameters.parameters_of(names)
+def _retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
+    """A sentence on each parameter without effect; what is not known at all is refused."""
+    known, notes = parameters.parameters_of(names), []
     for key in (each for each in values if each not in known):
-        head = key.split('.', 1)[0]
-        if '.' in key and head not in names:
+        head, _, own = key.partition('.')
+        if own and head not in names:
             raise ConfigurationError(
                 f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}"
             )
-        raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{did_you_mean(key, known)}")
+        if own not in parameters.RETIRED:
+            raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{did_you_mean(key, known)}")
+        why = parameters.RETIRED[own]
+        notes.append(f'{key} has no effect and will be refused in a later version: {why}')
+    return notes
 
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:

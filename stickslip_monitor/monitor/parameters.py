@@ -571,6 +571,9 @@ BEARING_PARAMETERS = (
 )
 """The parameters of each bearing."""
 
+RETIRED = {'alarm.trend_window': 'times to a boundary are not forecast any more'}
+"""Parameters of a bearing in 0.2.0 that are accepted without effect in 0.3, and why."""
+
 
 def parameters_of(names: tuple[str, ...]) -> dict[str, Parameter]:
     """The declaration of every full parameter name of these bearings."""

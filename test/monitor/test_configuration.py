@@ -140,3 +140,9 @@ def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
 )
 def test_a_slip_is_asked_about(configure: Configure, changes: dict[str, object], clause: str) -> None:
     assert any(clause in text for text in asked(configure, **changes)), asked(configure, **changes)
+
+
+def test_a_retired_parameter_has_no_effect_and_a_sentence(configure: Configure) -> None:
+    """A file of the last version is not refused for it."""
+    (note,) = configure(alarm__trend_window='whatever').notes
+    assert note.startswith('aft.alarm.trend_window has no effect and will be refused in a later version')
