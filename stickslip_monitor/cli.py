@@ -48,6 +48,15 @@ _MOVED = {
     'figures': '`python scripts/draw_findings.py`, in the source tree',
     'score': '`python -m benchmarks.score`, in the source tree',
 }
+# For one version: what stands for options that went.
+_HEIRS = {
+    '--add': 'give all recordings together',
+    '--bench': 'put the errors of a bench into tolerance in the parameter file',
+    '--cost': 'see docs/accuracy.md',
+    '--csv': 'it is --output',
+    '--level': 'configure level.topic in the parameter file',
+    '--resume': 'run the check again, which is one pass',
+}
 
 _TOLD_TO_STOP = threading.Event()
 
@@ -86,6 +95,8 @@ class _Parser(argparse.ArgumentParser):
             long = argument.startswith('--')
             option = argument.partition('=')[0] if long else argument[:2]
             if not any(known.startswith(option) for known in self._option_string_actions):
+                if heir := _HEIRS.get(option):
+                    self.error(f"option '{option}' is gone: {heir}")
                 hint = did_you_mean(option, self._option_string_actions)
                 self.error(f"option '{argument}' is not known{hint}")
         return super().parse_known_args(args, namespace)

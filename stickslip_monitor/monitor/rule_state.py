@@ -139,15 +139,25 @@ class State:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> State:
-        """The memory from what :meth:`record` gave.
+        """The memory from what :meth:`record` gave, or what that of 0.2.0 did.
 
         Raises:
             ValueError: A field is missing, or is not of its kind, number and range.
         """
-        return cls(*(_checked(each, record.get(each.name)) for each in fields(cls)))
+        afresh = _AFRESH if 'odd' in record else ()
+        known = [each for each in fields(cls) if each.name not in afresh]
+        state = cls(**{each.name: _checked(each, record.get(each.name)) for each in known})
+        if afresh:
+            state.borne = state.growth
+        return state
 
 
 _NAMES = tuple(each.name for each in fields(State))
+_AFRESH = (
+    *('shift', 'onsets', 'borne', 'still', 'background', 'high_for', 'doubt', 'heard'),
+    *('stamp', 'came', 'now', 'began', 'vibrating', 'level_count'),
+)
+"""What begins afresh after 0.2.0, which did not have it or meant something else by it."""
 
 
 def _type_of(owner: type) -> np.dtype[Any]:

@@ -26,6 +26,7 @@ REFUSED = {
     # What was meant.
     'chek x': "command 'chek' is not known; did you mean 'check'?",
     'figures -o x': "command 'figures' has moved to `python scripts/draw_findings.py`",
+    'calibrate --level=x': "option '--level' is gone: configure level.topic in the parameter file",
     'score x': "command 'score' has moved to `python -m benchmarks.score`",
     'xyz': f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}",
     'assess --bering=a': "option '--bering=a' is not known; did you mean '--bearing'? (see"
@@ -55,7 +56,7 @@ REFUSED = {
     f'fit {CURVE} --speed 1rpm': '--speed needs --config and --load',
     'accuracy --from x --quick': 'does not go with --quick',
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
-    f'check {BAG} -c own.yaml --resume x': "option '--resume' is not known",
+    f'check {BAG} -c own.yaml --resume x': "option '--resume' is gone: run the check again",
     f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
     **{
         f'check {BAG} -c own.yaml --scheduler tcp://ship:8786 {option}': (

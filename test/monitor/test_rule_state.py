@@ -12,7 +12,7 @@ import pytest
 from sending import configured, every
 
 from stickslip_monitor import Monitor, Sample
-from stickslip_monitor.monitor.rule_state import STATE_TYPE, State
+from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.signals import INPUTS, Input
 
 
@@ -68,6 +68,19 @@ def test_a_value_of_no_meaning_is_refused(name: str, value: float) -> None:
 def test_a_missing_part_is_refused() -> None:
     with pytest.raises(ValueError, match=r'^sticking = None must be'):
         State.of_record({key: own for key, own in _STICKING.items() if key != 'sticking'})
+
+
+def test_the_memory_of_0_2_0_is_taken_over() -> None:
+    """It had three parts of a stamp that waits, and no background, shift or count of onsets."""
+    gone = ('shift', 'onsets', 'borne', 'still', 'background', 'high_for', 'doubt', 'heard')
+    old = {key: own for key, own in _STICKING.items() if key not in gone}
+    old |= {'came': [0, 0], 'odd': [NEVER] * 3, 'agreed': [0, 0, 0], 'spell': NEVER, 'unsure': 0.0}
+    state = State.of_record(old)
+    assert (state.sticking, state.raised) == (_STICKING['sticking'], _STICKING['raised'])
+    assert state.value == _STICKING['value']
+    assert (state.shift, state.heard, len(state.came)) == (0, 0, 3)
+    with pytest.raises(ValueError, match=r'^raised = 99 must be'):
+        State.of_record(old | {'raised': 99})
 
 
 _STICKING = _sticking()
