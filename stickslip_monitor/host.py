@@ -126,7 +126,7 @@ def unblocked() -> Iterator[int]:
     descriptor = 1 if os.environ.get('RCUTILS_LOGGING_USE_STDOUT') == '1' else 2
     if sys.stderr is None:
         _open_null(2)
-        sys.stderr = open(2, 'w', errors='backslashreplace', closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, 'w', errors='backslashreplace', closefd=False)  # noqa: SIM115 (open for life)
     target = os.dup(descriptor)
     source, inlet = os.pipe()
     # The log is written with the interpreter's lock held, so that a writer must never wait for the

@@ -17,6 +17,7 @@ import pytest
 
 from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.links.nmea import parse, sentence
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
@@ -34,6 +35,16 @@ REFERENCE: dict[str, Any] = {
     'speed.unit': 'rpm',
     'load.topic': '/bearing/aft/load',
     'load.unit': 'N',
+}
+# Laws of each kind: some fall nowhere, one falls twice.
+LAWS = {
+    'stribeck': Stribeck(0.30, 0.10, 10.0),
+    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
+    'rising': Stribeck(0.10, 0.30, 10.0),
+    'level': Stribeck(0.2, 0.2, 10.0),
+    'coulomb': Coulomb(0.3, 0.1),
+    'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
+    'two falls': Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]),
 }
 # Only a test that fails waits so long; a busy machine may need some of it.
 DEADLINE = 60.0

@@ -52,7 +52,7 @@ class SignalKLink:
 
 
 def _period(default: float, text: str) -> Any:
-    return parameter(default, text, 's', minimum=1.0, maximum=600.0)
+    return parameter(default, text, 's', within=(1.0, 600.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class NmeaLink:
     alerts: str = parameter('', 'Where alert sentences go.')
     talker: str = parameter('II', 'Our talker identifier.')
     manufacturer: str = parameter('', 'Our manufacturer code.')
-    first_alert: int = parameter(10001, 'Identifier of our first alert.', minimum=1, maximum=999994)
+    first_alert: int = parameter(10001, 'Identifier of our first alert.', within=(1, 999994))
     list_period: float = _period(30.0, 'Time between two lists of alerts.')
     heartbeat: float = _period(60.0, 'Time between two heartbeats.')
     accept_actions: bool = parameter(False, 'Whether people may act by ACN sentences.')

@@ -225,7 +225,7 @@ class _Assessed(Generic[_Number]):
     @cached_property
     def amplitude_exact(self) -> _Number:
         """That of the exact stick-slip cycle [m]; ``nan`` for none."""
-        # Many together pay for a compiled loop.
+        # Not in parts: many cycles are followed together, as arrays.
         return self._made(lambda p: exact_amplitude(p.bearing, p.speed, p.load), in_parts=False)
 
     @property

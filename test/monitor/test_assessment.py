@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared import LAWS
 
 from stickslip_monitor.monitor.assessment import BELIEFS, Outcome, Regime, assess
 from stickslip_monitor.physics.averaging import (
@@ -27,15 +28,6 @@ ON_DEMAND = (
 COLUMNS = ('speed', 'load', 'outcome_code', *STORED, *ON_DEMAND)
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = np.pi * 0.100 / 60.0
-LAWS = {
-    'stribeck': Stribeck(0.30, 0.10, 10.0),
-    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
-    'rising': Stribeck(0.10, 0.30, 10.0),
-    'level': Stribeck(0.2, 0.2, 10.0),
-    'coulomb': Coulomb(0.3, 0.1),
-    'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
-    'two falls': Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]),
-}
 
 
 def _with_law(law: FrictionLaw, damping: float = 400.0) -> Bearing:

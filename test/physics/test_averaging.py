@@ -8,6 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from shared import LAWS
 
 from stickslip_monitor.physics.averaging import (
     amplitude_rate,
@@ -19,7 +20,7 @@ from stickslip_monitor.physics.averaging import (
     stationary_amplitudes,
 )
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, Tabulated
 
 MakeBearing = Callable[..., tuple[Bearing, float]]
 # mass [kg], omega [rad/s], kappa, r = mu_k/Delta, beta [s/m]
@@ -33,16 +34,7 @@ SPREAD = {
     'beta V = 1e4': (20.0, 50.0, 8e-7, 0.3, 1e3),
 }
 spread = pytest.mark.parametrize('size', SPREAD.values(), ids=SPREAD)
-TWO_FALLS = Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15])
-LAWS = {
-    'stribeck': Stribeck(0.30, 0.10, 10.0),
-    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
-    'rising': Stribeck(0.10, 0.30, 10.0),
-    'level': Stribeck(0.2, 0.2, 10.0),
-    'coulomb': Coulomb(0.3, 0.1),
-    'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
-    'two falls': TWO_FALLS,
-}
+TWO_FALLS = LAWS['two falls']
 
 
 def _bearing(law: FrictionLaw, damping: float = 400.0) -> Bearing:
