@@ -35,7 +35,7 @@ ROS = [
 
 setup(
     name=NAME,
-    version='0.3.0',
+    version='0.4.0.dev0',
     description='Predicts stick-slip vibration of water-lubricated stern bearings (ROS 2, MCAP)',
     license='Apache-2.0',
     maintainer='stickslip_monitor maintainers',

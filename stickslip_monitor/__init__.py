@@ -67,7 +67,7 @@ __all__ = [
     'stationary_amplitudes',
 ]
 
-__version__ = '0.3.0'
+__version__ = '0.4.0.dev0'
 
 # Where they are: what others build on comes first, so that little is loaded for a name of physics.
 _HOMES = (
