@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sound tables and databases of rosbag2, and the ways in which only these are damaged."""
+"""Sound logs and databases of rosbag2, how only these are damaged, and what must be read of them."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import gzip
 import io
+import json
+import operator
 import random
+import re
 import sqlite3
 import struct
 import tempfile
+import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -92,29 +99,68 @@ _COLUMNS = (
 )
 
 
+_SECONDS = [k * STEP / 1e9 for k in range(_COUNT)]
+_SPEEDS = [30.0 + 0.01 * k for k in range(_COUNT)]
+_STAMPS = [f'2026-05-04T06:00:{second:06.3f}Z' for second in _SECONDS]
+
+
 def tables() -> list[bytes]:
-    """Tables of some dialects, logs of a ship's bus, and Parquet."""
-    seconds = [k * STEP / 1e9 for k in range(_COUNT)]
-    speeds = [30.0 + 0.01 * k for k in range(_COUNT)]
-    rows = list(zip(seconds, speeds, strict=True))
-    stamps = [f'2026-05-04T06:00:{second:06.3f}Z' for second in seconds]
+    """Tables of some dialects."""
+    rows = list(zip(_SECONDS, _SPEEDS, strict=True))
     plain = 'time [s],speed [rpm],load [N]\n' + ''.join(f'{t},{v},1000\n' for t, v in rows)
     dated = 'Date;Drehzahl rpm;Last (kN)\n' + ''.join(
-        f'{stamp};{v};1,5\n'.replace('.', ',') for stamp, (_, v) in zip(stamps, rows, strict=True)
+        f'{stamp};{v};1,5\n'.replace('.', ',') for stamp, (_, v) in zip(_STAMPS, rows, strict=True)
     )
     long = 'time,name,value,unit\n' + ''.join(
-        f'{stamp},speed,{v},rpm\n{stamp},load,1000,N\n' for stamp, (_, v) in zip(stamps, rows, strict=True)
+        f'{stamp},speed,{v},rpm\n{stamp},load,1000,N\n' for stamp, (_, v) in zip(_STAMPS, rows, strict=True)
     )
-    nmea = ''.join(f'{stamp} $ERRPM,S,1,{v},10.5,A*00\n' for stamp, v in zip(stamps, speeds, strict=True))
-    file = io.BytesIO()
-    pq.write_table(pa.table({'time': seconds, 'speed [rpm]': speeds}), file)
-    texts = [plain, plain.replace(',', '\t'), dated, long, nmea]
-    return [
-        *(text.encode() for text in texts),
-        plain.encode('utf-16'),
-        gzip.compress(long.encode(), mtime=0),
-        file.getvalue(),
+    texts = [plain, plain.replace(',', '\t'), dated, long]
+    packed = gzip.compress(long.encode(), mtime=0)
+    return [*(text.encode() for text in texts), plain.encode('utf-16'), packed]
+
+
+def parquets() -> list[bytes]:
+    """Parquet with seconds, and with stamps in groups of rows."""
+    seconds = pa.table({'time': _SECONDS, 'speed [rpm]': _SPEEDS})
+    stamps = pa.array([START + k * STEP for k in range(_COUNT)], pa.timestamp('ns', 'UTC'))
+    dated = pa.table({'time': stamps, 'name': ['speed'] * _COUNT, 'value': _SPEEDS, 'unit': ['rpm'] * _COUNT})
+    found = []
+    for table, options in ((seconds, {}), (dated, {'row_group_size': 20, 'write_page_checksum': True})):
+        file = io.BytesIO()
+        pq.write_table(table, file, **options)
+        found.append(file.getvalue())
+    return found
+
+
+def _sentence(body: str) -> str:
+    return f'${body}*{functools.reduce(operator.xor, body.encode(), 0):02X}'
+
+
+def nmea_logs() -> list[bytes]:
+    """Sentences with ISO times, with tag blocks, and with ZDA between them."""
+    own = [_sentence(f'ERRPM,S,1,{v},10.5,A') for v in _SPEEDS]
+    iso = [f'{stamp} {line}' for stamp, line in zip(_STAMPS, own, strict=True)]
+    tagged = [f'\\c:{(START + k * STEP) / 1e9:.1f}*00\\{line}' for k, line in enumerate(own)]
+    zda = [_sentence(f'GPZDA,06000{t:04.2f},04,05,2026,00,00') for t in _SECONDS]
+    paired = [line for pair in zip(zda, own, strict=True) for line in pair]
+    return ['\r\n'.join([*lines, '']).encode() for lines in (iso, tagged, paired)]
+
+
+def signalk_logs() -> list[bytes]:
+    """Deltas, one a line, bare and behind the time of a logger."""
+    lines = [
+        json.dumps(
+            {
+                'context': 'vessels.self',
+                'updates': [
+                    {'timestamp': stamp, 'values': [{'path': 'propulsion.0.revolutions', 'value': v / 60.0}]}
+                ],
+            }
+        )
+        for stamp, v in zip(_STAMPS, _SPEEDS, strict=True)
     ]
+    logged = [f'{(START + k * STEP) // 10**6};N;{line}' for k, line in enumerate(lines)]
+    return ['\n'.join([*own, '']).encode() for own in (lines, logged)]
 
 
 def databases() -> list[bytes]:
@@ -167,6 +213,45 @@ def change_cell(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     return gzip.compress(data, mtime=0) if packed else data
 
 
+def change_sentence(rng: random.Random, data: bytes, sources: Sequence[bytes]) -> bytes:
+    """A log of NMEA 0183 with fields changed, and as a rule the checksum mended."""
+    lines = change_cell(rng, data, sources).decode('latin-1').split('\n')
+    for k in range(len(lines)):
+        if rng.random() < 0.9:
+            lines[k] = re.sub(r'\$(.*?)\*..', lambda m: _sentence(m[1]), lines[k])
+    return '\n'.join(lines).encode('latin-1')
+
+
+def change_delta(rng: random.Random, data: bytes, sources: Sequence[bytes]) -> bytes:
+    """A log of Signal K with members of deltas changed, dropped or moved."""
+    lines = data.split(b'\n')
+    for _ in range(rng.choice((1, 1, 3, 30))):
+        k = rng.randrange(len(lines))
+        with contextlib.suppress(Exception):  # A mutant of a mutant may be anything.
+            head, _, text = lines[k].partition(b'{')
+            delta = json.loads(b'{' + text)
+            _change_member(rng, delta)
+            lines[k] = head + json.dumps(delta).encode()
+    return b'\n'.join(lines)
+
+
+def _change_member(rng: random.Random, delta: Any) -> None:
+    places = [delta]
+    for place in places:
+        inner = place.values() if isinstance(place, dict) else place
+        places += [each for each in inner if isinstance(each, dict | list)]
+    place = rng.choice(places)
+    key = rng.choice(list(place)) if isinstance(place, dict) else rng.randrange(len(place))
+    odd = (None, True, 1e308, -1, 1 << 70, 'x', '', [], {}, [[]], 'revolutions', *_CELLS)
+    match rng.randrange(4):
+        case 0:
+            del place[key]
+        case 1:
+            place[key] = rng.choice(places[:1] if place is not delta else [[]])
+        case _:
+            place[key] = rng.choice(odd)
+
+
 def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     """A database with a value changed, rows dropped, or a table gone."""
     table, columns = rng.choice(_COLUMNS)
@@ -190,3 +275,40 @@ def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
             return path.read_bytes()
         except (sqlite3.Error, ValueError, MemoryError):
             return data
+
+
+def numbers_of(kind: str, data: bytes) -> Counter[float]:
+    """Speeds [rpm] of the lines of a mutant that are as they were, or that another reader finds in it."""
+    if kind == 'parquet':
+        return _of_parquet(data)
+    with contextlib.suppress(OSError, EOFError, zlib.error):
+        data = gzip.decompress(data) if data.startswith(b'\x1f\x8b') else data
+    text = data.decode('utf-16', 'replace') if data[:2] == b'\xff\xfe' else data.decode('latin-1')
+    known = _lines_of(kind)
+    return Counter(known[line] for line in text.split('\n') if line in known)
+
+
+@functools.cache
+def _lines_of(kind: str) -> dict[str, float]:
+    """The lines of sources with a speed, and the speed."""
+    found = {}
+    for data in SOURCES[kind]():
+        speeds = iter(_SPEEDS)
+        speed = next(speeds)
+        for line in data.decode('latin-1').split('\n'):
+            if any(text in line for text in (f'{speed}', f'{speed}'.replace('.', ','), f'{speed / 60.0}}}')):
+                found[line], speed = speed, next(speeds, -1.0)
+    return found
+
+
+def _of_parquet(data: bytes) -> Counter[float]:
+    try:
+        table = pq.read_table(io.BytesIO(data))
+        column = next(n for n in table.column_names if n in ('value', 'speed [rpm]'))
+        return Counter(v for v in table[column].to_pylist() if isinstance(v, float))
+    except Exception:  # What it raises on damage is not ours to judge.
+        return Counter()
+
+
+SOURCES = {'csv': tables, 'db3': databases, 'parquet': parquets, 'nmea': nmea_logs, 'signalk': signalk_logs}
+"""What mutants are made of, by the ending of their names."""

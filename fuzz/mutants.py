@@ -16,7 +16,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk
 
 from fuzz.files import HEAD, MAGIC, compressed, encoded
-from fuzz.logs import change_cell, change_value
+from fuzz.logs import change_cell, change_delta, change_sentence, change_value
 
 _NUMBERS = (0, 1, 2, 7, 0x7F, 0xFF, 1 << 16, (1 << 31) - 1, 1 << 32, 1 << 40, 1 << 63, (1 << 64) - 1)
 _OPCODES = (*range(16), 0x80, 0xFF)
@@ -138,4 +138,7 @@ _WAYS: dict[str, tuple[_Way, ...]] = {
     'mcap': (*_BYTES, _records, _records, _inside, _inside, _inside),
     'csv': (*_BYTES, *[change_cell] * 6),
     'db3': (*_BYTES, *[change_value] * 6),
+    'parquet': _BYTES,
+    'nmea': (*_BYTES, *[change_sentence] * 6),
+    'signalk': (*_BYTES, *[change_delta] * 6),
 }

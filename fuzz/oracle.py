@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 import struct
 import zlib
 from collections import Counter
@@ -14,9 +16,11 @@ from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from fuzz.files import TOPICS
+from fuzz.logs import numbers_of
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Recording, Request
 from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.parameters import MonitorConfig
 
 _NO_TIME = 1 << 63
 _DATED = 10**17
@@ -44,6 +48,19 @@ def messages_of(data: bytes) -> Counter[Sample]:
     return found
 
 
+def rows_of(path: Path) -> Counter[Sample]:
+    """The same of a database, as SQL joins its tables; nothing where it cannot."""
+    try:
+        with contextlib.closing(sqlite3.connect(f'file:{path}?immutable=1', uri=True)) as database:
+            rows = database.execute(
+                'SELECT name, timestamp, data FROM messages JOIN topics ON topic_id = topics.id'
+                " WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+            )
+            return Counter(row for row in rows if isinstance(row[0], str) and 0 <= row[1] < 1 << 62)
+    except (sqlite3.Error, ValueError):
+        return Counter()
+
+
 def _parts(record: McapRecord) -> list[McapRecord]:
     if not isinstance(record, Chunk):
         return [record]
@@ -66,7 +83,7 @@ def difference(path: Path) -> str:
     - log times that are none are left out;
     - the records behind a cut, or behind one that is longer than the file, are not looked for.
     """
-    expected = messages_of(path.read_bytes())
+    expected = messages_of(path.read_bytes()) if path.suffix == '.mcap' else rows_of(path)
     try:
         bag = open_bag(path)
     except BagError:
@@ -85,6 +102,30 @@ def difference(path: Path) -> str:
     for topic, text in ((t, s) for t, s in series.items() if isinstance(s, str)):
         return f'{topic}: {text}'
     return '' if is_told else _wrong_numbers(series, found)
+
+
+def left_out(path: Path, config: MonitorConfig) -> str:
+    """What our reader loses of a log without a word; empty if nothing."""
+    expected = numbers_of(path.suffix[1:], path.read_bytes())
+    try:
+        log = open_bag(path)
+        bound = log.bound(config)
+        if bound.absent.keys() - {('aft_stern', 'load')}:
+            return ''
+        speed = bound.config.bearings[0].speed
+        request = Request(speed.topic, speed.field_text, speed.type)
+        series = log.read([request])[request]
+    except BagError:
+        return ''
+    found = Counter(f'{value:.6g}' for value in series.value.tolist())
+    wanted = Counter(f'{value:.6g}' for value in expected.elements())
+    missing = (wanted - found).total()
+    is_told = bool(log.losses or series.faults)
+    return (
+        f'{missing} of {expected.total()} numbers are missing without a word'
+        if missing and not is_told
+        else ''
+    )
 
 
 def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:

@@ -21,10 +21,11 @@ from pathlib import Path
 from types import FrameType
 
 from fuzz.corpus import ODD
-from fuzz.logs import databases, tables
+from fuzz.logs import SOURCES as LOGS
 from fuzz.mutants import mutant
-from fuzz.oracle import difference, digest
+from fuzz.oracle import difference, digest, left_out
 from stickslip_monitor.cli import main as stickslip
+from stickslip_monitor.monitor.parameter_file import load_config
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
@@ -48,7 +49,7 @@ def sources() -> list[bytes]:
     return [odd.make() for odd in ODD.values()]
 
 
-SOURCES = {'mcap': sources, 'csv': tables, 'db3': databases}
+SOURCES = {'mcap': sources, **LOGS}
 """What mutants are made of, by the ending of their names."""
 
 
@@ -56,8 +57,9 @@ def judge(path: Path) -> str:
     """What is wrong with how a recording is read; empty if nothing."""
     try:
         with _limited(SECONDS):
-            found = difference(path) if path.suffix == '.mcap' else ''
-            return found or _command(path)
+            if path.suffix in ('.mcap', '.db3'):
+                return difference(path) or _command(path)
+            return left_out(path, load_config(CONFIG)) or _command(path)
     except _TooSlow:
         return f'not done in {SECONDS} s'
     except Exception:  # Any is a finding: no traceback may reach a user.

@@ -24,9 +24,12 @@ _NEWTONS = {'N': 1.0, 'kN': 1e3}
 _MOST_NAMED = 10
 # In the unit of an input, but named as another quantity: never guessed.
 _OTHERS = {
-    'speed': {'turbo', 'turbocharger', 'tc', 'pump', 'fan', 'generator', 'genset', 'wind'},
+    # C663 is a turbocharger in the ISO 19848 names of DNV.
+    'speed': {'turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'wind'},
     'load': {'thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'},
 }
+# How local IDs of ISO 19848 name a quantity; they have no units.
+_LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
 
 
 def _measured(config: MonitorConfig) -> Iterator[tuple[BearingConfig, str, InputConfig]]:
@@ -70,7 +73,8 @@ class SourceColumn:
         """What the sensor would have sent, of numbers in the column."""
         if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
             return values
-        sent = (values * self.ratio - self.offset) / self.scale
+        with np.errstate(over='ignore'):  # infinite is no value either
+            sent = (values * self.ratio - self.offset) / self.scale
         # What means "no value" is no quantity, and has no unit.
         return np.where(np.isin(values, NO_VALUES), values, sent)
 
@@ -169,7 +173,8 @@ class ColumnBinding:
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
         by_unit = [c for c in able if c.unit in units]
-        by_name = [c for c, name in zip(able, plain, strict=True) if name in own]
+        local = _LOCAL_IDS.get(quantity, '\0')
+        by_name = [c for c, name in zip(able, plain, strict=True) if name in own or local in c.heading]
         return of_topic or like or by_unit or by_name
 
     def _bound(

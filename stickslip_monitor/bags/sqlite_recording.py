@@ -188,33 +188,33 @@ class SqliteRecording(Recording):
 
         The ids are looked for behind a damaged page in growing steps.
         """
-        last, step, skips = -(1 << 62), _SKIP, 0
-        while True:
+        begin, step, skips = -(1 << 63), _SKIP, 0
+        while begin < 1 << 63:
             batch: list[tuple[Any, ...]] = []
             try:
                 found = database.execute(
-                    f'SELECT id, {columns} FROM messages NOT INDEXED WHERE id > ? AND {where} ORDER BY id',
-                    (last,),
+                    f'SELECT id, {columns} FROM messages NOT INDEXED WHERE id >= ? AND {where} ORDER BY id',
+                    (begin,),
                 )
                 while True:
                     # What comes before an error stays in the batch.
                     batch.extend(islice(found, _BATCH))
                     if not batch:
                         return
-                    last, step = batch[-1][0], _SKIP
+                    begin, step = batch[-1][0] + 1, _SKIP
                     yield batch
                     batch = []
             except sqlite3.Error as error:
                 skips += 1
                 if batch:
-                    last, step = batch[-1][0], _SKIP
+                    begin, step = batch[-1][0] + 1, _SKIP
                     yield batch
                 self._findings.lose(
                     f"file '{file.name}' is damaged ({error}): messages of the damaged pages were not read"
                 )
                 if skips > _MOST_SKIPS:
                     return
-                last, step = max(last, 0) + step, 2 * step
+                begin, step = max(begin, 0) + step, 2 * step
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""

@@ -99,8 +99,11 @@ def _delta(delta: Any) -> Iterator[Row]:
         for item in update.get('values', ()):
             value = item['value']
             if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
-                path, text = item['path'], 'null' if value is None else repr(value)
-                yield update['timestamp'], path, text, _UNITS.get(path.rpartition('.')[2], '')
+                path, when = item['path'], update['timestamp']
+                if not isinstance(when, str):
+                    raise TypeError('a time is a text')
+                text = 'null' if value is None else repr(value)
+                yield when, path, text, _UNITS.get(path.rpartition('.')[2], '')
 
 
 # What Signal K gives the values of some paths in.

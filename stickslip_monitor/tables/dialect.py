@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from stickslip_monitor.errors import BagError
+from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_monitor.tables.clock import Cells, TableColumns, is_day, is_stamp, is_time
@@ -30,6 +30,8 @@ _PIECE = 1 << 20
 _LONGEST_LINE = 1 << 20
 # More than half of so many rows in turn are numbers where those of a table begin.
 _RUN = 4
+_DELIMITERS = '\t;|, '
+_MOST_SHOWN = 60
 GZIP = b'\x1f\x8b'
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 _BROKEN = (EOFError, OSError, zlib.error)
@@ -144,6 +146,7 @@ class Dialect(TableColumns):
         heading: The row of the headings as it stands; empty where there is none.
         suffixes: Of each column the unit that stands behind every number.
         said: What was guessed.
+        losses: What is not read.
     """
 
     encoding: str
@@ -152,6 +155,7 @@ class Dialect(TableColumns):
     heading: Cells = ()
     suffixes: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +263,7 @@ def _table(
     names = heading or [f'#{k + 1}' for k in range(width)]
     both = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
     plain, known = tuple(name for name, _ in both), tuple(unit for _, unit in both)
+    other = _other_table(above, delimiter)
     shown = _maybe_thousands(below) if decimal == '.' and delimiter == ';' else ''
     said = f"'{shown}' is read with a decimal point: nothing in the file tells it from thousands"
     return Dialect(
@@ -274,6 +279,9 @@ def _table(
         tuple(heading),
         tuple(suffixes),
         (said,) if shown else (),
+        (f"{plural(len(other), 'line')} of another table above were not read, the first '{other[0]}'",)
+        if other
+        else (),
     )
 
 
@@ -302,7 +310,7 @@ def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
     """The delimiter that cuts most lines into one number of cells that are times and numbers."""
     best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
-    for delimiter in '\t;|, ':
+    for delimiter in _DELIMITERS:
         rows = _split(lines, delimiter)
         width = _usual_width(rows)
         if width < 2:
@@ -375,6 +383,17 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
     numbers = [parse_number(cell, decimal) is not None for cell in row]
     times = any(is_stamp(cell) or is_time(cell) for cell in row)
     return times or numbers[0] or sum(numbers) > 1
+
+
+def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
+    """Lines above the headings that are those of a table with other cells or delimiter."""
+    lines = [delimiter.join(row) for row in above]
+    rows = [
+        [row for row in _split(lines, mark) if _is_data(row, '.', 2) and _is_sound(row[0])]
+        for mark in _DELIMITERS
+    ]
+    most = max(rows, key=len)
+    return [' '.join(row)[:_MOST_SHOWN] for row in most] if len(most) >= _RUN else []
 
 
 def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:

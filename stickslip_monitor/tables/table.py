@@ -138,7 +138,7 @@ class TextTable(NumberTable):
         losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
-        self.losses = tuple(losses)
+        self.losses = (*losses, *self._dialect.losses)
 
     def numbers(self, cells: Cells) -> Numbers:
         """The numbers of cells."""
@@ -180,7 +180,9 @@ class TextTable(NumberTable):
             lost += len(some) - len(rows)
             columns = [[row[k] for row in rows] for k in (*self.clock.columns, *wanted)]
             begin = len(self.clock.columns)
-            yield Rows(*self.clock.read(columns[:begin]), columns[begin:])
+            time_ns, is_timed = self.clock.read(columns[:begin])
+            lost += int((~is_timed).sum())
+            yield Rows(time_ns, is_timed, columns[begin:])
         if lost:
             lose(_not_used(lost, 'damaged, or without a time'))
 
@@ -318,11 +320,12 @@ class ParquetTable(NumberTable):
         headings = tuple(map(parse_heading, self.names))
         self.units = tuple(heading.known_unit for heading in headings)
         self.line_count = file.metadata.num_rows
-        first = next(iter(file.iter_batches(_PARQUET_HEAD)), None)
-        self.head = () if first is None else _as_rows(first.columns)
-        last = file.metadata.num_row_groups - 1
-        group = None if last < 1 else file.read_row_group(last)
-        self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
+        with _as_bag_error(path):
+            first = next(iter(file.iter_batches(_PARQUET_HEAD)), None)
+            self.head = () if first is None else _as_rows(first.columns)
+            last = file.metadata.num_row_groups - 1
+            group = None if last < 1 else file.read_row_group(last)
+            self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
         stamped = [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
@@ -367,8 +370,14 @@ def _opened(path: Path) -> Any:
             f"log '{path}' is a Parquet file, which needs the extra 'logs' ({error}):"
             " pip install 'stickslip_monitor[logs]'"
         ) from None
-    try:
+    with _as_bag_error(path):
         return parquet.ParquetFile(path)
+
+
+@contextlib.contextmanager
+def _as_bag_error(path: Path) -> Iterator[None]:
+    try:
+        yield
     except Exception as error:  # pyarrow's errors have no common root
         raise BagError(f"log '{path}' cannot be read as Parquet: {str(error)[:200]}") from None
 

@@ -70,6 +70,13 @@ def test_every_number_of_a_folder(tmp_path: Path, version: int, mode: Compressio
         judge(make(tmp_path / 'bag', version, mode))
 
 
+def test_a_message_with_the_least_number_is_read(tmp_path: Path) -> None:
+    (file,) = make(tmp_path / 'bag').glob('*.db3')
+    with sqlite3.connect(file) as database:
+        database.execute('UPDATE messages SET id = -9223372036854775808 WHERE id = 1')
+    judge(tmp_path / 'bag')
+
+
 def test_a_file_without_its_metadata(tmp_path: Path) -> None:
     make(tmp_path / 'bag')
     (tmp_path / 'bag/metadata.yaml').unlink()

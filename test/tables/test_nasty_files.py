@@ -15,6 +15,8 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import NamedTuple
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from stickslip_monitor.bags.reader import open_bag
@@ -362,6 +364,41 @@ LOGS = {
         load=[1500, 1600],
         lost="2 lines under other headings ('time, speed [rpm], load [lbf]') were not used",
     ),
+    'another logger with another delimiter before the last': Log(
+        'Date;Drehzahl rpm;Last (kN)\n'
+        + ''.join(f'2026-04-13T10:00:0{k};{k};1,5\n' for k in range(5))
+        + 'time,speed [rpm],load [kN]\n'
+        + ''.join(f'{k},{30 + k},1.5\n' for k in range(20)),
+        times=since(*range(20)),
+        speed=range(30, 50),
+        load=[1500] * 20,
+        lost="5 lines of another table above were not read, the first '2026-04-13T10:00:00 0 1,5'",
+    ),
+    'ISO 19848: local IDs, a turbocharger beside': Log(
+        'TimeStamp,/dnv-v2/vis-3-4a/411.1/C101.663i/C663/meta/qty-rotational.frequency,'
+        '/dnv-v2/vis-3-4a/411.1/C101.31/meta/qty-rotational.frequency,/dnv-v2/vis-3-4a/412.7/C322/meta/qty-force\n'
+        '2026-04-13T10:00:00.000Z,9000,30,900\n2026-04-13T10:00:01.000Z,9001,31,901\n',
+        says='as aft_stern.speed.unit says',
+    ),
+    'NMEA 0183: times of two kinds': Log(
+        '2026-04-13T10:00:00Z $ERRPM,S,1,30,10.5,A*4E\n2026-04-13T10:00:00Z $ERXDR,N,900,N,load*66\n'
+        '2026-04-13T10:00:01Z $ERRPM,S,1,31,10.5,A*4F\n2026-04-13T10:00:01Z $ERXDR,N,901,N,load*67\n'
+        '1776074402 $ERRPM,S,1,32,10.5,A*4C\n',
+        lost='1 line damaged, or without a time was not used',
+    ),
+    'Signal K: a time that is a number': Log(
+        ''.join(
+            f'{{"updates": [{{"timestamp": {time}, "values": [{{"path": "shaft.revolutions", "value": {n}}},'
+            f' {{"path": "shaft.load", "value": {load}}}]}}]}}\n'
+            for time, n, load in (
+                ('"2026-04-13T10:00:00Z"', 0.5, 900),
+                (1776074400, 0.75, 9),
+                ('"2026-04-13T10:00:01Z"', 0.52, 901),
+            )
+        ),
+        speed=[30, 31.2],
+        lost='1 line damaged, or without a time was not used',
+    ),
 }
 # Columns that nothing names are given.
 COLUMNS = {
@@ -389,6 +426,26 @@ def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
     assert log.says in ' | '.join(recording.warnings)
     assert log.lost in ' | '.join(recording.losses)
     assert bool(recording.losses) == bool(log.lost)
+
+
+def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.parquet'
+    pq.write_table(pa.table({'time': [0.0, 1.0], 'speed [rpm]': [30.0, 31.0]}), path)
+    data = bytearray(path.read_bytes())
+    data[4:40] = bytes(36)
+    path.write_bytes(data)
+    with pytest.raises(BagError, match=r"voyage\.parquet' cannot be read as Parquet: "):
+        open_bag(path)
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_number_that_its_unit_takes_beyond_all_is_read_in_silence(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,speed [Hz],load [N]\n0,0.5,900\n1,1e308,901\n')
+    recording = open_bag(path)
+    (bearing,) = recording.bound(load_config(CONFIG)).config.bearings
+    (series,) = recording.read([Request(bearing.speed.topic, 'data')]).values()
+    assert series.value.tolist() == pytest.approx([30.0, math.inf])
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
