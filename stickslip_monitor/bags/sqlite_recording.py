@@ -193,7 +193,7 @@ class SqliteRecording(Recording):
             batch: list[tuple[Any, ...]] = []
             try:
                 found = database.execute(
-                    f'SELECT id, {columns} FROM messages NOT INDEXED WHERE id >= ? AND {where} ORDER BY id',
+                    f'SELECT rowid, {columns} FROM messages NOT INDEXED WHERE rowid >= ? AND {where} ORDER BY rowid',
                     (begin,),
                 )
                 while True:

@@ -234,11 +234,11 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     text = extent.head.decode(encoding, 'replace').replace('\0', '')
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
-    lines = text.splitlines(keepends=True)
+    lines = _lines_of(text)
     kept, others = lines[:_MOST_LINES], lines[_MOST_LINES:]
     # The tail begins within a line, and within a character of two bytes.
     tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
-    last = tail.replace('\0', '').splitlines(keepends=True)[1:] or others[-_MOST_LINES:]
+    last = _lines_of(tail.replace('\0', ''))[1:] or others[-_MOST_LINES:]
     if kind := bus_log_of(kept):
         return _bus_log(path, encoding, kind, kept, last)
     if text.lstrip().startswith('{'):
@@ -247,6 +247,11 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")
     return _table(path, encoding, delimiter, rows, _split(last, delimiter))
+
+
+def _lines_of(text: str) -> list[str]:
+    """The lines of a text as a file gives them: a form feed ends none."""
+    return io.StringIO(text, newline='').readlines()
 
 
 def _table(
@@ -389,11 +394,11 @@ def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     """Lines above the headings that are those of a table with other cells or delimiter."""
     lines = [delimiter.join(row) for row in above]
     rows = [
-        [row for row in _split(lines, mark) if _is_data(row, '.', 2) and _is_sound(row[0])]
+        [row for row in _split(lines, mark) if len(row) > 1 and all(map(_is_sound, row[:2]))]
         for mark in _DELIMITERS
     ]
     most = max(rows, key=len)
-    return [' '.join(row)[:_MOST_SHOWN] for row in most] if len(most) >= _RUN else []
+    return [' '.join(row)[:_MOST_SHOWN] for row in most] if len(most) > 1 else []
 
 
 def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:

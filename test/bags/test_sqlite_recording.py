@@ -70,10 +70,17 @@ def test_every_number_of_a_folder(tmp_path: Path, version: int, mode: Compressio
         judge(make(tmp_path / 'bag', version, mode))
 
 
-def test_a_message_with_the_least_number_is_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    'change',
+    [
+        'UPDATE messages SET id = -9223372036854775808 WHERE id = 1',
+        'ALTER TABLE messages RENAME COLUMN id TO other',
+    ],
+)
+def test_messages_are_read_by_the_number_of_their_row(tmp_path: Path, change: str) -> None:
     (file,) = make(tmp_path / 'bag').glob('*.db3')
     with sqlite3.connect(file) as database:
-        database.execute('UPDATE messages SET id = -9223372036854775808 WHERE id = 1')
+        database.execute(change)
     judge(tmp_path / 'bag')
 
 

@@ -351,6 +351,12 @@ LOGS = {
     'lines that end in three ways': Log(
         'time,speed,load\r\n2026-04-13T10:00:00Z,30,900\r2026-04-13T10:00:01Z,31,901\n'
     ),
+    'letters in a preamble at which no line ends': Log(
+        'Made by\x0cLogger\u2028of\x85Works,1\ntime,speed,load\n0,30,900\n1,31,901\n2,32,902\n',
+        times=since(0, 1, 2),
+        speed=[30, 31, 32],
+        load=[900, 901, 902],
+    ),
     'a second logger with other columns behind the first': Log(
         'time,speed [rpm],load [kN]\n0,30,1.5\n1,31,1.6\ntime,temp,load [kN],speed [rpm]\n2,9,1.7,32\n',
         times=since(0, 1, 2),
