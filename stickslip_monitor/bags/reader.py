@@ -38,6 +38,7 @@ _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
     (b'TDSm', 'a TDMS file of LabVIEW: export it as CSV'),
     # From 7.3 it is HDF5 behind this head.
     ((b'MATLAB 5.0', b'MATLAB 7.3'), 'a MATLAB file: write it as CSV with writetable or writematrix'),
+    (b'version https://git-lfs', "a pointer of Git LFS: bring the file itself with 'git lfs pull'"),
     (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
 )
 _LOOK = 4096

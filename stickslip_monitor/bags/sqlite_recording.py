@@ -193,7 +193,8 @@ class SqliteRecording(Recording):
             batch: list[tuple[Any, ...]] = []
             try:
                 found = database.execute(
-                    f'SELECT rowid, {columns} FROM messages NOT INDEXED WHERE rowid >= ? AND {where} ORDER BY rowid',
+                    f'SELECT rowid, {columns} FROM messages NOT INDEXED'
+                    f' WHERE rowid >= ? AND {where} ORDER BY rowid',
                     (begin,),
                 )
                 while True:

@@ -34,14 +34,17 @@ from stickslip_monitor.bags.recording import (
 from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.tables.dialect import parse_heading, with_unit
+from stickslip_monitor.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_monitor.tables.table import Rows, open_table, some_cells, texts_of
 
 _NAME = re.compile(
-    r'tag|tag ?name|var ?name|name|field|pid|variable|signal|point|channel|parameter|sensor ?id'
+    r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
+    r'|(?:sensor|parameter|entity) ?id'
 )
-_VALUE = re.compile(r'(?:var ?)?value|wert|val')
-_UNIT = re.compile(r'unit|units|einheit')
+_VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
+# What a home's historian calls a value, and others the validity of one.
+_STATE = re.compile('state')
+_UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 _MOST_WORDS, _MOST_KINDS = 6, 200
 # Numbers that are handed on at a time of a table that was sorted.
 _STRETCH = 1 << 16
@@ -106,9 +109,26 @@ class TableRecording(Recording):
     def _long_columns(self) -> tuple[int, int] | None:
         """The columns of names and of values of a table with one value a line."""
         plain = [parse_heading(name).name for name in self.table.names]
-        name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
-        value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
+        name, value, state = (
+            [k for k, text in enumerate(plain) if pattern.fullmatch(text)]
+            for pattern in (_NAME, _VALUE, _STATE)
+        )
+        if self.table.names == tuple(f'#{k + 1}' for k in range(len(plain))):
+            name, value = self._words_and_numbers()
+        value = value or state
         return (name[0], value[0]) if name and len(value) == 1 else None
+
+    def _words_and_numbers(self) -> tuple[list[int], list[int]]:
+        """Columns without headings that are names which come again, and those of numbers."""
+        rows, words, numbers = self.table.head, list[int](), list[int]()
+        for k in set(range(len(self.table.names))) - set(self.table.clock.columns):
+            cells = [str(row[k]) for row in rows if k < len(row)]
+            count = sum(parse_number(cell) is not None for cell in cells)
+            if count:
+                numbers.append(k)
+            elif len(set(cells)) <= len(cells) // 2:
+                words.append(k)
+        return words, numbers
 
     def _list_columns(self) -> Iterator[LogColumn]:
         table = self.table

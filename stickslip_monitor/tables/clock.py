@@ -47,7 +47,7 @@ _TIME = re.compile(_CLOCK + _ZONE)
 # Whole numbers of 64 bits, in nanoseconds.
 _MOST = 9_200_000_000_000_000_000
 _EPOCH = date(1970, 1, 1).toordinal()
-_NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch)\b')
+_NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
 # Numbers since 1970 by their size: the least, the unit [ns] and its name.
 _SINCE_1970 = ((1e17, 1, 'ns'), (1e14, 10**3, 'us'), (1e11, 10**6, 'ms'), (1e8, SECOND, 's'))

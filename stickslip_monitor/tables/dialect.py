@@ -261,7 +261,9 @@ def _table(
     width = _usual_width(rows)
     first = _first_data(rows, decimal, width)
     if first is None:
-        raise BagError(f"log '{path}' has no line with a time and a number")
+        raise BagError(
+            f"log '{path}' has no line with a time and a number: write them as CSV, one time in each line"
+        )
     above, below = rows[:first], rows[first:]
     heading, units = _headings(above, width)
     suffixes = [_suffix(below, k, heading[k] if heading else '') for k in range(width)]

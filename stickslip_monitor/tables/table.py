@@ -26,6 +26,8 @@ from stickslip_monitor.tables.dialect import extent_of, parse_heading, parse_num
 BLOCK = 1 << 14
 _MOST_SHOWN = 60
 _PARQUET, _PARQUET_HEAD = b'PAR1', 2000
+# What a line that is no row begins with; WinCC ends with a count of rows.
+_REMARKS = '#', '$RT_'
 
 Say = Callable[[str], None]
 
@@ -257,7 +259,8 @@ class _TextReading:
         """Whether a row has headings of the table in another order than the last."""
         cells = [cell.strip() for cell in row]
         named = {name for name in self._first if name}
-        return cells != [*self._order] and len(named & set(cells)) > min(1, len(named) - 1)
+        is_other = cells != [*self._order]
+        return bool(named) and is_other and len(named & set(cells)) > min(1, len(named) - 1)
 
     def _take_heading(self, row: Cells | None) -> None:
         if row is None:
@@ -273,7 +276,7 @@ class _TextReading:
     def _see_untimed(self, row: Cells) -> None:
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
-        elif tuple(row) not in self._above and not row[0].startswith('#'):
+        elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
             self._untimed += 1
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clock.columns)[:_MOST_SHOWN]
 
@@ -287,7 +290,7 @@ class _TextReading:
             if most >= len(row) > need:
                 row += [''] * (most + 1 - len(row))
             elif len(row) <= most:
-                self.short += any(cell.strip() for cell in row) and not row[0].startswith('#')
+                self.short += any(cell.strip() for cell in row) and not row[0].startswith(_REMARKS)
                 del batch[k]
 
     def tell(self, lose: Say, note: Say) -> None:

@@ -272,6 +272,12 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             "'{}' is a MATLAB file: write it as CSV with writetable or writematrix",
         ),
         (
+            lambda path: path.write_text(
+                'version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n'
+            ),
+            "'{}' is a pointer of Git LFS: bring the file itself with 'git lfs pull'",
+        ),
+        (
             lambda path: path.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(88)),
             "'{}' is an HDF5 file: export it as CSV or Parquet",
         ),

@@ -320,9 +320,31 @@ LOGS = {
         '"VarName";"TimeString";"VarValue";"Validity"\n'
         '"Shaft_RPM";"13.04.2026 10:00:00";30,0;1\n"Brg_kN";"13.04.2026 10:00:00";1,5;1\n'
         '"Shaft_RPM";"13.04.2026 10:00:01";31,0;1\n"Brg_kN";"13.04.2026 10:00:01";1,6;1\n'
-        '"$RT_OFF$";"13.04.2026 10:00:02";0;2\n',
+        '"$RT_OFF$";"13.04.2026 10:00:02";0;2\n"$RT_COUNT$";5;;\n',
         load=[1500, 1600],
     ),
+    **{
+        name: Log(
+            '\n'.join(
+                [heading]
+                + [
+                    row.format(time=f'2026-04-13T10:00:0{k}Z', n=f'{own}{unit}', value=value)
+                    for k in (0, 1)
+                    for own, unit, value in (('speed', ' rpm', 30 + k), ('load', ' N', 900 + k))
+                ]
+                + ['']
+            )
+        )
+        for name, heading, row in (
+            ('PI Web API', 'Name,Timestamp,UnitsAbbreviation,Good,Value', '{n},{time},,True,{value}'),
+            ('PONTOS', 'time,parameter_id,value', '{time},{n},{value}'),
+            ('a historian of tags', 'DateTime,TagName,TagVal,TagQuality', '{time},{n},{value},Good'),
+            ('K-Chief', 'Time;Tag;Description;Value;State', '{time};{n};SHAFT;{value};NORMAL'),
+            ('Home Assistant', 'entity_id,state,last_changed', '{n},{value},{time}'),
+            ('Prometheus', 'series,timestamp,value', '{n},{time},{value}'),
+            ('MQTT without a heading', '', '{time};{n};{value}'),
+        )
+    },
     'Grafana: units behind numbers': Log(
         '"Time","Shaft","Bearing"\n2026-04-13 10:00:00,30 rpm,1.5 kN\n2026-04-13 10:00:01,31 rpm,1.6 kN\n',
         load=[1500, 1600],
@@ -350,6 +372,10 @@ LOGS = {
     ),
     'lines that end in three ways': Log(
         'time,speed,load\r\n2026-04-13T10:00:00Z,30,900\r2026-04-13T10:00:01Z,31,901\n'
+    ),
+    'no heading, a line without a time': Log(
+        '2026-04-13T10:00:00Z,30,900\nrestarted,,\n2026-04-13T10:00:01Z,31,901\n',
+        lost="1 line without a time was not used, the first 'restarted'",
     ),
     'letters in a preamble at which no line ends': Log(
         'Made by\x0cLogger\u2028of\x85Works,1\ntime,speed,load\n0,30,900\n1,31,901\n2,32,902\n',
@@ -409,6 +435,7 @@ LOGS = {
 # Columns that nothing names are given.
 COLUMNS = {
     'no heading': ('#2', '#3'),
+    'no heading, a line without a time': ('#2', '#3'),
     'blanks': ('#2', '#3'),
     'comments': ('speed', 'load'),
     'long, one name after the other': ('n', 'F'),
