@@ -32,7 +32,7 @@ from stickslip_monitor.bags.recording import (
     missing_topic,
 )
 from stickslip_monitor.bags.writer import encode_float64s
-from stickslip_monitor.errors import BagError
+from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_monitor.tables.table import Rows, open_table, some_cells, texts_of
@@ -46,6 +46,8 @@ _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _STATE = re.compile('state')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 _MOST_WORDS, _MOST_KINDS = 6, 200
+# Lines that share a time so coarse [ns], or the only one: their times were rounded away.
+_MOST_ALIKE, _COARSE_NS = 100, 10 * 10**9
 # Numbers that are handed on at a time of a table that was sorted.
 _STRETCH = 1 << 16
 
@@ -276,6 +278,7 @@ class TableReading:
         self._recording, self._requests, self._columns = recording, requests, columns
         self._names, self._is_sorted, self._progress = names, is_sorted, progress
         self._gap_ns, self._rows = gap_ns, 0
+        self._last_ns, self._distinct = -1, 0
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
@@ -289,9 +292,21 @@ class TableReading:
         if is_empty:
             none = np.empty(0, np.int64)
             yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock)
+        self._tell_rounded()
         if clock.steps_ns:
             self._recording.note(clock.sentence('of the lines'))
             self._recording.end_ns = clock.latest_ns
+
+    def _tell_rounded(self) -> None:
+        """Say it of a table most of whose lines have the time of the one before."""
+        recording = self._recording
+        span_ns = (recording.end_ns or 0) - (recording.start_ns or 0)
+        alike = self._rows / max(self._distinct, 1)
+        if self._names is None and alike > _MOST_ALIKE and span_ns >= _COARSE_NS * (self._distinct - 1):
+            recording.lose(
+                f'{self._rows} lines have {plural(self._distinct, "time")} between them: write the file'
+                ' with whole times, as a spreadsheet may have rounded them'
+            )
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """The words in place of numbers."""
@@ -360,6 +375,9 @@ class TableReading:
     def _series(self, part: Part, clock: StepClock) -> dict[Request, Series]:
         """The series of a part, whose rows are in the order of events."""
         stamp, arrival = clock.follow(part.time_ns)
+        if part.time_ns.size:
+            self._distinct += int(np.count_nonzero(np.diff(part.time_ns, prepend=self._last_ns)))
+            self._last_ns = int(part.time_ns[-1])
         found: dict[str, Series] = {}
         for k, (topic, (at, value)) in enumerate(part.numbers.items()):
             sequence = (at + self._rows) * len(part.numbers) + k

@@ -49,8 +49,17 @@ _MOST = 9_200_000_000_000_000_000
 _EPOCH = date(1970, 1, 1).toordinal()
 _NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
-# Numbers since 1970 by their size: the least, the unit [ns] and its name.
-_SINCE_1970 = ((1e17, 1, 'ns'), (1e14, 10**3, 'us'), (1e11, 10**6, 'ms'), (1e8, SECOND, 's'))
+# Numbers since a date by their size: the least, the unit [ns], what makes it 1970, and their name.
+# Those of .NET, Windows and LabVIEW would be dates of 1990, 1974 and 2092 if they were since 1970.
+_SINCE = (
+    (7e17, 1, 0, 'ns since 1970'),
+    (6e17, 100, -621_355_968_000_000_000, '100 ns since the year 1'),
+    (1e17, 100, -116_444_736_000_000_000, '100 ns since 1601'),
+    (1e14, 10**3, 0, 'us since 1970'),
+    (1e11, 10**6, 0, 'ms since 1970'),
+    (3e9, SECOND, -2_082_844_800, 's since 1904'),
+    (1e8, SECOND, 0, 's since 1970'),
+)
 _UNITS = {
     'ns': 1,
     'us': 10**3,
@@ -64,8 +73,14 @@ _UNITS = {
     'd': DAY,
     'days': DAY,
 }
-# Days since the end of 1899 of the years 1954 to 2119, as spreadsheets count.
-_SHEET, _SHEET_ZERO = (20_000, 80_000), -25_569
+# Days since the end of 1899, of the years 1954 to 2119, as spreadsheets count, and those since the
+# year 0 of MATLAB: the limits, what makes them 1970, and their name.
+_DAYS_SINCE = (
+    (20_000, 80_000, -25_569, 'days of a spreadsheet'),
+    (713_960, 773_960, -719_529, 'days of MATLAB'),
+)
+# Without a heading that says so: numbers so close would be 500 and more a second [s].
+_PARTS_OF_DAYS = 2e-3
 _MOST_ROWS = 500
 # Less than the share of the cells of a column that are times.
 _MOSTLY = 0.5
@@ -166,11 +181,14 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named:
         read = scaled_reader(factor, zero, table.decimal)
         return Clock((k,), read, (f"times in '{heading}' are {said}",))
 
-    for least, factor, name in _SINCE_1970:
+    for least, factor, zero, name in _SINCE:
         if size >= least:
-            return clock(factor, f'{name} since 1970')
-    if not unit and re.search(r'date|datum|time ?stamp', words) and _SHEET[0] < size < _SHEET[1]:
-        return clock(DAY, 'days of a spreadsheet, without a zone: taken as UTC', _SHEET_ZERO)
+            return clock(factor, name, zero)
+    gaps = np.abs(np.diff(values))
+    is_close = gaps.any() and float(np.median(gaps[gaps > 0])) < _PARTS_OF_DAYS
+    for least, most, zero, name in _DAYS_SINCE:
+        if not unit and least < size < most and (is_close or re.search(r'date|datum|time ?stamp', words)):
+            return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
     return clock(_UNITS.get(unit, SECOND), f'{unit if unit in _UNITS else "s"} since the start')
 
 
@@ -286,7 +304,9 @@ class StampLayout:
         if (letters[:, rest] != letters[0, rest]).any():
             return none
         try:
-            seconds = iso.view('S19')[:, 0].astype('M8[s]').astype(np.int64) - self._shift(match['z'])
+            # As text: numpy 2.4 ends the process where bytes, 500 or more, hold what is no date.
+            dates = iso.view('S19')[:, 0].astype('U19').astype('M8[s]')
+            seconds = dates.astype(np.int64) - self._shift(match['z'])
             below = np.array([int(text[slice(*match.span('f'))]) for text in texts]) if match['f'] else 0
         except ValueError:
             return none
@@ -328,7 +348,7 @@ def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
             # Fifteen digits of a fraction of a day are exact to the nanosecond.
             below = np.array([float(f'0.{each[2]}') for each in parts])
             is_plain = not any('-' in cell or '_' in cell or 'e' in cell for cell in cells)
-            if is_plain and int(np.abs(whole).max(initial=0) + abs(zero) + 1) * factor < _MOST:
+            if is_plain and int(np.abs(whole + zero).max(initial=0) + 1) * factor < _MOST:
                 rest = np.rint(below * factor).astype(np.int64)
                 return (whole + zero) * factor + rest, np.ones(len(cells), np.bool_)
         except (ValueError, OverflowError):

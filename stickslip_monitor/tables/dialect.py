@@ -61,12 +61,14 @@ _CLEAR = ('rpm', 'kn', 'hz')
 # 'kn' in small letters is knots and 'N' is north, but in the heading of a force.
 _FORCES = {'load', 'force', 'thrust', 'kraft', 'last'}
 _BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
-_NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
-_GROUPED = re.compile(r'[+-]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
-_SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+-])\s+")
-_COMMA = re.compile(r'[+-]?\d*,\d+(?:[eE][+-]?\d+)?')
-_POINTS = re.compile(r'[+-]?[1-9]\d{0,2}(?:\.\d{3})+')
-_WITH_UNIT = re.compile(r'[+-]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
+_NUMBER = re.compile(r'[+\-\u2212]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
+_GROUPED = re.compile(r'[+\-\u2212]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
+_SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+\-\u2212])\s+")
+_COMMA = re.compile(r'[+\-\u2212]?\d*,\d+(?:[eE][+-]?\d+)?')
+_POINTS = re.compile(r'[+\-\u2212]?[1-9]\d{0,2}(?:\.\d{3})+')
+_WITH_UNIT = re.compile(r'[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
+# 'rpm x10': whether the numbers are ten times too small or too large is not said.
+_FACTOR = re.compile(r'[x×*]\s?10+\b|\b10+\s?[x×*]')
 _SWAP = str.maketrans(',.', '.,')
 
 
@@ -96,6 +98,8 @@ def parse_heading(text: str) -> Heading:
     unit = bracketed
     if unit is None or unit_of(unit) is None:
         unit = _bare_unit(name, words) or (text.strip() if unit_of(text) else bracketed)
+    if _FACTOR.search(text):
+        unit = text.strip()
     return Heading(' '.join(words).lower(), unit)
 
 
@@ -126,7 +130,7 @@ def parse_number(cell: str, decimal: str = '.') -> float | None:
     text = cell.strip()
     if decimal == ',':
         text = text.translate(_SWAP)
-    text = _SPACES.sub('', text)
+    text = _SPACES.sub('', text).replace('\u2212', '-')  # the minus of Swedish, Norwegian, ... locales
     if _GROUPED.fullmatch(text):
         text = text.replace(',', '')
     if not _NUMBER.fullmatch(text):

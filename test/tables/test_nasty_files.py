@@ -116,6 +116,43 @@ LOGS = {
         times=after(2 * 3600, 8 * 3600),
         says='days of a spreadsheet',
     ),
+    'days of a spreadsheet under another heading, a line a second': Log(
+        'Time,speed,load\n46125.5,30,900\n46125.5000115741,31,901\n',
+        times=[ns(T0) + 7200 * 10**9, ns(T0) + 7_201_000_002_240],
+        says='days of a spreadsheet',
+    ),
+    # datenum('1970-01-01') is 719529.
+    'days of MATLAB': Log(
+        'datenum,speed,load\n740085.5,30,900\n740085.75,31,901\n',
+        times=after(2 * 3600, 8 * 3600),
+        says='days of MATLAB',
+    ),
+    # 134,774 days, 719,162 days and 24,107 days before 1970.
+    'file times of Windows': Log(
+        f'time,speed,load\n{(ns(T0) // 100 + 134_774 * 864 * 10**9)},30,900\n'
+        f'{(ns(T0) // 100 + 134_774 * 864 * 10**9) + 10**7},31,901\n',
+        says='100 ns since 1601',
+    ),
+    'ticks of .NET': Log(
+        f'time,speed,load\n{(ns(T0) // 100 + 719_162 * 864 * 10**9)},30,900\n'
+        f'{(ns(T0) // 100 + 719_162 * 864 * 10**9) + 10**7},31,901\n',
+        says='100 ns since the year 1',
+    ),
+    'seconds of LabVIEW': Log(
+        f'time,speed,load\n{ns(T0) // 10**9 + 24_107 * 86_400},30,900\n'
+        f'{ns(T0) // 10**9 + 24_107 * 86_400 + 1},31,901\n',
+        says='s since 1904',
+    ),
+    'a leap second in many lines': Log(
+        'time,speed,load\n2016-12-31T23:59:60Z,30,900\n' + '2017-01-01T00:00:00Z,31,901\n' * 600,
+        times=[ns(datetime(2017, 1, 1, tzinfo=timezone.utc))] * 601,
+        speed=[30] + [31] * 600,
+        load=[900] + [901] * 600,
+        lost='601 lines have 1 time between them',
+    ),
+    'a minus of a Swedish locale': Log(
+        'time;speed;load\n0;\u221230,5;900\n1;31;901\n', times=since(0, 1), speed=[-30.5, 31]
+    ),
     'seconds': Log(
         't,speed,load\n0,30,900\n0.1,31,901\n0.2,32,902\n',
         times=since(0, 0.1, 0.2),
@@ -481,6 +518,16 @@ def test_a_number_that_its_unit_takes_beyond_all_is_read_in_silence(tmp_path: Pa
     assert series.value.tolist() == pytest.approx([30.0, math.inf])
 
 
+def test_times_that_a_spreadsheet_rounded_away_are_a_loss(tmp_path: Path) -> None:
+    """1.77787E+09 in each line: in no time nothing can be predicted, and nothing was judged."""
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,rpm,kN\n' + '1.77787E+09,20,1\n' * 5000 + '1.77788E+09,20,1\n' * 5000)
+    recording = open_bag(path)
+    recording.bound(load_config(CONFIG))
+    recording.read([Request('/shaft/speed', 'data')])
+    assert any('10000 lines have 2 times between them' in text for text in recording.losses)
+
+
 def damaged(data: bytes, rng: random.Random) -> bytes:
     """Data with some bytes changed, put in, taken out or cut off."""
     found = bytearray(data)
@@ -518,8 +565,9 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         'time,Shaft RPM,load\ns,rpm,t\n0,30,1.2\n1,31,1.2\n',
         'time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n',
         'time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n',
+        'time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n',
     ],
-    ids=['knots', 'tons in the heading', 'tons in a row', 'tons in a column', 'thrust'],
+    ids=['knots', 'tons in the heading', 'tons in a row', 'tons in a column', 'thrust', 'a factor'],
 )
 def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> None:
     """12 knots or 1.2 t, taken for 12 kN or 1.2 N, would be judged stable."""
