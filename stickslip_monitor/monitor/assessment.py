@@ -26,6 +26,8 @@ from stickslip_monitor.physics.probability import Belief
 
 TABLE_ERROR = 1e-6
 """More than the error of a table of Stribeck's averaged fold, which is 1e-8 at most."""
+# So far beyond the boundaries none of eight laws has a cycle, nor at 1.0001: more than a table's error.
+_COVER = 1.01
 # Points from which on a table of the exact fold pays.
 _FEW = 64
 
@@ -226,7 +228,7 @@ class _Assessed(Generic[_Number]):
     def amplitude_exact(self) -> _Number:
         """That of the exact stick-slip cycle [m]; ``nan`` for none."""
         # Not in parts: many cycles are followed together, as arrays.
-        return self._made(lambda p: exact_amplitude(p.bearing, p.speed, p.load), in_parts=False)
+        return self._made(_followed, in_parts=False)
 
     @property
     def amplitude_error(self) -> _Number:
@@ -332,6 +334,16 @@ class Assessments(_Assessed[FloatArray]):
         found = _of(stored, self.bearing, self.belief, one=single)
         vars(found).update(known)
         return found
+
+
+def _followed(points: Assessments) -> FloatArray:
+    """Amplitudes of the exact cycle; beyond every boundary none is looked for, which takes as long."""
+    end = np.fmax(points.hopf_speed, np.fmax(points.fold_speed, points.exact_fold_speed))
+    end[np.isnan(points.exact_fold_speed)] = np.inf
+    found = np.full(end.size, np.nan)
+    rows = np.flatnonzero(np.abs(points.speed) <= _COVER * end)
+    found[rows] = exact_amplitude(points.bearing, points.speed[rows], points.load[rows])
+    return found
 
 
 def _of(

@@ -17,7 +17,7 @@ from stickslip_monitor.physics.averaging import (
     stationary_amplitudes,
 )
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.cycles import exact_cycle, exact_fold_speed
+from stickslip_monitor.physics.cycles import exact_amplitude, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 
 STORED = ('hopf_speed', 'fold_speed', 'exact_fold_speed')
@@ -218,6 +218,17 @@ def test_batch_is_bit_identical_to_single_points(name: str, points: list[tuple[f
             assert a.tobytes() == b.tobytes() or (np.isnan(a) and np.isnan(b)), (field, v, n)
         assert batch.outcome[i] == one.outcome
         assert batch.regime[i] == one.regime
+
+
+@pytest.mark.parametrize('name', LAWS)
+def test_no_exact_cycle_is_left_out_beyond_the_boundaries(name: str) -> None:
+    bearing = _with_law(LAWS[name], 20.0)
+    points = assess(bearing, np.full(9, 0.1), np.geomspace(10.0, 2000.0, 9))
+    ends = np.fmax(points.stability_limit, points.hopf_speed)
+    speed = np.where(np.isfinite(ends), ends, 0.1) * np.array([0.9, 0.999, 1.02, 1.3, 3.0])[:, None]
+    found = assess(bearing, speed, points.load).amplitude_exact
+    # Cycles are followed together, and who is with them decides the last digits.
+    np.testing.assert_allclose(found, exact_amplitude(bearing, speed, points.load), rtol=1e-7)
 
 
 def test_the_exact_amplitude_and_what_averaging_misses() -> None:
