@@ -8,7 +8,7 @@ and hands out whole clips. All times are those of the samples.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -49,8 +49,8 @@ class Clip:
 class ClipStore(Protocol):
     """Where clips go."""
 
-    def write(self, clip: Clip) -> Iterator[None]:
-        """Write a clip a little at each step.
+    def write(self, clip: Clip) -> None:
+        """Write a clip.
 
         Raises:
             StickslipError: It cannot be written; the text says why.

@@ -8,10 +8,12 @@ import itertools
 import re
 import time
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+
+import numpy as np
 
 from stickslip_monitor.bags.recording import Recording, TimeSpans
 from stickslip_monitor.bags.writer import BagWriter, is_labelled
@@ -29,7 +31,6 @@ from stickslip_monitor.offline.verdict_messages import (
     topics,
 )
 
-_SLICE = 500
 # Written in the file, so that a recording of somebody else is none of ours, whatever its name.
 _LABEL = 'stickslip_monitor/clip'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -62,36 +63,33 @@ class ClipFolder:
             ) from error
         self._sweep()
 
-    def write(self, clip: Clip) -> Iterator[None]:
-        """Write a clip, some messages at each step; then drop the oldest that are too many.
+    def write(self, clip: Clip) -> None:
+        """Write a clip; then drop the oldest that are too many.
 
         Raises:
             BagError: It cannot be written; nothing of it stays.
         """
-        while not (yield from self._written(clip, self._free(clip))):
+        while not self._written(clip, self._free(clip)):
             pass
         self._drop_oldest()
 
-    def _written(self, clip: Clip, path: Path) -> Generator[None, None, bool]:
+    def _written(self, clip: Clip, path: Path) -> bool:
         """Write a clip; False where another process has taken its name meanwhile."""
+        columns: dict[str, list[ClipMessage]] = {}
+        for message in clip.messages:
+            columns.setdefault(message.topic, []).append(message)
         try:
-            yield from self._write(clip, path)
+            with BagWriter(path, label=_LABEL) as writer:
+                for topic, (first, *_) in columns.items():
+                    writer.add_topic(topic, first.type, clip.definitions.get(first.type))
+                writer.write_columns(
+                    (topic, [m.time_ns for m in own], [m.data for m in own]) for topic, own in columns.items()
+                )
         except BagError:
             if not path.exists():
                 raise
             return False
         return True
-
-    def _write(self, clip: Clip, path: Path) -> Iterator[None]:
-        with BagWriter(path, label=_LABEL) as writer:
-            known: set[str] = set()
-            for number, message in enumerate(clip.messages, 1):
-                if message.topic not in known:
-                    known.add(message.topic)
-                    writer.add_topic(message.topic, message.type, clip.definitions.get(message.type))
-                writer.write(message.topic, message.time_ns, message.data)
-                if number % _SLICE == 0:
-                    yield
 
     def clips(self) -> list[Path]:
         """The clips of the folder, the oldest first.
@@ -200,8 +198,7 @@ class ClipWriter(StretchSink):
     def _write(self) -> None:
         for clip in self._recorder.clips():
             try:
-                for _ in self._store.write(clip):
-                    pass
+                self._store.write(clip)
                 self.counts.written += 1
             except BagError as error:
                 self.counts.failures.append(str(error))
@@ -211,5 +208,8 @@ class ClipWriter(StretchSink):
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
     found = []
     for topic, kind, time_ns, payload in columns:
-        found += [ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), payload, strict=True)]
+        messages = (
+            payload.view(f'V{payload.itemsize}').tolist() if isinstance(payload, np.ndarray) else payload
+        )
+        found += [ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), messages, strict=True)]
     return sorted(found, key=lambda message: message.time_ns)

@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, ClipStore
+from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.messages import (
     BearingState,
     DiagnosticRecord,
@@ -270,9 +270,9 @@ class Clips(ClipRecorder):
     """
 
     def __init__(self, node: LifecycleNode, config: ClipConfig, store: ClipStore) -> None:
-        self._node, self._store = node, store
+        self._node = node
         self._known: dict[str, str] = {}  # definitions by type
-        self._writer = Background('clips', self._write, _CLIPS_WAITING)
+        self._writer = Background('clips', store.write, _CLIPS_WAITING)
         super().__init__(config, self._known)
 
     @property
@@ -303,7 +303,3 @@ class Clips(ClipRecorder):
         """Hand on the clips that are whole."""
         for clip in self.clips():
             self._writer.put(clip)
-
-    def _write(self, clip: Clip) -> None:
-        for _ in self._store.write(clip):
-            pass

@@ -36,36 +36,15 @@ def folder(path: Path, most: int = 3) -> ClipFolder:
     return ClipFolder(ClipConfig(str(path), most=most))
 
 
-def write(store: ClipFolder, item: Clip) -> int:
-    return sum(1 for _ in store.write(item))
-
-
 def test_a_clip_is_a_recording_named_by_time_bearing_and_alarm(tmp_path: Path) -> None:
     store = folder(tmp_path / 'new' / 'clips')
-    write(store, clip())
+    store.write(clip())
     (path,) = store.clips()
     assert path.name == '20260504T060000Z_aft_stick_slip.mcap'
     bag = open_bag(path)
     assert {name: topic.count for name, topic in bag.topics.items()} == {'/a': 3, '/b': 1}
     assert bag.definition('/b') == 'int32 x\n'
     assert bag.warnings == ()
-
-
-def test_it_is_written_a_little_at_a_time_and_appears_when_whole(tmp_path: Path) -> None:
-    store = folder(tmp_path)
-    steps = store.write(clip(count=1800))
-    for _ in range(3):
-        next(steps)
-        assert store.clips() == []
-    assert next(steps, 'end') == 'end'
-    assert len(store.clips()) == 1
-
-
-def test_one_that_is_given_up_leaves_nothing(tmp_path: Path) -> None:
-    steps = folder(tmp_path).write(clip(count=1800))
-    next(steps)
-    steps.close()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
@@ -78,11 +57,11 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
     (tmp_path / names[3]).touch()
     (tmp_path / names[4]).mkdir()
     store = folder(tmp_path, most=3)
-    write(store, clip())
+    store.write(clip())
     store.clips()[0].rename(tmp_path / 'kept.mcap')
     others = {path.name for path in tmp_path.iterdir()}
     for number in range(5):
-        write(store, clip(number))
+        store.write(clip(number))
         newest = store.clips()[-1]
         os.utime(newest, (1000 + number, 1000 + number))
     kept = [path.name[:16] for path in store.clips()]
@@ -93,7 +72,7 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
 def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
     store = folder(tmp_path)
     for _ in range(3):
-        write(store, clip())
+        store.write(clip())
     names = {path.name for path in store.clips()}
     stem = '20260504T060000Z_aft_stick_slip'
     assert names == {f'{stem}.mcap', f'{stem}-2.mcap', f'{stem}-3.mcap'}
