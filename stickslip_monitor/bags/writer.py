@@ -6,11 +6,9 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
-import operator
 import os
 import shutil
 import struct
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,16 +17,16 @@ from typing import IO, Any
 import numpy as np
 import yaml
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import CompressionType, Writer
 from numpy.typing import ArrayLike, NDArray
 
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.chunk_writer import COMPRESSORS, ChunkWriter, Messages
 from stickslip_monitor.bags.mcap_chunks import HEAD
 from stickslip_monitor.bags.message_fields import definition_of
 from stickslip_monitor.bags.recording import METADATA_NAME, METADATA_ROOT
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.files import hold, open_file, sweep
 
-COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
 # Fixed, so that equal recordings are equal files whatever version wrote them.
@@ -74,20 +72,18 @@ class BagWriter:
     ) -> None:
         # What a link leads to, as for every other output.
         self.path = Path(os.path.realpath(path))
-        if compression not in COMPRESSIONS:
-            known = ', '.join(COMPRESSIONS)
+        if compression not in COMPRESSORS:
+            known = ', '.join(COMPRESSORS)
             raise BagError(f"compression '{compression}' is unknown: use one of {known}")
-        self._options = chunk_size, COMPRESSIONS[compression]
+        self._options = chunk_size, compression
         self._is_file = self.path.suffix == _SUFFIX
         self._file_name = f'{self.path.name}_0{_SUFFIX}'
         self._label = label
         self._is_broken = False
         self._schemas: dict[str, int] = {}
         self._hashes: dict[str, str] = {}
-        # The type and the channel of each topic, and the messages of each channel.
+        # The type and the channel of each topic.
         self._topics: dict[str, tuple[str, int]] = {}
-        self._counts: Counter[int] = Counter()
-        self._times: tuple[int, int] | None = None
         with self._trouble():
             self._refuse_existing()
 
@@ -139,10 +135,10 @@ class BagWriter:
             own = f'RIHS01_{TYPE_HASHES[type]}' if type in TYPE_HASHES and text == known else ''
             self._hashes[type] = own
             with self._trouble():
-                self._schemas[type] = self._writer.register_schema(type, SchemaEncoding.ROS2, text.encode())
+                self._schemas[type] = self._writer.add_schema(type, SchemaEncoding.ROS2, text.encode())
         with self._trouble():
             facts = {'offered_qos_profiles': '', 'topic_type_hash': self._hashes[type]}
-            channel = self._writer.register_channel(name, MessageEncoding.CDR, self._schemas[type], facts)
+            channel = self._writer.add_channel(name, MessageEncoding.CDR, self._schemas[type], facts)
         self._topics[name] = type, channel
 
     def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
@@ -173,9 +169,9 @@ class BagWriter:
                     f"topic '{name}' has {np.size(time)} log times for {np.size(value)} values:"
                     ' write one value for each time'
                 )
-        self.write_columns((n, time, encode_float64s(value)) for n, (time, value) in columns.items())
+        self.write_columns((n, time, float64_rows(value)) for n, (time, value) in columns.items())
 
-    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Sequence[bytes]]]) -> None:
+    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Messages]]) -> None:
         """Write encoded messages of several topics, merged by their log times.
 
         Args:
@@ -185,28 +181,24 @@ class BagWriter:
         Raises:
             BagError: As for :meth:`write`.
         """
-        rows: list[tuple[int, int, bytes]] = []
+        found = []
         for name, time, messages in columns:
-            times: list[int] = np.asarray(time, np.int64).tolist()
+            times = np.asarray(time, np.int64)
             channel = self._channel(name, times)
-            rows += zip(times, itertools.repeat(channel, len(times)), messages, strict=True)
-        if not rows:
-            return
-        rows.sort(key=operator.itemgetter(0))
-        with self._trouble():
-            for log_time, channel, message in rows:
-                self._writer.add_message(channel, log_time, message, log_time, self._counts[channel])
-                self._counts[channel] += 1
-        start, end = self._times or (rows[0][0], rows[-1][0])
-        self._times = min(start, rows[0][0]), max(end, rows[-1][0])
+            if len(messages) != times.size:
+                raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
+            if times.size:
+                found.append((channel, times, messages))
+        if found:
+            with self._trouble():
+                self._writer.write(found)
 
-    def _channel(self, topic: str, log_times: Sequence[int]) -> int:
+    def _channel(self, topic: str, log_times: IntArray) -> int:
         """The channel of a topic, for messages with some log times [ns]."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
-        for log_time in (min(log_times), max(log_times)) if log_times else ():
-            if not 0 <= log_time <= _LATEST:
-                raise BagError(f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}")
+        for log_time in log_times[log_times < 0][:1].tolist():
+            raise BagError(f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}")
         return self._topics[topic][1]
 
     def break_off(self) -> None:
@@ -217,7 +209,7 @@ class BagWriter:
         """
         with self._trouble():
             begin = self._file.tell()
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self._file.seek(begin)
             head = self._file.read(HEAD.size)
             self._file.truncate(begin + (HEAD.size + HEAD.unpack(head)[1]) // 2)
@@ -243,11 +235,11 @@ class BagWriter:
     @property
     def message_counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
-        return {topic: self._counts[channel] for topic, (_, channel) in self._topics.items()}
+        return {topic: self._writer.counts.get(own, 0) for topic, (_, own) in self._topics.items()}
 
     def _finish(self) -> None:
         if not self._is_broken:
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             if not self._is_file:
                 (self._draft / METADATA_NAME).write_text(self._metadata(), 'utf-8')
         self._file.close()
@@ -273,7 +265,7 @@ class BagWriter:
 
     def _metadata(self) -> str:
         """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
-        start_ns, end_ns = self._times or (0, 0)
+        (start_ns, end_ns), counts = self._writer.span, self.message_counts
 
         def span() -> dict[str, Any]:
             # The same object twice would become a YAML alias, which rosbag2's reader need not
@@ -281,7 +273,7 @@ class BagWriter:
             return {
                 'starting_time': {'nanoseconds_since_epoch': start_ns},
                 'duration': {'nanoseconds': end_ns - start_ns},
-                'message_count': self._counts.total(),
+                'message_count': sum(counts.values()),
             }
 
         listed = [
@@ -293,9 +285,9 @@ class BagWriter:
                     'offered_qos_profiles': [],
                     'type_description_hash': self._hashes[kind],
                 },
-                'message_count': self._counts[channel],
+                'message_count': counts[topic],
             }
-            for topic, (kind, channel) in self._topics.items()
+            for topic, (kind, _) in self._topics.items()
         ]
         information = {
             'version': 9,
@@ -312,12 +304,12 @@ class BagWriter:
         return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
 
 
-def _begun(file: IO[bytes], label: str | None, *options: Any) -> Writer:
+def _begun(file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none') -> ChunkWriter:
     """A file that has begun, with its label before the first message."""
-    writer = Writer(file, *options)
+    writer = ChunkWriter(file, chunk_size, compression)
     writer.start(Profile.ROS2, _LIBRARY)
     if label is not None:
-        writer.add_metadata(label, {})
+        writer.add_metadata(label)
     return writer
 
 
@@ -351,10 +343,15 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
     >>> encode_float64s([0.5])[0].hex()
     '00010000000000000000e03f'
     """
+    return _items(float64_rows(values))
+
+
+def float64_rows(values: ArrayLike) -> NDArray[np.void]:
+    """The same as the rows of an array, which are written faster."""
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
     rows['head'], rows['data'] = np.void(_CDR), numbers
-    return _items(rows)
+    return rows
 
 
 def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike) -> list[bytes]:

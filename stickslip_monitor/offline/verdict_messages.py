@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from stickslip_monitor.bags.chunk_writer import Messages
 from stickslip_monitor.bags.recording import Message, Recording, TimeSpans
 from stickslip_monitor.bags.writer import (
     BagWriter,
     StatusFields,
     encode_diagnostics,
-    encode_float64s,
     encode_string,
+    float64_rows,
 )
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
@@ -61,7 +62,7 @@ class MessageColumn(NamedTuple):
     topic: str
     type: str
     time_ns: IntArray
-    payload: Sequence[bytes]
+    payload: Messages
 
 
 def check_target(path: str | Path) -> Path:
@@ -246,9 +247,7 @@ class _Follower:
         self._changed: set[int] = set()
         self._published_ns: int | None = None
 
-    def numbers(
-        self, scan: Scan, spans: TimeSpans
-    ) -> tuple[IndexArray, Iterator[tuple[str, Sequence[bytes]]]]:
+    def numbers(self, scan: Scan, spans: TimeSpans) -> tuple[IndexArray, Iterator[tuple[str, Messages]]]:
         """When verdicts were published [ns], and what the topics say, by their last part."""
         rows = np.flatnonzero(self._is_published(scan) & spans.holds(scan.time_ns))
         if not rows.size:
@@ -261,10 +260,10 @@ class _Follower:
 
     def _encoded(
         self, points: Assessments, measured: Any, rows: IndexArray
-    ) -> Iterator[tuple[str, Sequence[bytes]]]:
+    ) -> Iterator[tuple[str, Messages]]:
         """What the topics of a bearing say of some points, by their last part."""
         for name in topic_numbers(self._config):
-            yield name, encode_float64s(topic_number(name, points))
+            yield name, float64_rows(topic_number(name, points))
         for name in topic_words(self._config):
             known, codes = (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
             encoded = [encode_string(str(word)) for word in known]
