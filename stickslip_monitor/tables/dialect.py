@@ -270,6 +270,12 @@ def _table(
         )
     above, below = rows[:first], rows[first:]
     heading, units = _headings(above, width)
+    if len(heading) == width - 1 and sum(len(row) == width and row[-1] != '' for row in below) > 0.5 * len(
+        below
+    ):
+        # R numbers its rows, and does not name the column of these.
+        heading, units = ['', *heading], ['', *units]
+    heading = heading and [*heading, *[''] * (width - len(heading))]
     suffixes = [_suffix(below, k, heading[k] if heading else '') for k in range(width)]
     names = heading or [f'#{k + 1}' for k in range(width)]
     both = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
@@ -277,6 +283,7 @@ def _table(
     other = _other_table(above, delimiter)
     shown = _maybe_thousands(below) if decimal == '.' and delimiter == ';' else ''
     said = f"'{shown}' is read with a decimal point: nothing in the file tells it from thousands"
+    wide = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
     return Dialect(
         plain,
         tuple(map(parse_heading, plain)),
@@ -289,7 +296,7 @@ def _table(
         tuple(above),
         tuple(heading),
         tuple(suffixes),
-        (said,) if shown else (),
+        (*([said] if shown else []), *([wide] if len(heading) > width else [])),
         (f"{plural(len(other), 'line')} of another table above were not read, the first '{other[0]}'",)
         if other
         else (),
@@ -400,7 +407,7 @@ def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     """Lines above the headings that are those of a table with other cells or delimiter."""
     lines = [delimiter.join(row) for row in above]
     rows = [
-        [row for row in _split(lines, mark) if len(row) > 1 and all(map(_is_sound, row[:2]))]
+        [row for row in _split(lines, mark) if sum(map(_is_sound, row)) > 1 and _is_sound(row[0])]
         for mark in _DELIMITERS
     ]
     most = max(rows, key=len)
@@ -420,7 +427,7 @@ def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]
         return [], [''] * width
     units, names = _row_of_units(named)
     pad = [''] * width
-    return [*names, *pad][: max(width, len(names))], [*units, *pad]
+    return list(names), [*units, *pad]
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:

@@ -414,6 +414,19 @@ LOGS = {
         '2026-04-13T10:00:00Z,30,900\nrestarted,,\n2026-04-13T10:00:01Z,31,901\n',
         lost="1 line without a time was not used, the first 'restarted'",
     ),
+    'R: rows have numbers, and these no heading': Log(
+        '"time" "speed" "load"\n"1" 0 30 900\n"2" 1 31 901\n', times=since(0, 1)
+    ),
+    'a delimiter behind the last cell of each row': Log(
+        'time,speed,load\n0,30,900,\n1,31,901,\n', times=since(0, 1)
+    ),
+    'more headings than cells': Log(
+        'time,speed,load,by,to\n' + ''.join(f'{k},{30 + k},{900 + k}\n' for k in range(9)),
+        times=since(*range(9)),
+        speed=range(30, 39),
+        load=range(900, 909),
+        says='5 headings stand above 3 cells: they were matched from the left',
+    ),
     'letters in a preamble at which no line ends': Log(
         'Made by\x0cLogger\u2028of\x85Works,1\ntime,speed,load\n0,30,900\n1,31,901\n2,32,902\n',
         times=since(0, 1, 2),
