@@ -42,6 +42,8 @@ PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
 _WINDOW = 4 << 20
 # Of a definition that is looked at [bytes].
 _LONGEST = 4 << 20
+# Shorter runs of messages of one length are not looked for by themselves [bytes].
+_RUN = 1 << 16
 # Of so many channels each is looked for by itself.
 _FEW = 8
 _ZEROS = re.compile(rb'\0*')
@@ -247,6 +249,10 @@ def walk(data: bytes) -> Iterator[Piece]:
     words, next_words = view(data, '<i8'), view(data, '<u4', 8)
     end, is_whole = 0, True
     while is_whole and end + HEAD.size <= len(data):
+        if (run := _equal_messages(data, end)) is not None:
+            end = run.end
+            yield run
+            continue
         stop = min(end + _WINDOW, len(data))
         most = max(min(stop, len(data) - PAYLOAD + 1), end)
         begin = np.flatnonzero(raw[end:most] == _MESSAGE) + end
@@ -279,6 +285,30 @@ def walk(data: bytes) -> Iterator[Piece]:
         offset = begin + PAYLOAD
         channel = (next_word >> 8).astype(np.uint16)
         yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, odd, end)
+
+
+def _equal_messages(data: bytes, begin: int) -> Piece | None:
+    """The messages of one length that follow on from a byte, where they are many: so telemetry is."""
+    if begin + PAYLOAD > len(data) or data[begin] != _MESSAGE:
+        return None
+    length = HEAD.unpack_from(data, begin)[1] + HEAD.size
+    count = min(len(data) - begin, _WINDOW) // length
+
+    def column(code: str, place: int) -> NDArray[Any]:
+        return np.ndarray((count,), code, data, begin + place, strides=(length,))
+
+    if length < PAYLOAD or count * length < _RUN:
+        return None
+    # The kind with all but the highest byte of the length, and that.
+    head, highest = column('<i8', 0), column('u1', 8)
+    same = (head == head[0]) & (highest == 0)
+    count = count if same.all() else int(same.argmin())
+    if count * length < _RUN:
+        return None
+    offset = np.arange(count) * length + (begin + PAYLOAD)
+    size = np.full(count, length - PAYLOAD)
+    channel, log_time_ns = column('<u2', HEAD.size).copy(), column('<i8', PAYLOAD - 16).copy()
+    return Piece(data, channel, log_time_ns, offset, size, {}, 0, begin + count * length)
 
 
 def _step(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:

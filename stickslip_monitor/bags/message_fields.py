@@ -401,7 +401,9 @@ class FieldReader:
         kind = view(data, '<u2')[offset[rows]]
         for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
             if (mine := rows[kind == code]).size:
-                self._fill(numbers, data, offset, size, mine, order)
+                # As a rule all, which are not copied.
+                own = mine if mine.size < count else slice(None)
+                self._fill(numbers, data, offset, size, own, order)
         other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
         for code, number in sorted(Counter(other.byteswap().tolist()).items()):
             reason = f'are in the encapsulation 0x{code:04x}, which is not decoded'
@@ -409,10 +411,16 @@ class FieldReader:
         return numbers
 
     def _fill(
-        self, numbers: FieldNumbers, data: bytes, offset: IntArray, size: IntArray, rows: IntArray, order: str
+        self,
+        numbers: FieldNumbers,
+        data: bytes,
+        offset: IntArray,
+        size: IntArray,
+        rows: IntArray | slice,
+        order: str,
     ) -> None:
         """Fill in messages in one byte order."""
-        rest = rows
+        rest = np.arange(offset.size)[rows]
         if self._layout is not None:
             base, length = offset[rows] + _ENCAPSULATION, size[rows] - _ENCAPSULATION
             found, sound = _gather(self._layout, data, base, length, order)
@@ -421,7 +429,7 @@ class FieldReader:
             if numbers.stamp_ns is not None:
                 sec, nanosec = (part.astype(np.int64) for part in found[-2:])
                 numbers.stamp_ns[rows] = sec * _SECOND + nanosec
-            rest = rows[~sound]
+            rest = rest[~sound]
         for place in rest.tolist():
             begin = int(offset[place])
             self._decode_alone(data[begin : begin + int(size[place])], place, numbers)
@@ -522,9 +530,11 @@ def series_of(
     ``first`` is how many messages came before them.
     """
     result: dict[Request, Series] = {}
+    is_unstamped = np.array_equal(log_time_ns, stamp_ns)
     for number, each in enumerate(wanted):
         rows = np.flatnonzero(topic == number)
-        times = log_time_ns[rows], stamp_ns[rows], rows + first
+        own = log_time_ns[rows]
+        times = own, own if is_unstamped else stamp_ns[rows], rows + first
         for value, requests in zip(values, each.requests.values(), strict=False):
             result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
     return result

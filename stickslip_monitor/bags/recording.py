@@ -156,7 +156,6 @@ class TimeSpans:
 Progress = Callable[[int, int], None]
 """Given how much is done, and how much there is to do [bytes]."""
 MOST_NAMED = 10
-_COLUMNS = ('log_time_ns', 'stamp_ns', 'sequence', 'value')
 
 
 class Reading(Protocol):
@@ -321,10 +320,14 @@ def joined(reading: Reading) -> dict[Request, Series]:
     def whole(request: Request, name: str) -> Any:
         return np.concatenate([getattr(part[request], name) for part in parts])
 
-    return {
-        request: Series(**{name: whole(request, name) for name in _COLUMNS}, faults=faults[request])
-        for request in parts[0]
-    }
+    result = {}
+    for request in parts[0]:
+        log_time_ns = whole(request, 'log_time_ns')
+        is_unstamped = all(part[request].stamp_ns is part[request].log_time_ns for part in parts)
+        stamp_ns = log_time_ns if is_unstamped else whole(request, 'stamp_ns')
+        numbers = whole(request, 'sequence'), whole(request, 'value')
+        result[request] = Series(log_time_ns, stamp_ns, *numbers, faults[request])
+    return result
 
 
 def short_name(name: str) -> str:

@@ -17,7 +17,9 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from stickslip_monitor.bags.mcap_chunks import decompress
+from fuzz.files import START, channel, message, raw
+from fuzz.mutants import records_of
+from stickslip_monitor.bags.mcap_chunks import decompress, walk
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Recording, Request
 
@@ -151,6 +153,46 @@ def test_garbage_behind_a_cut_costs_nothing_before_it(compression: str) -> None:
     restored = decompress(half + b'\xff' * 300_000, compression, len(plain), is_cut=True)
     assert len(restored) > len(expected) - 140_000
     assert plain.startswith(restored[: len(expected)])
+
+
+RUN = [message(1 + k % 2, START + k, float(k)) for k in range(4000)]
+
+
+@pytest.mark.parametrize(
+    'odd',
+    [
+        channel(7, '/other'),
+        raw(5, bytes(31)),
+        raw(5, b'short'),
+        raw(0x80, bytes(34)),
+        message(1, START, 1.0)[:20],
+        b'\5' + (34).to_bytes(7, 'little') + b'\1' + bytes(34),
+        b'',
+    ],
+    ids=['a channel', 'longer', 'too short', 'another kind', 'cut', 'of 2^56 bytes', 'none'],
+)
+def test_many_messages_of_one_length_end_at_what_is_odd(odd: bytes) -> None:
+    """Judged record by record, as the records say where they end."""
+    data = b''.join([*RUN[:3000], odd, *RUN[3000:], odd])
+    *whole, _ = records_of(data)
+    expected = [
+        (int.from_bytes(each[9:11], 'little'), int.from_bytes(each[15:23], 'little'), each[31:])
+        for each in whole
+        if each[0] == 5 and len(each) >= 31
+    ]
+    found = [
+        (channel, time, data[begin : begin + size])
+        for piece in walk(data)
+        for channel, time, begin, size in zip(
+            piece.channel.tolist(),
+            piece.log_time_ns.tolist(),
+            piece.offset.tolist(),
+            piece.size.tolist(),
+            strict=True,
+        )
+    ]
+    assert found == expected
+    assert len(found) >= 3000
 
 
 def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:
