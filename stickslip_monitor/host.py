@@ -26,12 +26,12 @@ from stickslip_monitor.monitor.session import Moment
 STEP_NS = 10**9
 """A clock on the wall that gains or loses more [ns] between two looks was set: time that is slewed
 by NTP gains 0.5 ms a second at most."""
+_UPTIME = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
 
 
 def uptime_ns() -> int:
     """Time since the machine was started [ns]; that in which it slept counts, where it can."""
-    clock = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
-    return time.clock_gettime_ns(clock)
+    return time.clock_gettime_ns(_UPTIME)
 
 
 class HostClock:

@@ -7,6 +7,7 @@ Its ROS parameters are those of the parameter table: declared with descriptors, 
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import re
@@ -187,14 +188,14 @@ class MonitorNode(LifecycleNode):
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """The callback, whose exceptions are logged and survived: the monitor goes on."""
 
-        # rclpy looks at the signature of what it calls.
-        @functools.wraps(callback)
         def call(*arguments: Any) -> Any:
             try:
                 return callback(*arguments)
             except Exception as error:
                 self.survive(error)
 
+        # rclpy looks at it before each call: to work it out takes longer than the call itself.
+        call.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
         return call
 
     def survive(self, error: Exception) -> None:
