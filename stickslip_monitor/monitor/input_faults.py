@@ -173,6 +173,7 @@ class Publisher:
     type: str
     qos_fault: str = ''  # why its quality of service does not match
     latched: bool = False  # it keeps its last value for those who come later, as we do not ask
+    sends: bool = True  # something has come from it since the newest publisher began to send
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +213,7 @@ def input_fault(facts: InputFacts) -> str:
         return _silence(facts)
     if facts.stuck:
         return f'The level on {topic} never changes: its sensor is stuck.'
-    heard = [one for one in publishers or () if one.type == facts.type and not one.qos_fault]
+    heard = [one for one in publishers or () if one.type == facts.type and not one.qos_fault and one.sends]
     if len(heard) > 1:
         names = ', '.join(sorted({publisher.node for publisher in heard}))
         return f'{len(heard)} publishers send on {topic} ({names}): their values are mixed.'

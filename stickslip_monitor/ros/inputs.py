@@ -9,6 +9,7 @@ import re
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Container, Iterable, Iterator
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -126,7 +127,7 @@ class Inputs:
         config: The configuration as given: names of topics are resolved once.
         clock: Now.
         simulated: Whether a message came when ROS time says so, not the middleware.
-        graph: Is given the topics whose messages cannot be decoded.
+        graph: Is given what comes on the topics.
         tap: Called with topic, type, encoded message and time before the numbers of it, if given.
 
     Attributes:
@@ -147,9 +148,10 @@ class Inputs:
         for bearing in config.bearings:
             for place, source in enumerate(bearing.inputs.values()):
                 key = source.topic, source.type
-                lane = lanes[key] = lanes.get(key) or Lane(node, *key, graph.undecodable)
+                lane = lanes[key] = lanes.get(key) or Lane(node, *key)
                 lane.readings.append((bearing.name, place, number_reader(source.field)))
         self.lanes = list(lanes.values())
+        graph.lanes = {lane.name: lane for lane in self.lanes}
         self.piled = False
         self._waiting: deque[Waiting] = deque()
         self._turned = 0, 0  # of the middleware, and ROS time
@@ -226,11 +228,17 @@ class Inputs:
             yield Number(bearing, place, time_ns, arrival_ns, read(message))
 
 
+@dataclass(slots=True)
+class Sender:
+    """Who sends on a topic, by what came from it."""
+
+    number: int  # of its latest message
+    first_ns: int  # when its first came [ns]
+    last_ns: int  # when its latest came [ns]
+
+
 class Lane:
     """One topic: its subscription, and the numbers that its messages bring.
-
-    Args:
-        undecodable: Holds the topic's name while its messages cannot be decoded.
 
     Attributes:
         name: The full name of the topic.
@@ -239,19 +247,22 @@ class Lane:
         stamp: Reads the time of measurement from a message [ns]; 0 for none.
         lost: Messages that never came, by the numbers of their publishers.
         left_out: Messages that were left out because too many waited, or the node was held up.
+        senders: Who sends, by what the middleware calls it.
+        undecodable: Whether the latest message could not be decoded.
         subscription: The subscription; ``None`` while there is none.
     """
 
-    def __init__(self, node: LifecycleNode, topic: str, kind: str, undecodable: set[str]) -> None:
-        self._node, self._topic, self.type, self._undecodable = node, topic, kind, undecodable
+    def __init__(self, node: LifecycleNode, topic: str, kind: str) -> None:
+        self._node, self._topic, self.type = node, topic, kind
         self.name = node.resolve_topic_name(topic)
         self.readings: list[tuple[str, int, Callable[[Any], float]]] = []
         self.stamp = stamp_reader(kind)
         self.lost = self.left_out = 0
         self.subscription: Any = None
         self._class = message_type(kind)
-        self._numbers: dict[bytes, int] = {}
-        # Publishers that have sent nothing since the node was held up.
+        self.senders: dict[bytes, Sender] = {}
+        self.undecodable = False
+        # Senders that have sent nothing since the node was held up.
         self._excused: set[bytes] = set()
 
     def subscribe(self) -> None:
@@ -279,15 +290,15 @@ class Lane:
         """
         handle = self.subscription.handle
         if late:
-            self._excused = set(self._numbers)
+            self._excused = set(self.senders)
         with handle:
             for _ in range(_DEPTH):
                 taken = handle.take_message(self._class, True)
                 if taken is None:
                     return
                 data, info = taken
-                self._count_missing(info, late)
                 came_ns = info.get('received_timestamp') or time.time_ns()
+                self._count_missing(info, came_ns, late)
                 yield Waiting(came_ns, came_ns if arrival is None else arrival(came_ns), self, data)
 
     def decoded(self, data: bytes) -> Any:
@@ -295,12 +306,20 @@ class Lane:
         try:
             message = deserialize_message(data, self._class)
         except ROS_FAULTS:
-            self._undecodable.add(self.name)
-            return None
-        self._undecodable.discard(self.name)
+            message = None
+        self.undecodable = message is None
         return message
 
-    def _count_missing(self, info: Any, late: bool) -> None:
+    def sends(self, publisher: bytes) -> bool:
+        """Whether somebody still sends: one that died and came back has two names for a while.
+
+        It has sent since the newest sender began, or the middleware does not say who sends.
+        """
+        begun = max((one.first_ns for one in self.senders.values()), default=0)
+        own = self.senders.get(publisher)
+        return not begun or (own is not None and own.last_ns >= begun)
+
+    def _count_missing(self, info: Any, came_ns: int, late: bool) -> None:
         """Count what lies between a message and the one before of its publisher.
 
         What is missing since the node was held up was not lost on the way. Some ROS 2 have no
@@ -310,10 +329,12 @@ class Lane:
         if publisher is None or number is None:
             return
         name = publisher['data']
-        missing = max(0, number - self._numbers.get(name, number) - 1)
-        self._numbers[name] = number
-        if len(self._numbers) > _PUBLISHERS_KNOWN:
-            del self._numbers[next(iter(self._numbers))]
+        sender = self.senders.get(name) or Sender(number, came_ns, came_ns)
+        missing = max(0, number - sender.number - 1)
+        sender.number, sender.last_ns = number, came_ns
+        self.senders[name] = sender
+        if len(self.senders) > _PUBLISHERS_KNOWN:
+            del self.senders[next(iter(self.senders))]
         if name in self._excused:
             self.left_out += missing
         else:
@@ -329,23 +350,24 @@ class RosGraph(Graph):
         topics: Topics of inputs as they are given: what is resolved twice is remapped twice.
 
     Attributes:
-        undecodable: Topics whose latest message could not be decoded.
+        lanes: What comes on the topics, by their full names.
     """
 
     def __init__(self, node: Node, topics: Iterable[str]) -> None:
         self._node = node
         self._given = {node.resolve_topic_name(topic): topic for topic in topics}
-        self.undecodable: set[str] = set()
+        self.lanes: dict[str, Lane] = {}
 
     def publishers(self, topic: str) -> tuple[Publisher, ...]:
         """Who publishes on a topic, with what speaks against its quality of service."""
         name = self._given.get(topic, topic)
-        asked = self._quality(name)
-        return tuple(_publisher(info, asked) for info in self._node.get_publishers_info_by_topic(name))
+        asked, lane = self._quality(name), self.lanes.get(topic)
+        infos = self._node.get_publishers_info_by_topic(name)
+        return tuple(_publisher(info, asked, lane) for info in infos)
 
     def is_undecodable(self, topic: str) -> bool:
         """Whether the latest message could not be decoded."""
-        return topic in self.undecodable
+        return topic in self.lanes and self.lanes[topic].undecodable
 
     def _quality(self, name: str) -> QoSProfile:
         """What the subscription asks for, after overrides."""
@@ -363,14 +385,15 @@ def node_name(info: Any) -> str:
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
-def _publisher(info: Any, asked: QoSProfile) -> Publisher:
+def _publisher(info: Any, asked: QoSProfile, lane: Lane | None) -> Publisher:
     match, reason = qos_check_compatible(info.qos_profile, asked)
     fault = ''
     if match is QoSCompatibility.ERROR:
         fault = str(reason).strip(' ;.') or 'no reason is given'
     latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return Publisher(node_name(info), info.topic_type, fault, latched and not heard)
+    sends = lane is None or lane.sends(bytes(info.endpoint_gid))
+    return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)
 
 
 def message_type(name: str) -> Any:

@@ -192,9 +192,10 @@ LOST = replace(FINE, lost=True, receiving=False)
             replace(LOST, undecodable=True),
             f'Messages on /speed cannot be decoded: its sender has another definition of {FLOAT}.',
         ),
-        # What can never connect mixes no values.
+        # What can never connect, or sends nothing, mixes no values.
         (replace(FINE, publishers=[PLC, replace(OTHER, type='std_msgs/msg/Float32')]), ''),
         (replace(FINE, publishers=[PLC, replace(OTHER, qos_fault='deadline')]), ''),
+        (replace(FINE, publishers=[PLC, replace(OTHER, sends=False)]), ''),
         (
             replace(FINE, share=29 / 30, reason=Status.NOT_FINITE),
             '97% of the samples on /speed are refused, most because: not a finite number.',

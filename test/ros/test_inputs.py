@@ -200,8 +200,8 @@ def test_a_turn_ends_by_time_and_the_next_goes_on() -> None:
 
 def test_messages_that_cannot_be_decoded_are_known() -> None:
     graph = RosGraph(_Node(), [])  # type: ignore[arg-type]
-    node = _Node()
-    lane = Lane(node, 'load', 'std_msgs/msg/Float64MultiArray', graph.undecodable)  # type: ignore[arg-type]
+    lane = Lane(_Node(), 'load', 'std_msgs/msg/Float64MultiArray')  # type: ignore[arg-type]
+    graph.lanes['load'] = lane
     # By CDR: an empty layout, an offset of 0, and fifty numbers of which one is there.
     wrong = b'\0\1\0\0' + struct.pack('<IIId', 0, 0, 50, 1.0)
     assert lane.decoded(wrong) is None

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+import sys
 from typing import Any
 
 import kit
@@ -124,7 +125,8 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
 
     def told() -> dict[str, str]:
         load.publish(Float64(data=1000.0))
-        mixed[0].publish(Float64(data=60.0))
+        for each in mixed:
+            each.publish(Float64(data=60.0))
         peer.spin(0.05)
         return {name: kit.status(diagnostics, name).get('speed fault', '') for name in expected}
 
@@ -191,6 +193,35 @@ def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
     text = f'No publisher on {topic}: {name}, which published on it, has gone.'
     peer.until(told('speed fault', text), 'who has gone')
     assert kit.status(diagnostics)['message'].count(text) == 1
+
+
+SENDER = """
+import sys, rclpy
+from std_msgs.msg import Float64
+rclpy.init(args=[])
+node = rclpy.create_node('meter')
+publisher = node.create_publisher(Float64, sys.argv[1], 10)
+node.create_timer(0.05, lambda: publisher.publish(Float64(data=60.0)))
+rclpy.spin(node)
+"""
+
+
+def test_a_sender_that_was_killed_and_came_back_is_one(host: Any, run: Any) -> None:
+    """Nobody takes leave of a killed one: DDS has it in the graph for its lease of 20 s."""
+    monitor = host(kit.parameters())
+    peer, topic = monitor.peer, monitor.input('shaft/speed')
+    # Without shared memory, which a killed program leaves behind.
+    sender = ('env', 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4', sys.executable, '-c', SENDER, topic)
+
+    def sending() -> list[bool]:
+        return sorted(each.sends for each in monitor.node._configured.graph.publishers(topic))
+
+    first = run(*sender)
+    peer.until(lambda: sending() == [True], 'a sender')
+    first.process.kill()
+    first.wait()
+    run(*sender)
+    peer.until(lambda: sending() == [False, True], 'the ghost, and the sender')
 
 
 def test_a_constant_load_and_a_speed_by_its_name(host: Any) -> None:
