@@ -141,6 +141,10 @@ def own_time(s: State, place: int, stamp: int, arrival: int) -> int:
         # The clock was set back: the monitor's own goes on, and no memory of the lining is lost.
         time = max(last, s.now)
         s.shift = time - arrival
+        if s.now != NEVER:
+            # Set between two runs: the wait for inputs is as long as it was.
+            s.began += time - s.now
+            s.now = time
         for each in range(LEVEL + 1):
             s.stamp[each] = NEVER
     elif 0 <= arrival - stamp <= NEAR:

@@ -154,7 +154,9 @@ class Running:
         now = self._now()
         # Of what came before the clock was set it tells no time; and of what waited while we were
         # held up some was left out, so that the arrivals of the rest have gaps that are ours.
-        if now.set_ns == self._set_ns and not self._late:
+        if now.set_ns != self._set_ns:
+            time_ns = now.time_ns if time_ns == arrival_ns else time_ns
+        elif not self._late:
             now = now._replace(time_ns=arrival_ns)
         update = self._session.take(name, place, time_ns, value, now, latest=self._latest)
         if update.status.valid and place != LEVEL:

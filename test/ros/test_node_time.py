@@ -17,6 +17,7 @@ from shared import CONFIG
 
 from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.signals import Status
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -64,9 +65,12 @@ class Sensors:
         return now
 
 
-@pytest.mark.parametrize('pause', [4, 100])
-def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> None:
-    """The node's watch over time, by a session that remembers a bearing from some time ago."""
+@pytest.mark.parametrize(('pause', 'set_by'), [(4, 0), (100, 0), (4, -40), (4, -7200), (4, 7200)])
+def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int, set_by: int) -> None:
+    """The node's watch over time, by a session that remembers a bearing from some time ago.
+
+    A computer without a battery for its clock is behind after each start [s].
+    """
     from stickslip_monitor.ros.running import Watchdog
 
     ship = Ship(load_config(CONFIG))
@@ -76,13 +80,14 @@ def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int) -> Non
         for tenth in range(200):
             ship.steady_ns += SECOND // 10
             watchdog.tick(ship.now, SECOND // 10)
-            if tenth < 3:  # the first message comes later than the first look
+            if tenth < 12:  # the first message comes later than the first look
                 continue
             for place, number in enumerate((60.0, 1000.0)):
                 if ship.take(name, place, number).status.valid:
                     watchdog.note(name)
         ship.session.end()
         ship.steady_ns += pause * SECOND
+        ship.ahead_ns += set_by * SECOND
         ship.boot()
     assert ship.events == []
 
@@ -174,6 +179,19 @@ def test_a_turn_that_is_frozen_midway_is_excused_by_the_next() -> None:
         ship.steady_ns += SECOND // 20
         running.turn()
     assert [event.after.value for event in ship.events] == ['input_stale']
+
+
+def test_a_clock_that_is_set_while_the_node_is_held_up_refuses_nothing() -> None:
+    """What waits came in part before the clock was set back by an hour, and has no stamp."""
+    ship = short_of_patience()
+    running = turning(ship)
+    ship.steady_ns += 4 * SECOND
+    ship.ahead_ns -= 3600 * SECOND
+    running.waiting = [(k % 2, ago * SECOND // 10, 0) for ago in (36_030, 20, 10, 0) for k in range(2)]
+    running.turn()
+    (bearing,) = ship.session.monitor.bearings.values()
+    assert bearing.counts[:, Status.OUT_OF_ORDER].tolist() == [0, 0, 0]
+    assert ship.events == []
 
 
 @pytest.mark.parametrize('simulated', [False, True])
