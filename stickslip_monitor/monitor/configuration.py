@@ -26,6 +26,7 @@ from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig, filled
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import exact_fold_speed
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
 from stickslip_monitor.physics.probability import Belief, Tolerance
 from stickslip_monitor.physics.scalar_law import scalar_law
@@ -435,14 +436,20 @@ def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
     diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
     if diameter >= THICKEST:
         yield f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
-    fold = _fold(config, load)
+    fold = fold_of(config, load)
     if rest > REST_SHARE * fold:
         rpm = float(config.bearing.speed.from_surface(rest, 'rpm'))
         yield (
             f'counts as rest up to {rest:g} m/s ({rpm:.3g} rpm), {rest / fold:.2g} times the fold'
             ' speed: is alarm.minimum_speed in m/s?'
         )
-    yield from _of_friction(config, load)
+    asked = list(_of_friction(config, load))
+    if not asked and load > 0.0 and diameter < THICKEST and fold_of(config, FACTOR * load) == math.inf:
+        asked.append(
+            f'has no boundary at any load up to {FACTOR:g} times the largest seen, {load:.4g} N: are the'
+            ' friction law, units, scales and topics of speed and load right?'
+        )
+    yield from asked
 
 
 def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
@@ -459,7 +466,7 @@ def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
             ' damping and stiffness in kg, N s/m and N/m?'
         )
     # A cycle sticks as long as the surface is not outrun: its amplitude is about V/omega.
-    amplitude = _fold(config, load) / bearing.natural_frequency
+    amplitude = fold_of(config, load) / bearing.natural_frequency
     limit = LARGEST_MOTION * bearing.journal_diameter
     if limit < amplitude < math.inf:
         yield (
@@ -482,7 +489,7 @@ def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:
     yield from end_of_table(config.bearing, load)
     at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
     sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
-    if load > 0.0 and at_rest <= sliding and _fold(config, FACTOR * load) == math.inf:
+    if load > 0.0 and at_rest <= sliding and fold_of(config, FACTOR * load) == math.inf:
         yield (
             f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the least'
             f' of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
@@ -532,7 +539,9 @@ def _last_fall(law: Tabulated) -> float:
     return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
 
 
-def _fold(config: BearingConfig, load: float) -> float:
-    """Fold speed [m/s]; inf where there is none, which asks nothing."""
+def fold_of(config: BearingConfig, load: float) -> float:
+    """Fold speed, exact where averaging has none [m/s]; inf where there is none, which asks nothing."""
     fold = float(fold_speed(config.bearing, load)) if load > 0.0 else math.nan
+    if math.isnan(fold) and load > 0.0:
+        fold = float(exact_fold_speed(config.bearing, load))
     return fold if math.isfinite(fold) else math.inf

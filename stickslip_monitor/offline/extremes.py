@@ -252,7 +252,9 @@ class Worst:
         points, size = scan.summed, np.abs(scan.speed)
         # At rest nothing slides: its margin of -1 would be the worst of every voyage.
         size = np.where(size == 0.0, np.nan, size)
-        for name, boundary in (('hopf_margin', points.hopf_speed), ('fold_margin', points.fold_speed)):
+        # Of Coulomb's law averaging has no fold, and the exact model has one.
+        fold = np.where(np.isnan(points.fold_speed), points.exact_fold_speed, points.fold_speed)
+        for name, boundary in (('hopf_margin', points.hopf_speed), ('fold_margin', fold)):
             ratio = size / boundary
             least = float(np.fmin.reduce(ratio, initial=np.inf))
             # What the error of the table leaves open is worked out to the last bit.
@@ -271,6 +273,8 @@ class Worst:
         """Take some rows; the least value is the worst, with the other sign the greatest."""
         points = scan.assessed(rows)
         values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
+        if name == 'fold_margin':
+            values = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, values)
         badness = np.where(np.isfinite(values), sign * values, np.inf)
         least = sign * self.found[name].value if name in self.found else math.inf
         if badness.min(initial=math.inf) < least:

@@ -30,13 +30,16 @@ from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.verdict import rounded
-from stickslip_monitor.physics.averaging import fold_speed
 
 _MOST_NAMED = 5
 COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
+APART = 100.0
+"""Two levels of a load so far apart, and nothing between, are no bearing's: its unit was changed."""
+_SHARE = 0.05  # of the values of a turning shaft that is worth a question
+_BINS, _A_DECADE = 64, 4  # of the loads from a millionth of a newton on
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +240,7 @@ class Plausibility:
         self._config = config
         self._count = self._negative = self._moving = self._unloaded = 0
         self._fastest = self._heaviest = 0.0
+        self._loads = np.zeros(_BINS, np.int64)  # how many are of each fourth of a decade
         # Of the points of a turning shaft: whether all have a fold, and speeds relative to it.
         self._turning = False
         self._bounded = True
@@ -254,7 +258,9 @@ class Plausibility:
             self._negative += int(np.count_nonzero(load < 0.0))
             self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
             turns &= loaded
-        ratio = speed / points.fold_speed
+        place = np.floor(_A_DECADE * (np.log10(load[turns]) + 6.0)).clip(0, _BINS - 1)
+        self._loads += np.bincount(place.astype(np.intp), minlength=_BINS)
+        ratio = speed / points.stability_limit
         if not turns.all():
             ratio = ratio[turns]
         self._turning |= bool(ratio.size)
@@ -273,10 +279,12 @@ class Plausibility:
             )
         if self._negative > 0.5 * self._count:
             found['load'].append('is negative for most of the time: is the sign of its scale right?')
-        if self._unloaded > 0.5 * self._moving:
+        if self._unloaded > _SHARE * self._moving:
             found['load'].append(
-                'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field right?'
+                f'is exactly 0 in {self._unloaded / self._moving:.0%} of the values while the shaft turns: is'
+                ' the sensor connected, are its topic and field right?'
             )
+        found['load'] += self._two_levels()
         if self._turning and not found['speed']:
             found['speed'] += self._distance()
         return found
@@ -284,18 +292,21 @@ class Plausibility:
     def _distance(self) -> list[str]:
         """Whether the points of a turning shaft are all far from the boundary."""
         asked = 'are units, scales and topics of speed and load right?'
-        if self._least == math.inf:
-            return self._without_boundary(asked)
-        if self._least > FACTOR:
+        if FACTOR < self._least < math.inf:
             return [f'is never below {self._least:.3g} times the fold speed: {asked}']
         if self._most < 1.0 / FACTOR and self._bounded:
             return [f'is never above {self._most:.2g} times the fold speed: {asked}']
         return []
 
-    def _without_boundary(self, asked: str) -> list[str]:
-        if np.isfinite(fold_speed(self._config.bearing, FACTOR * self._heaviest)):
-            return []
-        return [
-            f'has no boundary at any load up to {FACTOR:g} times the largest seen,'
-            f' {rounded(self._heaviest, 4)} N: {asked}'
-        ]
+    def _two_levels(self) -> list[str]:
+        """Whether the loads are as if a sensor in N had been replaced by one in kN."""
+        share = np.cumsum(self._loads) / max(int(self._loads.sum()), 1)
+        there = np.flatnonzero(self._loads > 0.001 * self._loads.sum())
+        for below, above in zip(there[:-1].tolist(), there[1:].tolist(), strict=True):
+            least, most = (10.0 ** (place / _A_DECADE - 6.0) for place in (below + 1, above))
+            if most >= 0.999 * APART * least and _SHARE < share[below] < 1.0 - _SHARE:
+                return [
+                    f'is below {least:.3g} N in {share[below]:.0%} of the values and above {most:.3g} N'
+                    ' in the others, with nothing between: was its unit or sensor changed?'
+                ]
+        return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.check_records import to_json
 from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Coulomb, Stribeck
 
 NS = 10**9
 
@@ -134,10 +135,36 @@ def test_friction_that_rises_from_rest_is_asked_about() -> None:
 
 
 def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
-    assert asked([0.2, 0.2, 0.3], [0.0, 0.0, 1000.0])['load'] == [
-        'is exactly 0 while the shaft turns: is the sensor connected, are its topic and field right?'
-    ]
+    for others in (1, 18):
+        (question,) = asked([0.2] * (2 + others), [0.0, 0.0] + [1000.0] * others)['load']
+        assert question.startswith(
+            f'is exactly 0 in {2 / (2 + others):.0%} of the values while the shaft turns'
+        )
+    assert asked([0.2] * 50, [0.0, 0.0] + [1000.0] * 48)['load'] == []
     assert asked([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []
+
+
+@pytest.mark.parametrize(
+    ('load', 'told'),
+    [
+        ([1000.0] * 50 + [1.0] * 50, 'is below 1.78 N in 50% of the values and above 1e+03 N in the others'),
+        ([1000.0] * 97 + [1.0] * 3, ''),
+        ([1000.0] * 50 + [30.0] * 50, ''),
+        (np.geomspace(1.0, 1000.0, 100).tolist(), ''),
+    ],
+    ids=['kN for N half way', 'some values', 'a light ship', 'all between'],
+)
+def test_a_load_whose_unit_was_changed_on_the_way(load: list[float], told: str) -> None:
+    (question,) = asked([0.3] * len(load), load)['load'] or ['']
+    assert question.startswith(told)
+    assert bool(question) == bool(told)
+
+
+def test_coulomb_friction_has_a_fold_of_the_exact_model_alone() -> None:
+    """1 kN on 2 MN/m: a cycle sticks up to 7.19 rpm (0.0377 m/s), by time integration 7.2 rpm."""
+    coulomb = replace(BEARING, bearing=replace(BEARING.bearing, friction=Coulomb(0.3, 0.1)))
+    assert asked([0.03, 0.1], [1000.0] * 2, coulomb) == {'speed': [], 'load': []}
+    assert asked([0.3], [1000.0], coulomb)['speed'][0].startswith('is never below 7.96 times the fold speed')
 
 
 FLOAT, STAMPED = 'std_msgs/msg/Float64', 'geometry_msgs/msg/WrenchStamped'
@@ -242,6 +269,17 @@ def test_a_shaft_at_rest_is_not_the_worst_of_a_voyage(tmp_path: Path) -> None:
     known = assess(BEARING.bearing, BEARING.bearing.speed.factor('rpm') * 60.0, 1000.0)
     assert worst['fold_margin']['value'] == pytest.approx(known.fold_margin, rel=1e-12)
     assert worst['hopf_margin']['value'] == pytest.approx(known.hopf_margin, rel=1e-12)
+
+
+def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> None:
+    text, law = CONFIG.read_text(), '{law: coulomb, static: 0.30, kinetic: 0.10}'
+    config = tmp_path / 'coulomb.yaml'
+    config.write_text(re.sub(r'friction: \{.*\}', f'friction: {law}', text))
+    record = checked(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [5.0] * 20, config)
+    (bearing,) = record['bearings'].values()
+    known = assess(load_config(config).bearings[0].bearing, 5.0 * math.pi * 0.1 / 60.0, 1000.0)
+    assert bearing['worst']['fold_margin']['value'] == pytest.approx(known.exact_fold_margin, rel=1e-9)
+    assert [text for own in bearing['inputs'].values() for text in own['questions']] == []
 
 
 @pytest.mark.parametrize(
