@@ -69,9 +69,13 @@ def _coefficients() -> tuple[FloatArray, FloatArray]:
     out[0, weighed], out[1, weighed] = dop853.B, dop853.E5
     out[2, weighed] = dop853.B
     out[2, list(dop853.THIRD)] -= dop853.E3
+    # From stage 5 on the stages 1 and 2 are asked no more: the first takes the place of the last.
+    for table in (stages[_REUSED:], out):
+        table[:, 2], table[:, 0] = table[:, 0], 0.0
     return stages, out
 
 
+_REUSED = 5
 _A, _OUT = _coefficients()
 Drop = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
@@ -86,9 +90,12 @@ def friction_drop(law: FrictionLaw) -> Drop:
         gap, decay, rise = law.static - law.kinetic, law.decay, law.viscous
 
         def closed(origin: FloatArray, top: FloatArray, step: FloatArray) -> FloatArray:
-            most = np.maximum(decay * step, -1.0 - decay * origin)
-            result: FloatArray = -gap * np.exp(-decay * origin) * np.expm1(-most) - rise * step
-            return result
+            least: FloatArray | float = -1.0
+            fading: FloatArray | float = -gap
+            if origin.any():  # not so from breakaway
+                least, fading = -1.0 - decay * origin, -gap * np.exp(-decay * origin)
+            result: FloatArray = fading * np.expm1(-np.maximum(decay * step, least))
+            return result - rise * step if rise else result
 
         return closed
     begin = float(law.slope(ALMOST_REST))
@@ -220,21 +227,24 @@ def orbit_steps(field: SlipField, begin: FloatArray, length: FloatArray, weigh: 
     if weigh:
         flow[0] = field.friction_damping(z0)
     for i in range(1, 12):
-        y = np.einsum('i,ij->j', _A[i, :i], rates[:i])
+        first = 0 if i < _REUSED else 2
+        if i == _REUSED:
+            rates[2], flow[2] = rates[0], flow[0]
+        y = np.einsum('i,ij->j', _A[i, first:i], rates[first:i])
         y *= h
         y += start
         rates[i, :n] = field.drift - y[n:]
         rates[i, n:] = field.acceleration(y[:n], y[n:])
         if weigh:
             flow[i] = field.friction_damping(y[n:])
-    out = np.einsum('ki,ij->kj', _OUT, rates)
+    out = np.einsum('ki,ij->kj', _OUT[:, 2:], rates[2:])
     y = start + h * out[0]
     np.abs(out, out=out)
     fifth, third = (np.maximum(row[:n], row[n:]) for row in out[1:])
     error = np.abs(length) * fifth * fifth / (np.hypot(fifth, 0.1 * third) + ALMOST_REST)
     gain = np.zeros(n)
     if weigh:
-        gain = -length * (np.einsum('i,ij->j', _OUT[0], flow) + field.damping)
+        gain = -length * (np.einsum('i,ij->j', _OUT[0, 2:], flow[2:]) + field.damping)
     return Stepped(y[:n], y[n:], field.acceleration(y[:n], y[n:]), error, gain)
 
 
