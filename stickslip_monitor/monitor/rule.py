@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.vibration_rule import (
     measured,
     take_level,
 )
-from stickslip_monitor.physics.boundary_table import boundary_at, lower_end_at, place_at
+from stickslip_monitor.physics.boundary_table import averaged_at, boundary_at, lower_end_at, place_at
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
 
@@ -312,7 +312,7 @@ def reach(
         exists.
     """
     _, table, belief = model
-    averaged = boundary_at(table[0], c.table_step, place)
+    averaged = averaged_at(table[0], c.table_step, place)
     limit = max(averaged, boundary_at(table[1], c.table_step, place))
     if c.has_belief:
         # What is known of the averaged fold is known of the one that decides.

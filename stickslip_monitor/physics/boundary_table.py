@@ -2,8 +2,9 @@
 """The boundaries of a bearing over its load, tabulated once for a rule that must not solve.
 
 Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
-exists; above the last one a speed is in proportion to the load, as Coulomb's law has it, the limit
-of every law for large loads. A smooth law is a cubic spline, right to 1e-7, near
+exists. Above the last one the exact fold is in proportion to the load, as Coulomb's law has it, the
+limit of every law for large loads, and the averaged one grows by the power of the load by which it
+does there. A smooth law is a cubic spline, right to 1e-7, near
 the onset of one with an exponent to 2e-4; one in pieces (a measured table) is interpolated
 linearly in many more points, right to 1e-4 where it is smooth and to 2e-3 where it is noisy, but
 where its fold jumps or begins, between two loads a percent apart.
@@ -65,7 +66,8 @@ class BoundaryTable:
         share = inside - k
         c0, c1, c2, c3 = pieces[k].T
         speed = c0 + share * (c1 + share * (c2 + share * c3))
-        speed = np.where(place > most, speed * np.exp((place - most) * self.step), speed)
+        grows = self.step if which else averaged_growth(pieces[-1].tolist(), self.step)
+        speed = np.where(place > most, speed * np.exp((place - most) * grows), speed)
         return np.where((place >= 0.0) & (speed > 0.0), speed, np.nan)
 
     def lower_end(self, load: ArrayLike) -> Any:
@@ -106,6 +108,27 @@ def boundary_at(pieces: Any, step: float, place: float) -> float:
     row = pieces[k]
     speed: float = row[0] + share * (row[1] + share * (row[2] + share * row[3]))
     return speed if place <= most else speed * math.exp((place - most) * step)
+
+
+def averaged_at(pieces: Any, step: float, place: float) -> float:
+    """The averaged fold at a place [m/s], args and special values as of :func:`boundary_at`."""
+    most = float(len(pieces))
+    speed = boundary_at(pieces, step, min(place, most))
+    if place <= most:
+        return speed
+    return speed * math.exp((place - most) * averaged_growth(pieces[len(pieces) - 1], step))
+
+
+def averaged_growth(last: Any, step: float) -> float:
+    """Growth of the logarithm of the averaged fold in a step from the last point of a table on.
+
+    Two thirds of the logarithm of the load where friction falls at slow speeds only, nothing where it
+    rises beyond: up to 8 times the last load that has the fold to 0.2 % and to 7 %.
+    """
+    speed = last[0] + last[1] + last[2] + last[3]
+    if not 0.0 < speed < math.inf:
+        return 0.0
+    return min(max((last[1] + 2.0 * last[2] + 3.0 * last[3]) / speed, 0.0), step)
 
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
