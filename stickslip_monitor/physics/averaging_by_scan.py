@@ -19,15 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics.bearing import damping_per_load
 from stickslip_monitor.physics.friction import FrictionLaw
-from stickslip_monitor.physics.quadrature import friction_harmonic, friction_harmonic_and_slope
-from stickslip_monitor.physics.roots import newton_on_bracket, root_on_bracket
+from stickslip_monitor.physics.quadrature import friction_harmonic
+from stickslip_monitor.physics.roots import root_on_bracket
 
 _QUARTER = 0.5 * np.pi
 _BELOW = np.linspace(0.0, 1.0, 49)
@@ -48,6 +48,8 @@ SLOWEST, FASTEST = 1e-200, 1e200
 _ROUNDING = 4e-16
 _DOUBT, _NOISE = 4.0, 1e-12
 _SMALLEST = 1e-3
+# How far below the sliding limit rho is asked whether it rises up to there.
+_ASIDE = 1e-6
 # Rounds that refine the peaks of a table of many points, the share by which a line is off, and how
 # far below the highest of all higher speeds a peak may stand to matter.
 _FINER, _BENT, _MATTERS = 2, 5e-3, 0.67
@@ -68,15 +70,6 @@ def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatAr
         return 2.0 * friction_harmonic(law, speed, a) / a
     a = amplitude_at(np.where(still, 1.0, x), speed)
     return np.where(still, -law.slope(speed), 2.0 * friction_harmonic(law, speed, a) / a)
-
-
-def slope_and_derivative(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``rho`` and its derivative along the amplitude coordinate [s/m]."""
-    a = amplitude_at(x, speed)
-    average, per_a = friction_harmonic_and_slope(law, speed, a)
-    rho = 2.0 * average / a
-    stretch = np.where(x <= 1.0, speed, a * np.tan(np.maximum(x - 1.0, 0.0) * _QUARTER) * _QUARTER)
-    return rho, (2.0 * per_a - rho) / a * stretch
 
 
 def golden_maximum(
@@ -133,12 +126,21 @@ def _highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArra
     rows = slope_surface(law, np.tile(_BELOW, n), np.repeat(speed, m)).reshape(n, m)
     best = np.argmax(rows, axis=1)
     peak, place = rows[np.arange(n), best], _BELOW[best]
-    # At the limit too: the highest may stand just below it. Towards a = 0 the quotient S/a loses
-    # its digits; there the slope itself stands on the grid.
+    # Towards a = 0 the quotient S/a loses its digits; there the slope itself stands on the grid.
     left = np.maximum(_BELOW[np.maximum(best - 1, 0)], _SMALLEST)
-    x, refined = peaks(law, speed, left, _BELOW[np.minimum(best + 1, m - 1)], np.ones(n))
-    higher = refined > peak
-    return np.where(higher, refined, peak), np.where(higher, x, place)
+    # At the limit the highest may stand just below it, which costs less to ask than to search.
+    aside = np.flatnonzero((best < m - 1) | ~_rises_to_limit(law, speed, peak))
+    x, refined = peaks(
+        law, speed[aside], left[aside], _BELOW[np.minimum(best[aside] + 1, m - 1)], np.ones(aside.size)
+    )
+    higher = refined > peak[aside]
+    peak[aside[higher]], place[aside[higher]] = refined[higher], x[higher]
+    return peak, place
+
+
+def _rises_to_limit(law: FrictionLaw, speed: FloatArray, at_limit: FloatArray) -> BoolArray:
+    """Where ``rho`` rises up to the sliding limit, its value there given."""
+    return slope_surface(law, np.full(speed.size, 1.0 - _ASIDE), speed) < at_limit
 
 
 def _panel_speeds(law: FrictionLaw, per_panel: int, most: int | None = None) -> FloatArray:
@@ -165,11 +167,19 @@ def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
 
 
 class PeakCurve(NamedTuple):
-    """The highest ``rho`` of each speed [s/m], and the amplitude coordinate where it stands."""
+    """The highest ``rho`` of each speed.
+
+    Attributes:
+        speeds: Ascending, shape (m,) [m/s].
+        peak: The highest ``rho``, shape (m,) [s/m].
+        place: The amplitude coordinate where it stands, shape (m,).
+        doubt: How far the straight line to the next speed may be off, shape (m,) [s/m].
+    """
 
     speeds: FloatArray
     peak: FloatArray
     place: FloatArray
+    doubt: FloatArray
 
 
 @lru_cache(maxsize=32)
@@ -181,17 +191,24 @@ def peak_curve(law: FrictionLaw) -> PeakCurve:
     speeds = _table_speeds(law)
     peak, place = highest(law, speeds)
     for _ in range(_FINER if len(law.breakpoints) >= _PANELS else 0):
-        share = (speeds[1:-1] - speeds[:-2]) / (speeds[2:] - speeds[:-2])
-        line = peak[:-2] + share * (peak[2:] - peak[:-2])
         above = np.maximum.accumulate(peak[::-1])[::-1]
-        bent = (np.abs(peak[1:-1] - line) > _BENT * peak[1:-1]) & (peak[1:-1] > _MATTERS * above[1:-1])
+        bent = (_off_line(speeds, peak) > _BENT * peak[1:-1]) & (peak[1:-1] > _MATTERS * above[1:-1])
         rows = np.flatnonzero(np.append(bent, False) | np.append(False, bent)) + 1
         fresh = 0.5 * (speeds[rows] + speeds[rows - 1])
         order = np.argsort(np.append(speeds, fresh))
         more = highest(law, fresh)
         speeds = np.append(speeds, fresh)[order]
         peak, place = np.append(peak, more[0])[order], np.append(place, more[1])[order]
-    return PeakCurve(speeds, peak, place)
+    off = np.pad(_off_line(speeds, peak), 1, mode='edge')
+    doubt = _DOUBT * np.maximum(off, np.append(off[1:], off[-1:])) + _NOISE * np.abs(peak).max()
+    return PeakCurve(speeds, peak, place, doubt)
+
+
+def _off_line(speeds: FloatArray, peak: FloatArray) -> FloatArray:
+    """How far each inner point of a curve lies from the line between its neighbours."""
+    share = (speeds[1:-1] - speeds[:-2]) / (speeds[2:] - speeds[:-2])
+    off: FloatArray = np.abs(peak[1:-1] - peak[:-2] - share * (peak[2:] - peak[:-2]))
+    return off
 
 
 class SlopeTable(NamedTuple):
@@ -235,9 +252,9 @@ def _table_speeds(law: FrictionLaw) -> FloatArray:
 _BLOCK = 1024
 # How far from the places at two speeds the place of the peak between them is looked for.
 _AROUND = 0.03
-# The distance over which the slope of rho is differenced.
-_ASIDE = 1e-6
-_PEAK_STEPS, _PLACED = 8, 1e-6
+# What the highest rho between two speeds is: steady sliding, the cusp at the sliding limit, a peak
+# that moves little from one to the other, or another one.
+_STEADY, _CUSP, _NEAR, _ANYWHERE = range(4)
 
 
 def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
@@ -283,75 +300,37 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     inside = np.flatnonzero((index >= 0) & (index < curve.speeds.size - 1))
     if not inside.size:
         return result
-    index, level = index[inside], q[inside]
-    here, there = curve.place[index], curve.place[index + 1]
-    # The highest peak is steady sliding, the cusp at the sliding limit, or one that moves little
-    # from here to there; where its kind changes in between, all peaks are compared.
-    ways = np.full(inside.shape, 3)
-    ways[(np.abs(here - there) < _AROUND) & (np.minimum(here, there) > _AROUND)] = 2
-    ways[(here - 1.0) * (there - 1.0) <= 0.0] = 3
-    ways[(here == 1.0) & (there == 1.0)] = 1
-    ways[(here == 0.0) & (there == 0.0)] = 0
-    for way, height in enumerate((_steady, _cusp, _near, _anywhere)):
-        rows = np.flatnonzero(ways == way)
-        if not rows.size:
-            continue
-        i, own = index[rows], level[rows]
-        low, high, place = curve.speeds[i], curve.speeds[i + 1], here[rows]
-        drift = (there[rows] - place) / (high - low)
-        result[inside[rows]] = root_on_bracket(
-            lambda v, level, x, begin, drift, h=height: h(law, v, x + drift * (v - begin)) - level,
-            low,
-            high,
-            (curve.peak[i] - own, curve.peak[i + 1] - own),
-            (own, place, low, drift),
-        )
+    i, level = index[inside], q[inside]
+    low, high, here, there = curve.speeds[i], curve.speeds[i + 1], curve.place[i], curve.place[i + 1]
+    kind = np.full(inside.shape, _ANYWHERE)
+    kind[(np.abs(here - there) < _AROUND) & (np.minimum(here, there) > _AROUND)] = _NEAR
+    kind[(here - 1.0) * (there - 1.0) <= 0.0] = _ANYWHERE
+    kind[(here == 1.0) & (there == 1.0)] = _CUSP
+    kind[(here == 0.0) & (there == 0.0)] = _STEADY
+
+    def excess(v: FloatArray, level: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
+        return _height(law, v, near, kind) - level
+
+    ends = (curve.peak[i] - level, curve.peak[i + 1] - level)
+    result[inside] = root_on_bracket(excess, low, high, ends, (level, 0.5 * (here + there), kind))
     return result
+
+
+def _height(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
+    """The highest ``rho`` at speeds [s/m], of known kinds and about amplitude coordinates."""
+    height = np.empty(speed.size)
+    steady, cusp, beside, other = (np.flatnonzero(kind == each) for each in range(4))
+    height[steady] = -law.slope(speed[steady])
+    height[cusp] = slope_surface(law, np.ones(cusp.size), speed[cusp])
+    x, up = near[beside], np.ones(beside.size)
+    height[beside] = peaks(law, speed[beside], x - _AROUND, np.minimum(x + _AROUND, 1.0), up)[1]
+    height[other] = peak_slope(law, speed[other])
+    return height
 
 
 def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Hopf and fold speed [m/s]; ``nan`` where there is none, ``inf`` without an end."""
     return hopf_speed(law, q), fold_speed(law, q)
-
-
-# Heights of the peak at some speeds [s/m], given the amplitude coordinate near which it stands.
-
-
-def _steady(law: FrictionLaw, speed: FloatArray, near: FloatArray) -> FloatArray:
-    return -law.slope(speed)
-
-
-def _cusp(law: FrictionLaw, speed: FloatArray, near: FloatArray) -> FloatArray:
-    return slope_surface(law, np.ones_like(speed), speed)
-
-
-def _near(law: FrictionLaw, speed: FloatArray, near: FloatArray) -> FloatArray:
-    x, place, v = near, near.copy(), speed
-    running = np.arange(near.size)
-    lost = np.zeros(near.size, dtype=bool)
-    for _ in range(_PEAK_STEPS):
-        slope = slope_and_derivative(law, x, v)[1]
-        beside = slope_and_derivative(law, x + _ASIDE, v)[1]
-        step = slope * _ASIDE / (slope - beside)
-        place[running] = x + step
-        # A peak that is none any more, or leaves its neighbourhood.
-        wrong = ~(beside < slope) | ~(np.abs(x + step - near[running]) < _AROUND)
-        wrong |= (x + step - 1.0) * (near[running] - 1.0) <= 0.0
-        lost[running[wrong]] = True
-        # Of what the place misses by, the height feels the square.
-        keep = ~wrong & (np.abs(step) > _PLACED)
-        running, x, v = running[keep], (x + step)[keep], v[keep]
-        if not running.size:
-            break
-    lost[running] = True
-    height = slope_surface(law, np.where(lost, 1.0, place), speed)
-    if lost.any():
-        height[lost] = peak_slope(law, speed[lost])
-    return height
-
-
-def _anywhere(law: FrictionLaw, speed: FloatArray, near: FloatArray) -> FloatArray:
-    return peak_slope(law, speed)
 
 
 def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
@@ -360,32 +339,29 @@ def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatA
 
 
 def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
-    """Where a stable stick-slip cycle exists; there may be several such ranges of speed."""
-    result = np.zeros(speed.shape, dtype=bool)
-    inside = np.flatnonzero((speed > 0.0) & (speed < fold))
-    for start in range(0, inside.size, _BLOCK):
-        part = inside[start : start + _BLOCK]
-        v = np.clip(speed[part], SLOWEST, FASTEST)
-        sure = _surely_falls(law, v, q[part])
-        result[part] = sure
-        point, *_, rising = _brackets(law, v[~sure], q[part[~sure]])
-        result[part[~sure][point[rising == 0.0]]] = True
+    """Where a stable stick-slip cycle exists; there may be several such ranges of speed.
+
+    Wherever the highest ``rho`` exceeds ``q``: with growing amplitude it falls below every ``q``.
+    """
+    result = (speed > 0.0) & (speed < fold)
+    if not result.any():
+        return result
+    speeds, peak, _, doubt = peak_curve(law)
+    last = speeds.size - 2
+    i, end = (np.clip(np.searchsorted(speeds, v, side='right') - 1, 0, last) for v in (speed, fold))
+    share = (speed - speeds[i]) / (speeds[i + 1] - speeds[i])
+    excess = peak[i] + (peak[i + 1] - peak[i]) * share - q
+    # From the last speed of the curve that has a cycle there is one up to the fold.
+    open_ = result & ~((i == end) & (fold < speeds[-1]))
+    result &= ~open_ | (excess > 0.0)
+    asked = np.flatnonzero(open_ & ~((np.abs(excess) > doubt[i]) & (share >= 0.0) & (share <= 1.0)))
+    result[asked] = peak_slope(law, speed[asked]) > q[asked]
     return result
-
-
-def _surely_falls(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> BoolArray:
-    """Where the law's table alone has ``rho`` fall below ``q`` along the amplitude."""
-    if not law.breakpoints:
-        return np.zeros(speed.shape, dtype=bool)
-    above, doubt = _lines(law, speed)
-    above -= q[:, None]
-    return np.asarray((np.maximum.accumulate(above > doubt, axis=1) & (above < -doubt)).any(axis=1))
 
 
 def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
     """Velocity amplitude of the largest stable cycle [m/s], ``nan`` for none."""
-    amplitude, stable = _cycles(law, speed, q)
-    return np.fmax.reduce(np.where(stable > 0.0, amplitude, np.nan), axis=1, initial=np.nan)
+    return _one_cycle(law, speed, q, smallest=False)
 
 
 def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
@@ -394,11 +370,19 @@ def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, loa
     ``nan`` where steady sliding is not stable or no cycle surrounds it.
     """
     q = damping_per_load(damping, load)
-    amplitude, stable = _cycles(law, speed, q)
-    if not amplitude.shape[1]:
-        return np.full(speed.shape, np.nan)
-    surrounds = (stable[:, 0] == 0.0) & (-law.slope(speed) <= q)
-    return np.where(surrounds, amplitude[:, 0], np.nan)
+    surrounds = _one_cycle(law, speed, q, smallest=True)
+    return np.where(-law.slope(speed) <= q, surrounds, np.nan)
+
+
+def _one_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, *, smallest: bool) -> FloatArray:
+    """Velocity amplitude of the smallest unstable cycle, or of the largest stable one [m/s]."""
+    found = _all_brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
+    order = np.lexsort([found.left if smallest else -found.left, found.point])
+    wanted = order[(found.sign[order] < 0.0) == smallest]
+    chosen = found.take(wanted[np.unique(found.point[wanted], return_index=True)[1]])
+    result = np.full(speed.shape, np.nan)
+    result[chosen.point] = _polished(law, speed, q, chosen)
+    return result
 
 
 def cycles(
@@ -410,57 +394,83 @@ def cycles(
         Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, w) with the
         ``w`` of the point that has most.
     """
-    return _cycles(law, speed, damping_per_load(damping, load))
+    q = damping_per_load(damping, load)
+    found = _all_brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
+    return _pad(speed.size, found.point, _polished(law, speed, q, found), (found.sign > 0.0).astype(float))
 
 
-def _cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    given, speed = speed, np.clip(speed, SLOWEST, FASTEST)
-    found = [
-        (first, *_brackets(law, speed[first : first + _BLOCK], q[first : first + _BLOCK]))
-        for first in range(0, max(speed.size, 1), _BLOCK)
-    ]
-    point = np.concatenate([first + block for first, block, *_ in found])
-    left, right, start, rising = (np.concatenate([row[k] for row in found]) for k in (2, 3, 4, 5))
+class _Brackets(NamedTuple):
+    """Stretches of the amplitude coordinate with one root of ``rho - q`` each.
 
-    def difference(
-        x: FloatArray, v: FloatArray, level: FloatArray, up: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        rho, slope = slope_and_derivative(law, x, v)
-        sign = np.where(up > 0.0, -1.0, 1.0)
-        return sign * (rho - level), sign * slope
-
-    roots = newton_on_bracket(difference, left, right, start, (speed[point], q[point], rising))
-    with np.errstate(over='ignore'):
-        a = amplitude_at(roots, given[point])
-    return _pad(speed.size, point, a, 1.0 - rising)
-
-
-def _brackets(
-    law: FrictionLaw, speed: FloatArray, q: FloatArray
-) -> tuple[IndexArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Stretches of the amplitude grid with one root.
-
-    Returns:
-        Of each its point, its ends, a first guess, and 1.0 where rho rises.
+    Attributes:
+        point: The point it belongs to.
+        left: Where it begins.
+        right: Where it ends.
+        before: ``rho - q`` where it begins, to about.
+        after: The same where it ends.
+        sign: 1 where ``rho`` falls, which is a stable cycle, else -1.
     """
+
+    point: IndexArray
+    left: FloatArray
+    right: FloatArray
+    before: FloatArray
+    after: FloatArray
+    sign: FloatArray
+
+    def take(self, rows: IndexArray) -> _Brackets:
+        """Some of them."""
+        columns: list[Any] = [column[rows] for column in self]
+        return _Brackets(*columns)
+
+
+def _joined(parts: list[_Brackets]) -> _Brackets:
+    columns: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return _Brackets(*columns)
+
+
+def _all_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> _Brackets:
+    """:func:`_brackets`, of some points at a time."""
+    parts = [slice(first, first + _BLOCK) for first in range(0, max(speed.size, 1), _BLOCK)]
+    found = [_brackets(law, speed[part], q[part]) for part in parts]
+    found = [each._replace(point=each.point + part.start) for each, part in zip(found, parts, strict=True)]
+    return _joined(found)
+
+
+def _polished(law: FrictionLaw, speed: FloatArray, q: FloatArray, found: _Brackets) -> FloatArray:
+    """Velocity amplitudes of the roots in brackets [m/s]."""
+
+    def excess(x: FloatArray, v: FloatArray, level: FloatArray) -> FloatArray:
+        return slope_surface(law, x, v) - level
+
+    v = np.clip(speed, SLOWEST, FASTEST)[found.point]
+    ends = (found.before, found.after)
+    x = root_on_bracket(excess, found.left, found.right, ends, (v, q[found.point]))
+    with np.errstate(over='ignore'):
+        return amplitude_at(x, speed[found.point])
+
+
+def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> _Brackets:
+    """The stretches of the amplitude grid with a root, those that hide two cut at the turn."""
     above, (p, c) = _excess(law, speed, q)
     point, column = np.nonzero((above[:, :-1] > 0.0) != (above[:, 1:] > 0.0))
-    left, right = GRID[column], GRID[column + 1]
     before, after = above[point, column], above[point, column + 1]
-    start = left + (right - left) * (before / (before - after))
-    rising = (before <= 0.0).astype(float)
+    sign = np.where(before > 0.0, 1.0, -1.0)
+    # Friction that is level gives and takes nothing up to some amplitude: that is no cycle of none.
+    before = np.where(before == 0.0, -after, before)
+    found = _Brackets(point, GRID[column], GRID[column + 1], before, after, sign)
     if not p.size:
-        return point, left, right, start, rising
-
+        return found
     # A peak or dip between grid points can hide two roots.
     here = above[p, c]
     side = np.sign(here)
     turn, value = peaks(law, speed[p], GRID[c - 1], GRID[c + 1], -side)
-    crossed = (value - q[p]) * side < 0.0
-    p, c, turn, up = p[crossed], c[crossed], turn[crossed], (here <= 0.0).astype(float)[crossed]
-    left, right = (np.concatenate([left, GRID[c - 1], turn]), np.concatenate([right, turn, GRID[c + 1]]))
-    start = np.concatenate([start, 0.5 * (left + right)[start.size :]])
-    return (np.concatenate([point, p, p]), left, right, start, np.concatenate([rising, up, 1.0 - up]))
+    value = value - q[p]
+    crossed = value * side < 0.0
+    p, c, turn, value, side = p[crossed], c[crossed], turn[crossed], value[crossed], side[crossed]
+    to = _Brackets(p, GRID[c - 1], turn, above[p, c - 1], value, side)
+    back = _Brackets(p, turn, GRID[c + 1], value, above[p, c + 1], -side)
+    return _joined([found, to, back])
 
 
 def _excess(
@@ -522,10 +532,9 @@ def _turns(
     # At the sliding limit a peak is the cusp itself, unless rho already falls towards it.
     at_cusp = np.flatnonzero(c == CUSP)
     if at_cusp.size:
-        slope = slope_and_derivative(law, np.ones(at_cusp.size), speed[p[at_cusp]])[1]
-        keep = np.ones(p.size, dtype=bool)
-        keep[at_cusp] = slope < 0.0
-        p, c = p[keep], c[keep]
+        v = speed[p[at_cusp]]
+        itself = at_cusp[_rises_to_limit(law, v, slope_surface(law, np.ones(v.size), v))]
+        p, c = np.delete(p, itself), np.delete(c, itself)
     return p, c
 
 

@@ -428,7 +428,7 @@ def _averaged_curve(bearing: Bearing) -> tuple[FloatArray, FloatArray]:
     if computes_as(law, Stribeck):
         peak = closed_form.peak_slope(law, speed)
     elif law.breakpoints:
-        speed, peak, _ = peak_curve(law)
+        speed, peak, *_ = peak_curve(law)
     else:
         peak = np.zeros(speed.size)
     with np.errstate(all='ignore'):

@@ -9,14 +9,12 @@ depends on what else is in the array.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics.friction import FrictionLaw, Tabulated, computes_as
+from stickslip_monitor.physics.friction import FrictionLaw
 
 
 def gauss_rule(order: int) -> tuple[FloatArray, FloatArray]:
@@ -30,9 +28,6 @@ _BLOCK = 8192
 _TABLE_RULES = ((0.02, gauss_rule(3)), (0.3, gauss_rule(6)), (np.inf, gauss_rule(16)))
 # Stretches for which memory is taken at a time.
 _STRETCHES = 400_000
-
-# Averages of functions of the relative speed, of cos t and of the element, on one set of nodes.
-Integrand = Callable[[FloatArray, FloatArray, NDArray[np.intp]], tuple[FloatArray, ...]]
 
 
 def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray | float) -> FloatArray:
@@ -83,46 +78,6 @@ def _panels(
     return start[used], width[used], element[used]
 
 
-def _cycle_integrals(
-    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, integrand: Integrand
-) -> list[FloatArray]:
-    """Averages over half a cycle of functions of relative speed, ``cos t`` and element."""
-    most = max(1, _STRETCHES // _levels(law).size)
-    parts = [
-        _integrals(law, speed, amplitude, integrand, slice(first, first + most))
-        for first in range(0, max(speed.size, 1), most)
-    ]
-    return [np.concatenate(sums) for sums in zip(*parts, strict=True)]
-
-
-def _integrals(
-    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, integrand: Integrand, part: slice
-) -> list[FloatArray]:
-    """:func:`_cycle_integrals` of some elements."""
-    begin, extent, element = _panels(law, speed[part], amplitude[part])
-    # Between its points a table is a cubic, where another law may fall by orders of magnitude.
-    rules = _TABLE_RULES if computes_as(law, Tabulated) else _TABLE_RULES[-1:]
-    which = np.searchsorted([widest for widest, _ in rules], extent, side='right')
-    nothing = np.zeros((0, 1))
-    count = len(integrand(nothing, nothing, np.zeros(0, dtype=np.intp)))
-    sums = [np.zeros(element.size) for _ in range(count)]
-    for rule, (_, (nodes, weights)) in enumerate(rules):
-        where = np.flatnonzero(which == rule)
-        for first in range(0, where.size, _BLOCK):
-            block = where[first : first + _BLOCK]
-            index = element[block] + (part.start or 0)
-            sine = np.sin(0.5 * (begin[block, None] + nodes * extent[block, None]))
-            drop = 2.0 * sine * sine
-            # V - a cos t without its cancellation: at grazing the sign of v decides the sum.
-            relative = (speed - amplitude)[index, None] + amplitude[index, None] * drop
-            values = integrand(relative, 1.0 - drop, index)
-            for total, value in zip(sums, values, strict=True):
-                total[block] = np.add.reduce(value * weights, axis=1)
-    # Stretch by stretch in the order of t, so that no element sees another.
-    size = speed[part].size
-    return [np.bincount(element, total * extent, size) / np.pi for total in sums]
-
-
 def friction_harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
     """``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt`` by split quadrature.
 
@@ -134,52 +89,37 @@ def friction_harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
     Returns:
         ``S`` [-], shape of ``speed``.
     """
-    shape, speed, amplitude = speed.shape, speed.ravel(), amplitude.ravel()
-    level = law.coefficient(speed)
+    v, a = speed.ravel(), amplitude.ravel()
+    level = law.coefficient(v)
+    most = max(1, _STRETCHES // _levels(law).size)
+    parts = [slice(first, first + most) for first in range(0, max(v.size, 1), most)]
+    varying = np.concatenate([_varying(law, v[part], a[part], level[part]) for part in parts])
+    # The average of the constant part has a closed form.
+    reach = np.maximum(a, v)
+    sine = np.sqrt(((reach - v) / reach) * (1.0 + v / reach))
+    return np.asarray(varying - (2.0 / np.pi) * level * sine).reshape(speed.shape)
 
-    def varying(v: FloatArray, cosine: FloatArray, element: NDArray[np.intp]) -> tuple[FloatArray]:
-        return (_varying(law, v, level[element]) * cosine,)
 
-    (integral,) = _cycle_integrals(law, speed, amplitude, varying)
-    return (integral - _constant(level, speed, amplitude)).reshape(shape)
-
-
-def _varying(law: FrictionLaw, v: FloatArray, level: FloatArray) -> FloatArray:
-    """Friction less its constant part, that of steady sliding.
+def _varying(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, level: FloatArray) -> FloatArray:
+    """The average of friction less its constant part, that of steady sliding.
 
     Taken out, that leaves no rounding noise that would pass for cycles where friction is flat.
     """
-    own = level[:, None]
-    return law.coefficient(v) - np.where(v < 0.0, -own, own)
-
-
-def _constant(level: FloatArray, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """The average of the constant part, which has a closed form; negative."""
-    reach = np.maximum(amplitude, speed)
-    sine = np.sqrt(((reach - speed) / reach) * (1.0 + speed / reach))
-    return (2.0 / np.pi) * level * sine
-
-
-def friction_harmonic_and_slope(
-    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """``S`` [-] and ``dS/da`` [s/m], the latter by differentiation under the integral.
-
-    The reversal of friction at the sliding limit adds
-    ``-(2 mu_s/pi) (V^2/a^3) / sqrt(1 - V^2/a^2)`` for ``a > V``: ``-inf`` at ``a = V+``. Arguments
-    as of :func:`friction_harmonic`.
-    """
-    shape, speed, amplitude = speed.shape, speed.ravel(), amplitude.ravel()
-    level = law.coefficient(speed)
-
-    def both(v: FloatArray, cosine: FloatArray, element: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        varying = _varying(law, v, level[element])
-        return varying * cosine, law.slope(v) * cosine * cosine
-
-    integral, fall = _cycle_integrals(law, speed, amplitude, both)
-    reversing = amplitude > speed
-    ratio = np.where(reversing, speed / amplitude, 0.0)
-    root = np.sqrt(np.where(reversing, (amplitude - speed) / amplitude, 1.0) * (1.0 + ratio))
-    jump = (2.0 * law.static / np.pi) * ratio * ratio / (amplitude * root)
-    average = integral - _constant(level, speed, amplitude)
-    return average.reshape(shape), (-fall - np.where(reversing, jump, 0.0)).reshape(shape)
+    begin, extent, element = _panels(law, speed, amplitude)
+    # Between its points a table is a cubic, where another law may fall by orders of magnitude.
+    rules = _TABLE_RULES if len(getattr(law, 'kinks', ())) else _TABLE_RULES[-1:]
+    which = np.searchsorted([widest for widest, _ in rules], extent, side='right')
+    total = np.zeros(element.size)
+    for rule, (_, (nodes, weights)) in enumerate(rules):
+        where = np.flatnonzero(which == rule)
+        for first in range(0, where.size, _BLOCK):
+            block = where[first : first + _BLOCK]
+            index = element[block, None]
+            sine = np.sin(0.5 * (begin[block, None] + nodes * extent[block, None]))
+            drop = 2.0 * sine * sine
+            # V - a cos t without its cancellation: at grazing the sign of v decides the sum.
+            v = (speed - amplitude)[index] + amplitude[index] * drop
+            friction = law.coefficient(v) - np.copysign(level[index], v + 0.0)
+            total[block] = np.add.reduce(friction * (1.0 - drop) * weights, axis=1)
+    # Stretch by stretch in the order of t, so that no element sees another.
+    return np.bincount(element, total * extent, speed.size) / np.pi

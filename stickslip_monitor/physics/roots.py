@@ -112,8 +112,10 @@ def root_on_bracket(
         b, fb = x, fx
         with np.errstate(divide='ignore', invalid='ignore'):
             secant = fb * (b - c) / (fb - fc)
-        # So close a last step along the secant cannot miss by more than rounding.
-        there = (fb == 0.0) | (np.abs(secant) <= _SECANT_CLOSE * np.abs(b))
+        # A last step along the secant misses by about its length times the one before it, over
+        # the bracket: so close it cannot miss by more than rounding.
+        miss = np.abs(secant) * np.minimum(np.abs(b - c) / np.abs(a - b), 1.0)
+        there = (fb == 0.0) | (miss <= _SECANT_CLOSE * np.abs(b))
         close = np.abs(a - b) <= _CLOSE * np.abs(b)
         root[running] = np.where(there & (fb != 0.0), b - secant, b)
         keep = ~(there | close)

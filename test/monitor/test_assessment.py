@@ -26,6 +26,9 @@ ON_DEMAND = (
     *('growth_rate', 'amplitude', 'threshold_amplitude', 'amplitude_exact', 'amplitude_error'),
 )
 COLUMNS = ('speed', 'load', 'outcome_code', *STORED, *ON_DEMAND)
+_V = np.append(0.0, np.geomspace(0.005, 1.0, 39))
+_SCATTER = 0.002 * np.random.default_rng(1).standard_normal(40)
+NOISY = Tabulated(_V, 0.1 + 0.2 * np.exp(-10.0 * _V) + _SCATTER)
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = np.pi * 0.100 / 60.0
 
@@ -115,6 +118,24 @@ def test_assessment_repeats_the_physics(name: str) -> None:
     np.testing.assert_array_equal(verdict.regime == 'stable', ~inside & ~exact)
     tolerance = 1e-9 if isinstance(bearing.friction, Stribeck) else 1e-4
     np.testing.assert_allclose(verdict.exact_fold_speed, exact_fold_speed(bearing, load), rtol=tolerance)
+
+
+@pytest.mark.parametrize('law', [*LAWS.values(), NOISY], ids=[*LAWS, 'noisy'])
+def test_many_points_are_judged_as_each_by_itself(law: FrictionLaw) -> None:
+    """Many read boundaries off a table, one asks the solver, also beyond the table's loads."""
+    bearing = _with_law(law)
+    rng = np.random.default_rng(7)
+    speed, load = rng.uniform(0.01, 1.0, 300), np.exp(rng.uniform(3.0, 14.5, 300))
+    many = assess(bearing, speed, load)
+    each = [assess(bearing, *point) for point in zip(speed[::10].tolist(), load[::10].tolist(), strict=True)]
+    # To 8 times a table's last load the averaged fold grows by a power, which is right to 1 %.
+    fold = np.array([point.fold_speed for point in each])
+    np.testing.assert_allclose(many.fold_speed[::10], fold, rtol=1e-2)
+    inside = load[::10] < 1e5
+    np.testing.assert_allclose(many.fold_speed[::10][inside], fold[inside], rtol=2e-3)
+    near = [min(abs(point.fold_margin), abs(point.exact_fold_margin)) < 0.03 for point in each]
+    regimes = np.array([str(point.regime) for point in each])
+    assert np.all((many.regime[::10] == regimes) | near)
 
 
 UNKNOWN = Outcome.NOT_FINITE

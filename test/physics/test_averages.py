@@ -10,11 +10,7 @@ import pytest
 from stickslip_monitor.physics.averaging import amplitude_rate, harmonic
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
-from stickslip_monitor.physics.quadrature import (
-    crossing_angle,
-    friction_harmonic,
-    friction_harmonic_and_slope,
-)
+from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
 CLOSED = {
@@ -100,16 +96,3 @@ def test_crossing_angle_keeps_full_precision_at_grazing(excess: float, level: fl
     got = float(crossing_angle(np.array(v), np.array(a), level))
     rounding = 1e-16 / excess if level else 0.0  # of the sum of three numbers
     assert got == pytest.approx(float(exact), rel=1e-14 + rounding)
-
-
-@pytest.mark.parametrize('ratio', [0.6, 1.05, 4.0])
-def test_slope_is_the_derivative_of_the_average(ratio: float) -> None:
-    """Fourth-order central difference of ``S`` in the amplitude, of a law that also rises."""
-    law = Tabulated([0.0, 0.05, 0.12, 0.3, 0.8], [0.31, 0.22, 0.24, 0.10, 0.13])
-    v = np.array([0.07, 0.2, 0.6])
-    a = ratio * v
-    h = 1e-4 * v
-    step = [friction_harmonic(law, v, a + k * h) for k in (-2, -1, 1, 2)]
-    expected = (step[0] - 8.0 * step[1] + 8.0 * step[2] - step[3]) / (12.0 * h)
-    got = friction_harmonic_and_slope(law, v, a)[1]
-    np.testing.assert_allclose(got, expected, rtol=2e-6, atol=2e-6)
