@@ -57,7 +57,7 @@ def rows_of(path: Path) -> Counter[Sample]:
                 " WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
             )
             return Counter(row for row in rows if isinstance(row[0], str) and 0 <= row[1] < 1 << 62)
-    except (sqlite3.Error, ValueError):
+    except (sqlite3.Error, ValueError, MemoryError):
         return Counter()
 
 
@@ -121,11 +121,9 @@ def left_out(path: Path, config: MonitorConfig) -> str:
     wanted = Counter(f'{value:.6g}' for value in expected.elements())
     missing = (wanted - found).total()
     is_told = bool(log.losses or series.faults or any('matched from the left' in w for w in log.warnings))
-    return (
-        f'{missing} of {expected.total()} numbers are missing without a word'
-        if missing and not is_told
-        else ''
-    )
+    # One line above a table may be its preamble.
+    text = f'{missing} of {expected.total()} numbers are missing without a word'
+    return text if missing > 1 and not is_told else ''
 
 
 def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:

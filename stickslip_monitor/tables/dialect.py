@@ -405,7 +405,8 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
 
 def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     """Lines above the headings that are those of a table with other cells or delimiter."""
-    lines = [delimiter.join(row) for row in above]
+    # An open quotation mark makes one cell of many lines.
+    lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
     rows = [
         [row for row in _split(lines, mark) if sum(map(_is_sound, row)) > 1 and _is_sound(row[0])]
         for mark in _DELIMITERS
