@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import shutil
 import sqlite3
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -40,6 +41,8 @@ from stickslip_monitor.errors import BagError, plural
 MAGIC = b'SQLite format 3\0'
 # Messages that are read together, and the largest one that is unpacked [bytes].
 _BATCH, _MOST_MESSAGE = 1 << 15, 128 << 20
+# Of a page whose damage makes it ask for more memory than there is, the latter.
+_ERRORS = sqlite3.Error, MemoryError
 # Messages by so much later may come first: they are put in order [ns].
 _DISORDER_NS = 10**9
 # Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
@@ -108,9 +111,12 @@ class SqliteRecording(Recording):
         try:
             uri = f'{self._whole(file).absolute().as_uri()}?mode=ro&immutable=1'
             with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
+                if sys.version_info >= (3, 11):
+                    # What a damaged length asks for is not taken.
+                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE)
                 database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 yield database
-        except (sqlite3.Error, OSError, ValueError) as error:
+        except (*_ERRORS, OSError, ValueError) as error:
             raise BagError(f"bag file '{file}' cannot be read: {error}") from None
 
     def _whole(self, file: Path) -> Path:
@@ -143,7 +149,7 @@ class SqliteRecording(Recording):
                 if known != (kind, encoding):
                     self._findings.lose(f"topic '{name}' has several types: {known[0]}, {kind}")
             # Not before ROS 2 Iron.
-            with contextlib.suppress(sqlite3.Error):
+            with contextlib.suppress(*_ERRORS):
                 for kind, encoding, text in database.execute(
                     'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
                 ):
@@ -173,7 +179,7 @@ class SqliteRecording(Recording):
                 f' WHERE timestamp BETWEEN 0 AND {LATEST_NS}'
             ).fetchone()
             return counts, [time for time in ends if isinstance(time, int)]
-        except sqlite3.Error:
+        except _ERRORS:
             counts, times = Counter(), []
             for rows in self._rows(file, database, 'timestamp, topic_id'):
                 counts.update(row[2] for row in rows)
@@ -205,13 +211,13 @@ class SqliteRecording(Recording):
                     begin, step = batch[-1][0] + 1, _SKIP
                     yield batch
                     batch = []
-            except sqlite3.Error as error:
+            except _ERRORS as error:
                 skips += 1
                 if batch:
                     begin, step = batch[-1][0] + 1, _SKIP
                     yield batch
                 self._findings.lose(
-                    f"file '{file.name}' is damaged ({error}): messages of the damaged pages were not read"
+                    f"file '{file.name}' is damaged ({str(error) or 'out of memory'}): messages of the damaged pages were not read"
                 )
                 if skips > _MOST_SKIPS:
                     return

@@ -93,6 +93,17 @@ def test_mutants_lose_nothing_without_a_word(kind: str, tmp_path: Path) -> None:
         assert judge(path) == '', f'seed {seed}'
 
 
+@pytest.mark.parametrize(
+    ('kind', 'seed'),
+    [('db3', (20261126 << 32) + 417)],
+    ids=['a page that asks for more memory than there is'],
+)
+def test_what_mutants_had_found(kind: str, seed: int, tmp_path: Path) -> None:
+    path = tmp_path / f'mutant.{kind}'
+    path.write_bytes(mutant(seed, SOURCES[kind](), kind))
+    assert judge(path) == ''
+
+
 def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     data = ODD['sound'].make()
