@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,6 @@ _OTHERS = {
 }
 # How local IDs of ISO 19848 name a quantity; they have no units.
 _LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
-
-
-def _measured(config: MonitorConfig) -> Iterator[tuple[BearingConfig, str, InputConfig]]:
-    for bearing in config.bearings:
-        for quantity, source in bearing.inputs.items():
-            yield bearing, quantity, source
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +92,8 @@ class ColumnBinding:
         """The configuration with the topics and timeouts that hold for the table."""
         absent: dict[tuple[str, str], str] = {}
         changed: dict[str, dict[str, Any]] = {}
-        for bearing, quantity, source in _measured(config):
+        inputs_of = ((bearing, *each) for bearing in config.bearings for each in bearing.inputs.items())
+        for bearing, quantity, source in inputs_of:
             if source.is_assumed:
                 continue
             try:
@@ -112,7 +107,9 @@ class ColumnBinding:
         for each in config.bearings:
             inputs = changed.get(each.name, {})
             if each.load.is_assumed and 'speed' in inputs:
-                inputs['load'] = _beside(each.load, inputs['speed'])
+                # It comes with the speed.
+                names = ('topic', 'type', 'field_text', 'field', 'timeout_ns')
+                inputs['load'] = replace(each.load, **{k: getattr(inputs['speed'], k) for k in names})
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
         return Bound(replace(config, bearings=bearings), absent)
 
@@ -204,18 +201,6 @@ class ColumnBinding:
         return replace(
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
         )
-
-
-def _beside(load: InputConfig, speed: InputConfig) -> InputConfig:
-    """A constant load that comes with the speed of a table."""
-    return replace(
-        load,
-        topic=speed.topic,
-        type=speed.type,
-        field_text=speed.field_text,
-        field=speed.field,
-        timeout_ns=speed.timeout_ns,
-    )
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:

@@ -23,15 +23,13 @@ from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.bags.log_times import BlockSteps, question_of_unit
 from stickslip_monitor.bags.mcap_chunks import Block, Piece, loading
 from stickslip_monitor.bags.mcap_file import DATED, FilePass, McapFile
-from stickslip_monitor.bags.message_fields import FieldReader, TopicNumbers, series_of
+from stickslip_monitor.bags.message_fields import FieldReader, MessageReading, TopicNumbers
 from stickslip_monitor.bags.recording import (
-    Fault,
     Findings,
     Message,
     Progress,
     Recording,
     Request,
-    Series,
     TimeSpans,
     TopicInfo,
 )
@@ -217,7 +215,7 @@ def _some(columns: Columns, most: int) -> Iterator[Columns]:
         yield columns
 
 
-class McapReading:
+class McapReading(MessageReading):
     """A pass over MCAP files for numbers of some topics.
 
     Raises:
@@ -225,8 +223,8 @@ class McapReading:
     """
 
     def __init__(self, own: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None) -> None:
-        self._wanted, self._least, self._sequence = wanted, own.least_ns, 0
-        self._width = max((len(each.requests) for each in wanted), default=0)
+        super().__init__(wanted)
+        self._least = own.least_ns
         self._pass = Pass(own.contents, own.steps, [each.topic for each in wanted], progress)
         for each in wanted:
             known = [
@@ -240,26 +238,11 @@ class McapReading:
             if errors and len(errors) == len(known):
                 raise errors[0]
 
-    def __iter__(self) -> Iterator[dict[Request, Series]]:
-        """Yield the series, without faults, of one stretch of time after the other.
-
-        Raises:
-            BagError: A file cannot be read.
-        """
-        is_empty = True
+    def _stretches(self) -> Iterator[Columns]:
         most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
-        for time, _, topic, *numbers in self._pass.stretches(self._columns, most, most):
-            is_empty = False
-            yield series_of(self._wanted, self._sequence, time, topic, *numbers)
-            self._sequence += time.size
-        if is_empty:
-            none = np.empty(0, np.int64)
-            yield series_of(self._wanted, 0, none, none, none, np.empty((self._width, 0)))
+        for time, _, *others in self._pass.stretches(self._columns, most, most):
+            yield time, *others
         self._pass.compare()
-
-    def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """What was wrong with the messages read."""
-        return dict(pair for each in self._wanted for pair in each.faults())
 
     def _reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
         """What reads the messages of a channel, or why nothing can."""
@@ -284,7 +267,7 @@ class McapReading:
                 wanted.count += rows.size
                 wanted.reasons[_REFUSED] += rows.size
                 continue
-            found, stamps = wanted.read(reader, piece.data, piece.offset[rows], piece.size[rows], own_times)
+            found, stamps = reader.read(piece.data, piece.offset[rows], piece.size[rows], own_times)
             job.way.spend(job.block, _ROW * rows.size)
             topic[rows] = number
             for column, own in zip(values, found, strict=False):

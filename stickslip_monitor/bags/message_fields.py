@@ -16,6 +16,7 @@ import os
 import re
 import struct
 import threading
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -342,134 +343,12 @@ def _decoder(schema: Schema) -> Callable[[bytes], Any]:
     return decode
 
 
-@dataclass(slots=True, eq=False)
-class FieldNumbers:
-    """What was read from n messages, with a row of ``values`` for each path.
-
-    ``stamp_ns`` is None where the type has no header, and zero where a message has no stamp.
-    ``faults`` counts the messages that are not decoded by the reason, and ``short`` for each
-    path those whose array is too short.
-    """
-
-    stamp_ns: IntArray | None
-    values: FloatArray
-    faults: Counter[str] = field(default_factory=Counter)
-    short: Counter[int] = field(default_factory=Counter)
-
-
-class FieldReader:
-    """Reads numbers at some paths from messages of one type, many at once.
-
-    Raises:
-        BagError: A path does not lead to a number, or the definition cannot be used.
-    """
-
-    def __init__(self, topic: str, schema: Schema, paths: Sequence[FieldPath]) -> None:
-        self._paths = tuple(paths)
-        self._fields = [NumberField(path) for path in paths]
-        self._undecoded = f'cannot be decoded as {schema.name}'
-        try:
-            definitions = parse_schema(schema.name, schema.data)
-            self._check(topic, schema.name, definitions)
-            self._stamped = _has_header(definitions, schema.name)
-            self._decode = _decoder(schema)
-        except SchemaError as error:
-            raise BagError(f"topic '{topic}' ({schema.name}) cannot be read: {error}") from None
-        wanted = (*self._paths, *(_STAMP if self._stamped else ()))
-        self._layout = compile_layout(definitions, schema.name, wanted)
-
-    def _check(self, topic: str, type_name: str, definitions: Definitions) -> None:
-        for path in self._paths:
-            try:
-                number_at(definitions, type_name, path)
-            except SchemaError as error:
-                steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
-                raise BagError(
-                    f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
-                    f' is no number: {error}'
-                ) from None
-
-    def read(self, data: bytes, offset: IntArray, size: IntArray) -> FieldNumbers:
-        """Read n messages whose data lies at some offsets of a block of records [bytes]."""
-        count = len(offset)
-        stamp_ns = np.zeros(count, np.int64) if self._stamped else None
-        numbers = FieldNumbers(stamp_ns, np.full((len(self._paths), count), np.nan))
-        rows = np.flatnonzero(size >= _ENCAPSULATION)
-        if len(rows) < count:
-            numbers.faults[self._undecoded] += count - len(rows)
-        # The two bytes of the representation: zero, and zero or one for plain CDR.
-        kind = view(data, '<u2')[offset[rows]]
-        for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
-            if (mine := rows[kind == code]).size:
-                # As a rule all, which are not copied.
-                own = mine if mine.size < count else slice(None)
-                self._fill(numbers, data, offset, size, own, order)
-        other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
-        for code, number in sorted(Counter(other.byteswap().tolist()).items()):
-            reason = f'are in the encapsulation 0x{code:04x}, which is not decoded'
-            numbers.faults[reason] += number
-        return numbers
-
-    def _fill(
-        self,
-        numbers: FieldNumbers,
-        data: bytes,
-        offset: IntArray,
-        size: IntArray,
-        rows: IntArray | slice,
-        order: str,
-    ) -> None:
-        """Fill in messages in one byte order."""
-        rest = np.arange(offset.size)[rows]
-        if self._layout is not None:
-            base, length = offset[rows] + _ENCAPSULATION, size[rows] - _ENCAPSULATION
-            found, sound = _gather(self._layout, data, base, length, order)
-            for row, values in zip(numbers.values, found, strict=False):
-                row[rows] = values
-            if numbers.stamp_ns is not None:
-                sec, nanosec = (part.astype(np.int64) for part in found[-2:])
-                numbers.stamp_ns[rows] = sec * _SECOND + nanosec
-            rest = rest[~sound]
-        for place in rest.tolist():
-            begin = int(offset[place])
-            self._decode_alone(data[begin : begin + int(size[place])], place, numbers)
-
-    def _decode_alone(self, data: bytes, place: int, numbers: FieldNumbers) -> None:
-        """Fill in a message that is decoded by itself."""
-        numbers.values[:, place] = math.nan
-        stamp_ns = 0
-        try:
-            message = self._decode(data)
-        except _DECODE_ERRORS:
-            numbers.faults[self._undecoded] += 1
-        else:
-            for row, field in enumerate(self._fields):
-                try:
-                    numbers.values[row, place] = field.read(message)
-                except LookupError:
-                    numbers.short[row] += 1
-            if self._stamped:
-                stamp_ns = message.header.stamp.sec * _SECOND + message.header.stamp.nanosec
-        if numbers.stamp_ns is not None:
-            numbers.stamp_ns[place] = stamp_ns
-
-
-def _has_header(definitions: Definitions, root: str) -> bool:
-    first = definitions[short_name(root)][:1]
-    if [(member.name, member.text) for member in first] != [('header', 'std_msgs/Header')]:
-        return False
-    try:
-        return all(number_at(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
-    except SchemaError:
-        return False
-
-
 @dataclass(slots=True)
 class TopicNumbers:
     """The numbers wanted of one topic with the requests for each, and what was wrong with them.
 
-    ``reasons`` counts the messages without numbers, ``short`` those whose array is too short for
-    one.
+    ``count`` is how many messages were read, ``reasons`` counts those without numbers, ``short``
+    those whose array is too short for one.
     """
 
     topic: str
@@ -484,26 +363,10 @@ class TopicNumbers:
         key = schema.name, schema.data
         if key not in self._readers:
             try:
-                self._readers[key] = FieldReader(self.topic, schema, tuple(self.requests))
+                self._readers[key] = FieldReader(self, schema)
             except BagError as error:
                 self._readers[key] = error
         return self._readers[key]
-
-    def read(
-        self, reader: FieldReader, data: bytes, offset: IntArray, size: IntArray, log_time_ns: IntArray
-    ) -> tuple[FloatArray, IntArray]:
-        """Read n messages at some offsets of what they lie in [bytes].
-
-        Returns:
-            A row of n values for each path, and the stamps [ns]: the log times where there are none.
-        """
-        numbers = reader.read(data, offset, size)
-        self.count += len(offset)
-        self.reasons.update(numbers.faults)
-        self.short.update(numbers.short)
-        if numbers.stamp_ns is None:
-            return numbers.values, log_time_ns
-        return numbers.values, np.where(numbers.stamp_ns == 0, log_time_ns, numbers.stamp_ns)
 
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
         """What was wrong, for each request."""
@@ -517,27 +380,160 @@ class TopicNumbers:
             yield from ((request, faults) for request in requests)
 
 
-def series_of(
-    wanted: Sequence[TopicNumbers],
-    first: int,
-    log_time_ns: IntArray,
-    topic: IntArray,
-    stamp_ns: IntArray,
-    values: FloatArray,
-) -> dict[Request, Series]:
-    """The series of n messages of some topics, by the number of each one's topic.
+class FieldReader:
+    """Reads the numbers wanted of a topic from messages of one definition, many at once.
 
-    ``first`` is how many messages came before them.
+    Raises:
+        BagError: A path does not lead to a number, or the definition cannot be used.
     """
-    result: dict[Request, Series] = {}
-    is_unstamped = np.array_equal(log_time_ns, stamp_ns)
-    for number, each in enumerate(wanted):
-        rows = np.flatnonzero(topic == number)
-        own = log_time_ns[rows]
-        times = own, own if is_unstamped else stamp_ns[rows], rows + first
-        for value, requests in zip(values, each.requests.values(), strict=False):
-            result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
-    return result
+
+    def __init__(self, wanted: TopicNumbers, schema: Schema) -> None:
+        self._wanted, self._paths = wanted, tuple(wanted.requests)
+        self._fields = [NumberField(path) for path in self._paths]
+        self._undecoded = f'cannot be decoded as {schema.name}'
+        try:
+            definitions = parse_schema(schema.name, schema.data)
+            self._check(wanted.topic, schema.name, definitions)
+            self._stamped = _has_header(definitions, schema.name)
+            self._decode = _decoder(schema)
+        except SchemaError as error:
+            raise BagError(f"topic '{wanted.topic}' ({schema.name}) cannot be read: {error}") from None
+        paths = (*self._paths, *(_STAMP if self._stamped else ()))
+        self._layout = compile_layout(definitions, schema.name, paths)
+
+    def _check(self, topic: str, type_name: str, definitions: Definitions) -> None:
+        for path in self._paths:
+            try:
+                number_at(definitions, type_name, path)
+            except SchemaError as error:
+                steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
+                raise BagError(
+                    f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
+                    f' is no number: {error}'
+                ) from None
+
+    def read(
+        self, data: bytes, offset: IntArray, size: IntArray, log_time_ns: IntArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Read n messages whose data lies at some offsets of a block of records [bytes].
+
+        Returns:
+            A row of n values for each path, and the stamps [ns]: the log times where there are none.
+        """
+        count, faults = len(offset), self._wanted.reasons
+        self._wanted.count += count
+        values = np.full((len(self._paths), count), np.nan)
+        stamp_ns = log_time_ns.copy() if self._stamped else log_time_ns
+        rows = np.flatnonzero(size >= _ENCAPSULATION)
+        if len(rows) < count:
+            faults[self._undecoded] += count - len(rows)
+        # The two bytes of the representation: zero, and zero or one for plain CDR.
+        kind = view(data, '<u2')[offset[rows]]
+        for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
+            if (mine := rows[kind == code]).size:
+                # As a rule all, which are not copied.
+                own = mine if mine.size < count else slice(None)
+                for place in self._fill(values, stamp_ns, own, data, offset[own], size[own], order).tolist():
+                    begin = int(offset[place])
+                    self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
+        other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
+        for code, number in sorted(Counter(other.byteswap().tolist()).items()):
+            faults[f'are in the encapsulation 0x{code:04x}, which is not decoded'] += number
+        return values, stamp_ns
+
+    def _fill(
+        self,
+        values: FloatArray,
+        stamp_ns: IntArray,
+        rows: IntArray | slice,
+        data: bytes,
+        offset: IntArray,
+        size: IntArray,
+        order: str,
+    ) -> IntArray:
+        """Fill in messages in one byte order; which of them have to be decoded one by one."""
+        every = np.arange(len(stamp_ns))[rows]
+        if self._layout is None:
+            return every
+        found, sound = _gather(self._layout, data, offset + _ENCAPSULATION, size - _ENCAPSULATION, order)
+        for row, own in zip(values, found, strict=False):
+            row[rows] = own
+        if self._stamped:
+            sec, nanosec = (part.astype(np.int64) for part in found[-2:])
+            own_ns = sec * _SECOND + nanosec
+            stamp_ns[rows] = np.where(sound & (own_ns != 0), own_ns, stamp_ns[rows])
+        return every[~sound]
+
+    def _decode_alone(self, data: bytes, place: int, values: FloatArray, stamp_ns: IntArray) -> None:
+        """Fill in a message that is decoded by itself."""
+        values[:, place] = math.nan
+        try:
+            message = self._decode(data)
+        except _DECODE_ERRORS:
+            self._wanted.reasons[self._undecoded] += 1
+            return
+        for row, own in enumerate(self._fields):
+            try:
+                values[row, place] = own.read(message)
+            except LookupError:
+                self._wanted.short[row] += 1
+        if self._stamped:
+            stamp = message.header.stamp
+            stamp_ns[place] = stamp.sec * _SECOND + stamp.nanosec or stamp_ns[place]
+
+
+def _has_header(definitions: Definitions, root: str) -> bool:
+    first = definitions[short_name(root)][:1]
+    if [(member.name, member.text) for member in first] != [('header', 'std_msgs/Header')]:
+        return False
+    try:
+        return all(number_at(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
+    except SchemaError:
+        return False
+
+
+class MessageReading(ABC):
+    """A pass over messages for numbers of some topics."""
+
+    def __init__(self, wanted: Sequence[TopicNumbers]) -> None:
+        self._wanted, self._sequence = wanted, 0
+        self._width = max((len(each.requests) for each in wanted), default=0)
+
+    @abstractmethod
+    def _stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Stretches of n messages: log times [ns], numbers of topics, stamps [ns], values, shape (k, n)."""
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series, without faults, of one stretch of time after the other.
+
+        Raises:
+            BagError: A file cannot be read.
+        """
+        none = np.empty(0, np.int64)
+        is_empty = True
+        for stretch in self._stretches():
+            is_empty = False
+            yield self._series(*stretch)
+        if is_empty:
+            yield self._series(none, none, none, np.empty((self._width, 0)))
+
+    def _series(
+        self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
+    ) -> dict[Request, Series]:
+        result: dict[Request, Series] = {}
+        is_unstamped = np.array_equal(log_time_ns, stamp_ns)
+        for number, each in enumerate(self._wanted):
+            rows = np.flatnonzero(topic == number)
+            own = log_time_ns[rows]
+            times = own, own if is_unstamped else stamp_ns[rows], rows + self._sequence
+            for value, requests in zip(values, each.requests.values(), strict=False):
+                result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
+        self._sequence += log_time_ns.size
+        return result
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """What was wrong with the messages read."""
+        return dict(pair for each in self._wanted for pair in each.faults())
 
 
 _BUILT_IN = Path(__file__).with_name('definitions.txt')

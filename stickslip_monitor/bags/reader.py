@@ -9,7 +9,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
@@ -75,11 +75,12 @@ def open_bag(path: str | Path) -> Recording:
         if (stem := stem_of(path.name)) and _has_other_parts(path):
             findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
         return _opened(path, [path], '', findings)
-    listed = folder_files(path, findings)
-    recording = _opened(path, listed.files, listed.packed, findings, listed.is_listed)
-    if listed.count is not None and listed.count != recording.message_count:
+    metadata = folder_files(path, findings)
+    files = [path / name for name in metadata.names]
+    recording = _opened(path, files, metadata.packed, findings, metadata.is_listed)
+    if metadata.count is not None and metadata.count != recording.message_count:
         findings.lose(
-            f"'{path / METADATA_NAME}' counts {listed.count} messages, the files hold"
+            f"'{path / METADATA_NAME}' counts {metadata.count} messages, the files hold"
             f' {recording.message_count}'
         )
     return recording
@@ -342,28 +343,19 @@ def natural(name: str) -> list[tuple[int, str]]:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What the metadata of a rosbag2 folder say of its files."""
-
-    names: tuple[str, ...]
-    count: int
-    packed: str  # 'message' where each message is, else ''
-
-
-@dataclass(frozen=True, slots=True)
-class FolderFiles:
-    """The files of a folder that are one recording.
+    """The files of a folder that are one recording, in order, by its metadata as far as it has some.
 
     ``count`` is how many messages they should hold, None where nothing tells; ``is_listed``
     whether metadata say that they are one.
     """
 
-    files: tuple[Path, ...]
-    count: int | None
-    packed: str
-    is_listed: bool
+    names: tuple[str, ...]
+    count: int | None = None
+    packed: str = ''  # 'message' where each message is
+    is_listed: bool = False
 
 
-def folder_files(folder: Path, findings: Findings) -> FolderFiles:
+def folder_files(folder: Path, findings: Findings) -> Metadata:
     """Find the files of a folder; report what is odd.
 
     Raises:
@@ -387,11 +379,11 @@ def folder_files(folder: Path, findings: Findings) -> FolderFiles:
             raise BagError(f"folder '{folder}' holds {len(there)} recordings: name one of them")
         kind = '.db3' if is_sqlite(there[0]) else '.mcap'
         findings.note(f'{metadata}: its {kind} files were read in the order of their names')
-        return FolderFiles(tuple(folder / name for name in there), None, '', False)
+        return Metadata(tuple(there))
     return _listed(folder, metadata, there, findings)
 
 
-def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> FolderFiles:
+def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> Metadata:
     """The files that metadata list, and those behind them that bear the same name."""
     found = [name for name in metadata.names if name in there]
     missing = [name for name in metadata.names if name not in there]
@@ -401,7 +393,7 @@ def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findin
         findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
     if not found:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
-    count: int | None = metadata.count
+    count = metadata.count
     stems = {stem_of(name) for name in found} - {''}
     for name in there:
         if name in found:
@@ -412,7 +404,7 @@ def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findin
         else:
             findings.lose(f"file '{name}' is not listed in {METADATA_NAME} and was not read")
     found = found if count is not None else sorted(found, key=natural)
-    return FolderFiles(tuple(folder / name for name in found), count, metadata.packed, True)
+    return replace(metadata, names=tuple(found), count=count)
 
 
 def read_metadata(folder: Path) -> Metadata | str:
@@ -439,7 +431,7 @@ def read_metadata(folder: Path) -> Metadata | str:
             )
         names = (PurePosixPath(name).name for name in information['relative_file_paths'])
         packed = mode if mode == 'message' else ''
-        return Metadata(tuple(dict.fromkeys(names)), int(information['message_count']), packed)
+        return Metadata(tuple(dict.fromkeys(names)), int(information['message_count']), packed, True)
     except FileNotFoundError:
         return f"folder '{folder}' has no {METADATA_NAME}"
     except OSError as error:

@@ -8,7 +8,6 @@ Nothing is written to a file: one with a journal is read as a copy.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import shutil
 import sqlite3
 import sys
@@ -22,17 +21,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import zstandard
 from mcap.records import Schema
+from numpy.typing import NDArray
 
 from stickslip_monitor.bags.log_times import LATEST_NS, StepClock
-from stickslip_monitor.bags.message_fields import FieldReader, TopicNumbers, definition_of, series_of
+from stickslip_monitor.bags.message_fields import FieldReader, MessageReading, TopicNumbers, definition_of
 from stickslip_monitor.bags.recording import (
-    Fault,
     Findings,
     Message,
     Progress,
     Recording,
     Request,
-    Series,
     TimeSpans,
     TopicInfo,
 )
@@ -217,7 +215,8 @@ class SqliteRecording(Recording):
                     begin, step = batch[-1][0] + 1, _SKIP
                     yield batch
                 self._findings.lose(
-                    f"file '{file.name}' is damaged ({str(error) or 'out of memory'}): messages of the damaged pages were not read"
+                    f"file '{file.name}' is damaged ({str(error) or 'out of memory'}): messages of the"
+                    ' damaged pages were not read'
                 )
                 if skips > _MOST_SKIPS:
                     return
@@ -300,7 +299,7 @@ def _unpacked(unpack: zstandard.ZstdDecompressor, data: bytes) -> bytes | None:
         return None
 
 
-class SqliteReading:
+class SqliteReading(MessageReading):
     """A pass over the files for numbers of some topics.
 
     Raises:
@@ -310,9 +309,8 @@ class SqliteReading:
     def __init__(
         self, recording: SqliteRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
     ) -> None:
-        self._recording, self._wanted, self._progress = recording, wanted, progress
-        self._width = max((len(each.requests) for each in wanted), default=0)
-        self._sequence = 0
+        super().__init__(wanted)
+        self._recording, self._progress = recording, progress
         self._readers: list[FieldReader] = []
         for each in wanted:
             reader = each.reader(_schema(recording, each.topic))
@@ -320,32 +318,26 @@ class SqliteReading:
                 raise reader
             self._readers.append(reader)
 
-    def __iter__(self) -> Iterator[dict[Request, Series]]:
-        """Yield the series of one batch after the other."""
+    def _stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
         numbers = {each.topic: number for number, each in enumerate(self._wanted)}
-        total = sum(self._recording.topics[topic].count for topic in numbers)
-        for batch in itertools.chain(self._recording.batches(numbers), ([],)):
-            if batch or not self._sequence:
-                yield self._series(batch, numbers)
-            self._sequence += len(batch)
+        total, done = sum(self._recording.topics[topic].count for topic in numbers), 0
+        for batch in self._recording.batches(numbers):
+            yield self._columns(batch, numbers)
+            done += len(batch)
             if self._progress is not None:
-                self._progress(self._sequence, max(total, self._sequence))
+                self._progress(done, max(total, done))
 
-    def _series(self, batch: Sequence[_Row], numbers: Mapping[str, int]) -> dict[Request, Series]:
+    def _columns(self, batch: Sequence[_Row], numbers: Mapping[str, int]) -> tuple[NDArray[Any], ...]:
         times = np.array([row.time_ns for row in batch], np.int64)
         topic = np.array([numbers[row.topic] for row in batch], np.int64)
         size = np.array([len(row.data) for row in batch], np.int64)
         offset, data = np.cumsum(size) - size, b''.join(row.data for row in batch)
         stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
-        for number, (wanted, reader) in enumerate(zip(self._wanted, self._readers, strict=True)):
+        for number, reader in enumerate(self._readers):
             rows = np.flatnonzero(topic == number)
-            found, stamps[rows] = wanted.read(reader, data, offset[rows], size[rows], times[rows])
+            found, stamps[rows] = reader.read(data, offset[rows], size[rows], times[rows])
             values[: len(found), rows] = found
-        return series_of(self._wanted, self._sequence, times, topic, stamps, values)
-
-    def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """What was wrong with the messages read."""
-        return dict(pair for each in self._wanted for pair in each.faults())
+        return times, topic, stamps, values
 
 
 def _schema(recording: SqliteRecording, topic: str) -> Schema:

@@ -18,7 +18,7 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from stickslip_monitor.bags.message_fields import FieldNumbers, FieldReader, compile_layout, parse_schema
+from stickslip_monitor.bags.message_fields import FieldReader, compile_layout, parse_schema
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.fields import NumberField, parse_field
@@ -303,9 +303,9 @@ def decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     sizes: list[int] = []
     decode = FieldReader._decode_alone
 
-    def counted(self: FieldReader, data: bytes, place: int, numbers: FieldNumbers) -> None:
+    def counted(self: FieldReader, data: bytes, *into: Any) -> None:
         sizes.append(len(data))
-        decode(self, data, place, numbers)
+        decode(self, data, *into)
 
     monkeypatch.setattr(FieldReader, '_decode_alone', counted)
     return sizes
