@@ -225,9 +225,18 @@ class Annunciator:
             return [self._give(worst, change)]
         return self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
 
-    def take_fault(self, bearing: str, place: int, what: str, time_ns: int) -> list[AlarmChange]:
-        """A sample of one input was refused for its value, or is from one of two sources."""
-        self.causes[bearing].take_fault(place, what, self.now_ns)
+    def take_fault(
+        self, bearing: str, place: int, what: str, time_ns: int, *, mixed: bool = False
+    ) -> list[AlarmChange]:
+        """A sample of one input was refused for its value, or is from one of two sources (mixed).
+
+        As a lost input clears no other alarm, a mix of two sources does not.
+        """
+        causes = self.causes[bearing]
+        causes.take_fault(place, what, self.now_ns)
+        if mixed:
+            own = self.alarms[bearing]
+            causes.recall({kind for kind in RUNG_OF if own[kind].active}, self.now_ns)
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:

@@ -153,11 +153,16 @@ class Causes:
             f'{self.config.name}: Input {INPUTS[place]} implausible: on {topic}, {what}.'
         )
 
+    def recall(self, kinds: Set[AlarmKind], now_ns: int) -> None:
+        """Let causes hold until it can be known whether they are still there."""
+        alarm = self.config.alarm
+        self.recalled = kinds
+        self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
+
     def take_point(self, now_ns: int, *, resting: bool) -> bool:
         """An operating point was measured; return whether anything may have changed."""
         if self.recalled and self._recalled_until is None:
-            alarm = self.config.alarm
-            self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
+            self.recall(self.recalled, now_ns)
         if resting != self._resting_asked:
             self._resting_asked, self._resting_since = resting, now_ns
         return self._settle_rest(now_ns)

@@ -359,6 +359,14 @@ class InputWatch:
         track.source.see(now_ns, math.nan if place == LEVEL else si_value(live, place, value))
         return track.source.standing(now_ns)
 
+    def mixed(self, bearing: str, now_ns: int) -> str:
+        """The sentence on a speed or load whose values jump between two sources; empty where none does."""
+        inputs = self._bearings[bearing].config.inputs
+        for name, track in zip(QUANTITIES, self._tracks[bearing], strict=False):
+            if (fault := track.source.standing(now_ns)) is not None:
+                return f'On {inputs[name].topic}, {fault_text(fault, inputs[name])}.'
+        return ''
+
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """The inputs of a bearing by quantity."""
         return {

@@ -160,6 +160,7 @@ KEYS = {
 """The keys of a diagnostic status by the names in a record; others are those names in words."""
 _OF_POINT = ('regime', 'outcome', 'hopf_margin', 'fold_margin', *tuple(KEYS)[:-2])
 WAITING = 'Waiting for the first speed and load.'
+UNRELIABLE = 'No verdict can be relied on.'
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,7 @@ class BearingState:
     bearing: BearingMonitor
     inputs: Mapping[str, InputState] = field(default_factory=dict)  # where somebody looks at them
     monitoring: bool = True  # somebody watches the bearing
+    mixed: str = ''  # why its verdict rests on two sources, as :meth:`.InputWatch.mixed` says it
 
     @property
     def point(self) -> Assessment | None:
@@ -191,14 +193,18 @@ class BearingState:
         """The condition, or why there is none."""
         if not self.monitoring:
             return 'not_monitoring'
-        return 'waiting' if self.waiting else self.bearing.condition.value
+        if self.waiting:
+            return 'waiting'
+        condition = self.bearing.condition
+        return 'unreliable' if self.mixed and condition is Condition.NORMAL else condition.value
 
     @property
     def severity(self) -> Severity:
         """How bad it is; nobody can say that all is well of a bearing that is not watched."""
         if not self.monitoring or self.waiting:
             return Severity.WARN
-        return max(self.bearing.condition.severity, Severity.WARN if self.faults else Severity.OK)
+        doubtful = self.faults or self.mixed
+        return max(self.bearing.condition.severity, Severity.WARN if doubtful else Severity.OK)
 
     @property
     def message(self) -> str:
@@ -207,7 +213,9 @@ class BearingState:
         if not self.monitoring:
             return f'{name}: {NOT_MONITORING}'
         text = f'{name}: {WAITING}' if self.waiting else self.bearing.text()
-        return ' '.join([text, *dict.fromkeys(self.faults.values())])
+        if self.mixed:
+            text = f'{name}: {self.mixed} {UNRELIABLE} By the latest values: {text.removeprefix(f"{name}: ")}'
+        return ' '.join([text, *(fault for fault in dict.fromkeys(self.faults.values()) if fault not in text)])
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:

@@ -18,7 +18,7 @@ from stickslip_monitor.errors import AlarmStateError, cause
 from stickslip_monitor.monitor import alarm_records
 from stickslip_monitor.monitor.alarm_list import MONITOR, AlarmChange, Annunciator
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
-from stickslip_monitor.monitor.messages import BearingState, bearing_record
+from stickslip_monitor.monitor.messages import UNRELIABLE, BearingState, bearing_record
 from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
@@ -213,13 +213,12 @@ class Session:
         # While simulated time is silent nobody knows when it came.
         arrival = now.time_ns or None
         update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
-        odd = VALUE_FAULTS.get(update.status)
+        odd, source = VALUE_FAULTS.get(update.status), None
         if self._inputs is not None:
             behind_ns = 0 if arrival is None else arrival - time_ns
             valid = update.status.valid
             source = self._inputs.take(name, place, value, now.steady_ns, behind_ns, valid=valid)
-            # Of which source a value is nobody knows: a verdict on both is no all-clear.
-            odd = source.kind.sentence if odd is None and source else odd
+            odd = f'{source.kind.sentence}. {UNRELIABLE[:-1]}' if odd is None and source else odd
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -229,7 +228,7 @@ class Session:
         self._announce(update.events)
         changes = []
         if odd:
-            changes += self.annunciator.take_fault(name, place, odd, time_ns)
+            changes += self.annunciator.take_fault(name, place, odd, time_ns, mixed=source is not None)
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)
         self._alarm(changes, update.events)
@@ -316,6 +315,7 @@ class Session:
                 self.monitor.bearings[name],
                 looked.states(name, now.steady_ns) if looked else {},
                 self.monitoring,
+                looked.mixed(name, now.steady_ns) if looked else '',
             )
             for name in names
         ]
@@ -389,15 +389,16 @@ class Session:
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _explained(self, events: list[Event], now: Moment) -> list[Event]:
-        """The events; where an input is lost, with why."""
+        """The events; where an input is lost or a mix, with why."""
         if self._inputs is None:
             return events
         found = []
         for event in events:
             if event.after is Condition.INPUT_STALE:
                 why = self._inputs.explain(event.bearing, now.steady_ns, without_clock=now.time_ns == 0)
-                event = replace(event, text=f'{event.text} {why}'.rstrip())
-            found.append(event)
+            elif why := self._inputs.mixed(event.bearing, now.steady_ns):
+                why = f'{UNRELIABLE} {why}'
+            found.append(replace(event, text=f'{event.text} {why}'.rstrip()))
         return found
 
 

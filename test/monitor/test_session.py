@@ -65,12 +65,30 @@ def test_an_honest_sender_of_whole_seconds_repeats_itself_without_complaint(ship
     assert record['inputs']['speed']['counts']['repeated'] == 300 - 61  # of 61 seconds
 
 
-def test_two_quantities_on_one_input_are_an_alarm(ship: Ship) -> None:
+def test_a_mix_of_two_quantities_is_an_alarm_and_no_all_clear(ship: Ship) -> None:
     """1000 on the topic of 20 rpm, whose medians no verdict can be made of."""
-    ship.sail(10.0, rpm=lambda k: 20.0 if k % 2 else 1000.0)
-    assert ship.states()['input_implausible'] == 'unacknowledged'
+    record = ship.sail(10.0, rpm=lambda k: 20.0 if k % 4 == 0 else 1000.0)
+    assert (record['reason'], record['severity']) == ('unreliable', 'WARN')
+    jump = 'On /shaft/speed, values jump between two levels: two publishers on one topic, or a loose contact'
+    assert record['text'].startswith(f'aft: {jump} (here 20 and 1000 rpm). No verdict can be relied on.')
+    assert ship.states() == {'input_implausible': 'unacknowledged'}
     (text,) = (a['text'] for a in ship.published[-1]['alarms'] if a['alarm'] == 'input_implausible')
-    assert text.startswith('aft: Input speed implausible: on /shaft/speed, values jump between two levels')
+    assert text == f'aft: Input speed implausible: o{jump[1:]}. No verdict can be relied on.'
+    # A minute after the last jump it is what it says.
+    assert ship.sail(70.0)['reason'] == 'normal'
+
+
+def test_a_mix_of_two_quantities_clears_no_alarm_of_stick_slip(ship: Ship) -> None:
+    ship.sail(10.0, rpm=20.0)
+    record = ship.sail(60.0, rpm=lambda k: 20.0 if k % 4 == 0 else 1000.0)
+    assert [event.after.value for event in ship.events][-1] == 'normal'
+    assert 'No verdict can be relied on. On /shaft/speed, values jump' in ship.events[-1].text
+    assert record['reason'] == 'unreliable'
+    alarms = {a['alarm']: a['active'] for a in ship.published[-1]['alarms']}
+    assert alarms['stick_slip']
+    ship.sail(80.0)
+    alarms = {a['alarm']: a['active'] for a in ship.published[-1]['alarms']}
+    assert not alarms['stick_slip']
 
 
 def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:

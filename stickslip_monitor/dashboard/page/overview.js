@@ -5,8 +5,8 @@ import { get, put } from './dom.js';
 
 const FEW = 4;
 // One without data comes first, with those that nobody watches: its state is unknown.
-const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'bistable', 'vibration', 'caution', 'normal'];
-const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', vibration: '! vibration', input_stale: '✕ input lost', waiting: '… waiting', not_monitoring: '✕ not monitored' };
+const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'unreliable', 'bistable', 'vibration', 'caution', 'normal'];
+const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', vibration: '! vibration', input_stale: '✕ input lost', unreliable: '! unreliable', waiting: '… waiting', not_monitoring: '✕ not monitored' };
 const badness = ({ status, missing }) => (missing ? 0 : status ? WORST.indexOf(status.reason) : WORST.indexOf('waiting'));
 
 export class Overview {

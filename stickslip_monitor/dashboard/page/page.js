@@ -12,7 +12,7 @@ import { connect } from './stream.js';
 import { get, put } from './dom.js';
 
 const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
-const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
+const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', unreliable: '! Not reliable', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'raised', clear: 'cleared', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence over', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'unknown' };
 const FAULTS = { not_finite: 'not finite', no_value: '"no value"', implausible: 'implausible', below_minimum: 'below minimum', repeated: 'repeated', out_of_order: 'out of order' };
