@@ -373,8 +373,6 @@ def assess(
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
     chances: Iterable[Any] = (),
-    *,
-    sums: bool = False,
 ) -> Assessments: ...
 
 
@@ -385,8 +383,6 @@ def assess(
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
     chances: Iterable[Any] = (),
-    *,
-    sums: bool = False,
 ) -> Assessment | Assessments:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
@@ -400,8 +396,6 @@ def assess(
         belief: What makes probabilities of them, if anything does.
         table: The bearing's boundaries over the load, where they are known; many points take one.
         chances: The probabilities by which the rule decided, in place of the first of its own.
-        sums: Whether only sums over the points are wanted: outcomes are the same, but the averaged
-            fold of Stribeck's law is read off the table, to 1e-8 in place of the last bit.
 
     Returns:
         An :class:`Assessment` for numbers, else :class:`Assessments` of the broadcast shape. It
@@ -419,7 +413,7 @@ def assess(
     if table is None and v.size > _FEW:
         table = known_table(bearing)
     with np.errstate(all='ignore'):
-        columns = in_blocks(partial(_judge, bearing, table, sums=sums), v, n)
+        columns = in_blocks(partial(_judge, bearing, table), v, n)
     stored = (restore(part, shape) for part in (v, n, *columns))
     found = _of(stored, bearing, belief, one=not shape)
     if belief is not None:
@@ -428,7 +422,7 @@ def assess(
 
 
 def _judge(
-    bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray, *, sums: bool
+    bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
     """Outcome, Hopf speed and both fold speeds of flat arrays."""
     law = bearing.friction
@@ -438,7 +432,7 @@ def _judge(
     # Speed and load come in turns as a rule, so that a load is met twice.
     first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
     # What is no closed form costs milliseconds a load.
-    read = table is not None and (sums or solver is not closed_form)
+    read = table is not None and solver is not closed_form
     if read and table is not None:
         hopf, fold = solver.hopf_speed(law, q[first]), table.averaged(load[first])
     else:

@@ -215,7 +215,8 @@ class BearingState:
         text = f'{name}: {WAITING}' if self.waiting else self.bearing.text()
         if self.mixed:
             text = f'{name}: {self.mixed} {UNRELIABLE} By the latest values: {text.removeprefix(f"{name}: ")}'
-        return ' '.join([text, *(fault for fault in dict.fromkeys(self.faults.values()) if fault not in text)])
+        more = [fault for fault in dict.fromkeys(self.faults.values()) if fault not in text]
+        return ' '.join([text, *more])
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:

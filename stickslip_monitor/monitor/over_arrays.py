@@ -123,18 +123,6 @@ LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
 # Room for changes of the alarm; the loop is left and entered again where they are more.
 _CHANGES = 256
-_OF_POINTS = [
-    'time_ns',
-    'until_ns',
-    'speed',
-    'load',
-    'chances',
-    'rung',
-    'sticking',
-    'measured',
-    'sample',
-    'stretch',
-]
 
 
 @dataclass(frozen=True)
@@ -167,12 +155,6 @@ class Scan:
     def assessment(self) -> Assessments:
         """The models' assessments of the points, of arrays of shape (n,)."""
         return self.assessed(slice(None))
-
-    @cached_property
-    def summed(self) -> Assessments:
-        """The same for sums over the points, which need no last bit."""
-        own, table = self.config, self.settings.boundaries
-        return assess(own.bearing, self.speed, self.load, own.belief, table, sums=True)
 
     def assessed(self, rows: IndexArray | slice) -> Assessments:
         """The models' assessments of some of the points."""

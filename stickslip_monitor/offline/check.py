@@ -199,9 +199,9 @@ class _BearingCheck:
         """Add up the verdicts that are known with a part, a point behind."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
-        self._plausibility.take(scan.summed)
+        self._plausibility.take(scan.assessment)
         self._worst.take(scan)
-        self._lasting_ns += _lasting_ns(scan, np.asarray(scan.summed.regime_code), REGIMES)
+        self._lasting_ns += _lasting_ns(scan, np.asarray(scan.assessment.regime_code), REGIMES)
         if scan.measured is not None:
             self._measured_ns += _lasting_ns(scan, scan.measured, MEASURED)
         if self._outliner is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor.assessment import REGIMES, TABLE_ERROR, Assessment, Assessments, Regime, assess
+from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, Regime, assess
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
@@ -249,19 +249,11 @@ class Worst:
 
     def take(self, scan: Scan) -> None:
         """Take the next part of the verdicts on one bearing."""
-        points, size = scan.summed, np.abs(scan.speed)
+        points = scan.assessment
         # At rest nothing slides: its margin of -1 would be the worst of every voyage.
-        size = np.where(size == 0.0, np.nan, size)
-        # Of Coulomb's law averaging has no fold, and the exact model has one.
-        fold = np.where(np.isnan(points.fold_speed), points.exact_fold_speed, points.fold_speed)
-        for name, boundary in (('hopf_margin', points.hopf_speed), ('fold_margin', fold)):
-            ratio = size / boundary
-            least = float(np.fmin.reduce(ratio, initial=np.inf))
-            # What the error of the table leaves open is worked out to the last bit.
-            most = least + TABLE_ERROR * (1.0 + abs(least - 1.0))
-            known = self.found[name].value + 1.0 if name in self.found else math.inf
-            if least < math.inf and least <= known + TABLE_ERROR * (1.0 + abs(known - 1.0)):
-                self._take(name, scan, np.flatnonzero(ratio <= most))
+        turning = np.flatnonzero(scan.speed)
+        for name in ('hopf_margin', 'fold_margin'):
+            self._take(name, scan, turning)
         # One that dies out beyond the fold has no amplitude any more.
         exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
         rows = np.flatnonzero(scan.sticking & exists)
@@ -271,7 +263,7 @@ class Worst:
 
     def _take(self, name: str, scan: Scan, rows: IndexArray, sign: int = 1) -> None:
         """Take some rows; the least value is the worst, with the other sign the greatest."""
-        points = scan.assessed(rows)
+        points = scan.assessment.at(rows)
         values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
         if name == 'fold_margin':
             values = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, values)

@@ -5,16 +5,10 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import numpy as np
 from sending import change
-from shared import CONFIG
 
-from stickslip_monitor.monitor.assessment import BISTABLE, NO_CYCLE, assess
-from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import ConditionInterval, coarsened, condition_intervals, together
-from stickslip_monitor.physics.averaging import fold_speed
-from stickslip_monitor.physics.boundary_table import known_table
 
 NS = 10**9
 NORMAL, CAUTION, STICK, AMPLITUDE = (
@@ -58,18 +52,3 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
     assert (found[0].start_ns, found[-1].end_ns) == (0, 1000 * NS)
     assert found[1].start_ns <= 500 * NS < found[1].end_ns
     assert all(a.end_ns == b.start_ns for a, b in pairwise(found))
-
-
-def test_sums_have_the_outcomes_of_the_closed_form() -> None:
-    """However close to the boundaries, whose table is right to 1e-8 only."""
-    bearing = load_config(CONFIG).bearings[0].bearing
-    rng = np.random.default_rng(1)
-    load = rng.uniform(200.0, 5000.0, 4000)
-    off = rng.choice([-1.0, 1.0], load.size) * 10.0 ** rng.uniform(-15.0, -2.0, load.size)
-    speed = fold_speed(bearing, load) * (1.0 + off)
-    exact = assess(bearing, speed, load)
-    summed = assess(bearing, speed, load, table=known_table(bearing), sums=True)
-    assert set(np.unique(exact.outcome_code)) >= {NO_CYCLE, BISTABLE}
-    np.testing.assert_array_equal(summed.outcome_code, exact.outcome_code)
-    # Else there would be nothing to show: read off the table, some would be on the other side.
-    assert np.any((speed < exact.fold_speed) != (speed < known_table(bearing).averaged(load)))
