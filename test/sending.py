@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from shared import REFERENCE
 
-from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
+from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, assess, build_config
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor import rule
@@ -119,6 +119,13 @@ def change(
 ) -> Event:
     """A change of condition of a bearing without an operating point; its text is the new condition's."""
     return Event(time_ns, before, _standing(bearing, after), {}, f'{bearing}: {after.sentence}', onset)
+
+
+def verdict_at(time_ns: int, speed: float, bearing: str = 'aft') -> Verdict:
+    """A verdict on a speed [m/s], for whom it turns or not."""
+    return Verdict(
+        bearing, time_ns, partial(assess, configured().bearings[0].bearing, speed, 1e3), speed, 1e3
+    )
 
 
 class Ship(Sink):

@@ -16,14 +16,12 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from sending import change as sent_change
-from sequences import BEARINGS
+from sending import configured, verdict_at
 
-from stickslip_monitor import assess, build_config
 from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action, AlarmChange, Annunciator, LiveAlarm
 from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
 from stickslip_monitor.monitor.alarms import LATCHING, RUNG_OF, AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.verdict import Verdict
 
 SECOND = 10**9
 WAITING = {AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED}
@@ -33,22 +31,11 @@ LADDER_KINDS = list(RUNG_OF)  # worst first
 class Life(RuleBasedStateMachine):
     @initialize(latch=st.booleans(), inhibit=st.sampled_from([0.0, 20.0]))
     def begin(self, latch: bool, inhibit: float) -> None:
-        values = BEARINGS['reference'][0] | {
-            'speed.topic': '/n',
-            'speed.unit': 'rpm',
-            'load.topic': '/f',
-            'load.unit': 'N',
-            'alarm.on_delay': 2.0,
-            'alarm.off_delay': 5.0,
-            'alarm.input_off_delay': 4.0,
-            'alarm.latch': latch,
-            'alarm.startup_inhibit': inhibit,
-            'level.topic': '/v',
-        }
-        config = build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in values.items()})
+        delays = {'alarm.on_delay': 2.0, 'alarm.off_delay': 5.0, 'alarm.input_off_delay': 4.0}
+        own = {'alarm.latch': latch, 'alarm.startup_inhibit': inhibit, 'level.topic': '/v'}
+        config = configured('b', delays | own)
         config = replace(config, shelve_time_ns=60 * SECOND, silence_time_ns=30 * SECOND)
         self.config = config
-        self.points = [assess(config.bearings[0].bearing, speed, 1e3) for speed in (0.0, 0.1)]
         self.annunciator = Annunciator(config)
         self.now = 0
         self.condition = Condition.NORMAL
@@ -109,11 +96,9 @@ class Life(RuleBasedStateMachine):
     def absurd_value(self, place: int) -> None:
         self.heard(self.annunciator.take_fault('b', place, 'values are odd', self.now))
 
-    @rule(turning=st.integers(0, 1))
-    def operating_point(self, turning: int) -> None:
-        point = self.points[turning]
-        verdict = Verdict('b', self.now, lambda: point, point.speed, point.load)
-        self.heard(self.annunciator.take_verdict(verdict))
+    @rule(speed=st.sampled_from([0.0, 0.1]))
+    def operating_point(self, speed: float) -> None:
+        self.heard(self.annunciator.take_verdict(verdict_at(self.now, speed, 'b')))
 
     @rule(
         action=st.sampled_from(Action),

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from sending import change
+from sending import change, configured
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
@@ -24,8 +23,8 @@ T0 = 1_700_000_000 * SECOND
 
 
 @pytest.fixture
-def config(configure: Callable[..., MonitorConfig]) -> MonitorConfig:
-    return replace(configure(), shelve_time_ns=600 * SECOND, silence_time_ns=30 * SECOND)
+def config() -> MonitorConfig:
+    return replace(configured(), shelve_time_ns=600 * SECOND, silence_time_ns=30 * SECOND)
 
 
 def _event(second: int, before: Condition, after: Condition) -> Event:

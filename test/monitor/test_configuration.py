@@ -4,15 +4,17 @@ from __future__ import annotations
 import contextlib
 import copy
 import json
+import math
 import os
 import random
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from sending import configured, points
 
-from stickslip_monitor import MonitorConfig
+from stickslip_monitor import Monitor, fold_speed
 from stickslip_monitor.errors import ConfigurationError, StickslipError
 from stickslip_monitor.monitor.configuration import (
     belief_of,
@@ -25,20 +27,20 @@ from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.probability import EXACT
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-SENSOR = {'topic': '/a', 'field': 'data', 'scale': 1.0, 'offset': 0.0, 'unit': 'rpm'}
+RPM = math.pi * 0.1 / 60.0
+SENSOR = {'field': 'data', 'scale': 1.0, 'offset': 0.0}
+SENSORS: dict[str, dict[str, Any]] = {
+    'speed': SENSOR | {'topic': '/shaft/speed', 'unit': 'rpm'},
+    'load': SENSOR | {'topic': '/bearing/aft/load', 'unit': 'N'},
+}
+LAW = {'static': 0.3, 'kinetic': 0.1, 'decay': 10.0, 'law': 'stribeck'}
 RESULT: dict[str, Any] = {
     'schema': 'stickslip_monitor/calibration/2',
     'bearing': 'aft',
-    'inputs': {'speed': SENSOR},
-    'parameters': {
-        'damping': 400.0,
-        'friction.law': 'stribeck',
-        'friction.static': 0.3,
-        'friction.kinetic': 0.1,
-        'friction.decay': 10.0,
-    },
+    'inputs': SENSORS,
+    'parameters': {'damping': 400.0} | {f'friction.{name}': value for name, value in LAW.items()},
     'factors': {'speeds': 1.1, 'loads': 0.9},
-    'covariance': [[0.01, 0.0], [0.0, 0.02]],
+    'covariance': [[1e-3, -1e-3], [-1e-3, 2e-3]],
     'loads': [500.0, 1500.0],
     'floor': 0.01,
 }
@@ -68,7 +70,7 @@ def test_a_damaged_result_is_refused_in_a_sentence(tmp_path: Path) -> None:
         path.write_text(json.dumps(mutated(RESULT, source)))
         with contextlib.suppress(StickslipError):
             document = load_calibration(path)
-            require_same_sensors(path, document, 'aft', {'speed': SENSOR})
+            require_same_sensors(path, document, 'aft', SENSORS)
             belief_of(path, document, BEARING, EXACT)
             read += 1
     assert 0 < read < 150
@@ -87,19 +89,69 @@ def test_what_is_no_file_of_results_is_not_read_for_ever(tmp_path: Path, kind: s
         load_calibration(path)
 
 
-Configure = Callable[..., MonitorConfig]
+@pytest.fixture
+def result(tmp_path: Path) -> str:
+    """A file with the result of a calibration."""
+    path = tmp_path / 'aft.calibration.json'
+    path.write_text(json.dumps(RESULT))
+    return str(path)
 
 
-def asked(configure: Configure, load: float = 1000.0, **changes: object) -> list[str]:
-    (bearing,) = configure(**changes).bearings
+def test_a_calibration_takes_the_place_of_tolerances(result: str) -> None:
+    aft = configured(damping=900.0, calibration=result).bearing('aft')
+    belief = aft.belief
+    assert belief is not None
+    assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.723, rel=1e-4)
+    # So regime and margins are those of its middle.
+    assert fold_speed(aft.bearing, 1000.0) / RPM == pytest.approx(40.723091, rel=1e-6)
+
+
+def test_a_calibrated_bearing_alarms_as_if_it_were_configured(result: str) -> None:
+    both = [
+        Monitor(config).scan({'aft': points(20.0 + 0.4 * np.abs(np.arange(200) - 100), 1000.0)})['aft']
+        for config in (configured(damping=900.0, calibration=result), configured())
+    ]
+    found, wanted = ([(e.time_ns, e.after) for e in scan.events] for scan in both)
+    assert found == wanted
+    assert len(found) > 3
+    assert np.nanmax(both[0].assessment.probability_runs) > 0.9
+
+
+@pytest.mark.parametrize(
+    ('damage', 'changes', 'words'),
+    [
+        ({'bearing': 'fore'}, {}, "a calibration of 'fore' and not of 'aft'"),
+        ({'schema': 'x/1'}, {}, "schema 'x/1' and must have"),
+        ({'loads': [0.0, 1.0]}, {}, 'is damaged: its covariance'),
+        (
+            {'schema': 'stickslip_monitor/calibration/1'},
+            {},
+            'made by an earlier version.*with `stickslip calibrate BAG',
+        ),
+        ({'parameters': {'damping': 1.0}}, {}, 'is damaged'),
+        (None, {}, 'is not JSON'),
+        ({}, {'speed__scale': 1.1}, 'made with speed.scale = 1.0, and it'),
+        ({}, {'load__topic': '/other'}, "made with load.topic = '/bearing"),
+    ],
+)
+def test_a_bad_calibration_or_one_of_other_sensors_is_refused(
+    result: str, damage: dict[str, Any] | None, changes: dict[str, Any], words: str
+) -> None:
+    Path(result).write_text('{' if damage is None else json.dumps(RESULT | damage))
+    with pytest.raises(ConfigurationError, match=words):
+        configured(calibration=result, **changes)
+
+
+def asked(load: float = 1000.0, **changes: object) -> list[str]:
+    (bearing,) = configured(**changes).bearings
     found = questions(bearing, load)
     return [f'{name} {clause}' for name, own in found.items() for clause in own]
 
 
-def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
-    assert asked(configure) == []
-    assert asked(configure, load=0.0) == []
-    assert asked(configure, alarm__minimum_speed=0.02) == []
+def test_nothing_is_asked_of_a_right_bearing() -> None:
+    assert asked() == []
+    assert asked(load=0.0) == []
+    assert asked(alarm__minimum_speed=0.02) == []
 
 
 @pytest.mark.parametrize(
@@ -138,11 +190,11 @@ def test_nothing_is_asked_of_a_right_bearing(configure: Configure) -> None:
         ),
     ],
 )
-def test_a_slip_is_asked_about(configure: Configure, changes: dict[str, object], clause: str) -> None:
-    assert any(clause in text for text in asked(configure, **changes)), asked(configure, **changes)
+def test_a_slip_is_asked_about(changes: dict[str, object], clause: str) -> None:
+    assert any(clause in text for text in asked(**changes)), asked(**changes)
 
 
-def test_a_retired_parameter_has_no_effect_and_a_sentence(configure: Configure) -> None:
+def test_a_retired_parameter_has_no_effect_and_a_sentence() -> None:
     """A file of the last version is not refused for it."""
-    (note,) = configure(alarm__trend_window='whatever').notes
+    (note,) = configured(alarm__trend_window='whatever').notes
     assert note.startswith('aft.alarm.trend_window has no effect and will be refused in a later version')

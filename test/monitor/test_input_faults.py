@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sending import configured
 
-from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.input_faults import (
     InputFacts,
     Publisher,
@@ -131,8 +130,8 @@ def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
     assert watch.standing(last + 60 * SECOND + 1) is None
 
 
-def test_what_is_said(configure: Callable[..., MonitorConfig]) -> None:
-    config = configure(load__unit='kN', load__offset=0.5, load__scale=2.0).bearing('aft')
+def test_what_is_said() -> None:
+    config = configured(load__unit='kN', load__offset=0.5, load__scale=2.0).bearing('aft')
     # Three revolutions a minute of a journal of 0.1 m.
     assert least_gap(config, 0) == pytest.approx(3.0 / 60.0 * np.pi * 0.1)
     assert least_gap(config, 1) == 0.0

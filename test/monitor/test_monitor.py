@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from sending import SECOND, brief, feed
+from sending import SECOND, brief, configured, feed
+from shared import REFERENCE
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
@@ -16,7 +16,6 @@ from stickslip_monitor.monitor.signals import NO_VALUES, Status
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
-Configure = Callable[..., MonitorConfig]
 # Reference bearing at 1000 N (PHYSICS.md): Hopf 30.738 rpm, fold 40.723 rpm.
 UNSTABLE, INSIDE, CAUTION, QUIET = 20.0, 35.0, 43.0, 60.0
 
@@ -28,15 +27,15 @@ def _point(monitor: Monitor, time: float, rpm: float, bearing: str = 'aft') -> l
     return [brief(event) for update in updates for event in update.events]
 
 
-def _two(reference: dict[str, Any], **changes: Any) -> MonitorConfig:
+def _two(**changes: Any) -> MonitorConfig:
     values: dict[str, Any] = {'bearings': ['aft', 'forward']}
     for name in values['bearings']:
-        values |= {f'{name}.{k}': v for k, v in reference.items()}
+        values |= {f'{name}.{k}': v for k, v in REFERENCE.items()}
     return build_config(values | changes)
 
 
-def test_a_point_needs_both_inputs(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_a_point_needs_both_inputs() -> None:
+    monitor = Monitor(configured())
     assert feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
     assert monitor.bearings['aft'].asked == 0
     update = feed(monitor, 1.0, 'load', 1000.0)
@@ -50,8 +49,8 @@ def test_a_point_needs_both_inputs(configure: Configure) -> None:
     assert update.verdict.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
 
 
-def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_a_rejected_sample_changes_nothing() -> None:
+    monitor = Monitor(configured())
     _point(monitor, 0.0, QUIET)
     for time, value, status in (
         (1.0, math.nan, Status.NOT_FINITE),
@@ -66,9 +65,9 @@ def test_a_rejected_sample_changes_nothing(configure: Configure) -> None:
     assert not monitor.bearings['aft'].sticking
 
 
-def test_coast_down_and_recovery(configure: Configure) -> None:
+def test_coast_down_and_recovery() -> None:
     """Ten points a second; each change of speed counts a point later, by the median of three."""
-    monitor = Monitor(configure(alarm__on_delay=2.0, alarm__off_delay=3.0))
+    monitor = Monitor(configured(alarm__on_delay=2.0, alarm__off_delay=3.0))
     speeds = [QUIET, CAUTION, INSIDE, UNSTABLE, INSIDE, CAUTION, QUIET]
     events = [e for k in range(350) for e in _point(monitor, k / 10, speeds[k // 50])]
     assert events == [
@@ -82,8 +81,8 @@ def test_coast_down_and_recovery(configure: Configure) -> None:
     ]
 
 
-def test_lost_and_returned(configure: Configure) -> None:
-    monitor = Monitor(configure(speed__timeout=3.0, load__timeout=4.0))
+def test_lost_and_returned() -> None:
+    monitor = Monitor(configured(speed__timeout=3.0, load__timeout=4.0))
     monitor.advance(0)
     _point(monitor, 1.0, QUIET)
     assert monitor.advance(4 * SECOND) == []
@@ -103,8 +102,8 @@ def test_lost_and_returned(configure: Configure) -> None:
     assert monitor.bearings['aft'].lost() == {}
 
 
-def test_rejected_samples_do_not_keep_an_input_alive(configure: Configure) -> None:
-    monitor = Monitor(configure(speed__timeout=3.0))
+def test_rejected_samples_do_not_keep_an_input_alive() -> None:
+    monitor = Monitor(configured(speed__timeout=3.0))
     _point(monitor, 0.0, QUIET)
     events = []
     for time in range(1, 8):
@@ -113,9 +112,9 @@ def test_rejected_samples_do_not_keep_an_input_alive(configure: Configure) -> No
     assert events == [(3.0, 'normal', 'input_stale')]
 
 
-def test_bearings_are_independent(reference: dict[str, Any]) -> None:
+def test_bearings_are_independent() -> None:
     changes = {f'{name}.alarm.{k}': 0.0 for name in ('aft', 'forward') for k in ('on_delay', 'onset_growth')}
-    monitor = Monitor(_two(reference, **changes))
+    monitor = Monitor(_two(**changes))
     assert _point(monitor, 100.0, QUIET, 'aft') == []
     # The other bearing's clock runs by its own samples.
     assert _point(monitor, 0.0, UNSTABLE, 'forward') == [(0.0, 'normal', 'stick_slip')]
@@ -126,18 +125,18 @@ def test_bearings_are_independent(reference: dict[str, Any]) -> None:
     assert monitor.condition('forward') is Condition.STICK_SLIP
 
 
-def test_a_first_sample_before_the_start_moves_the_start(configure: Configure) -> None:
+def test_a_first_sample_before_the_start_moves_the_start() -> None:
     # A recording is played whose stamps are long past.
-    monitor = Monitor(configure(alarm__on_delay=0.0, load__timeout=4.0))
+    monitor = Monitor(configured(alarm__on_delay=0.0, load__timeout=4.0))
     monitor.advance(1000 * SECOND)
     assert feed(monitor, 10.0, 'speed', UNSTABLE).events == []
     assert monitor.bearings['aft'].now_ns == 10 * SECOND
     assert [brief(e) for e in monitor.advance(15 * SECOND)] == [(14.0, 'normal', 'input_stale')]
 
 
-def test_the_clock_jumps_back(configure: Configure) -> None:
+def test_the_clock_jumps_back() -> None:
     """The memory of the lining and the delays go on, from the first message after it."""
-    monitor = Monitor(configure(alarm__on_delay=0.0, alarm__off_delay=2.0))
+    monitor = Monitor(configured(alarm__on_delay=0.0, alarm__off_delay=2.0))
     for time in (97.0, 98.0, 99.0, 100.0, 101.0, 102.0):
         _point(monitor, time, UNSTABLE)
     assert monitor.condition('aft') is Condition.STICK_SLIP
@@ -152,8 +151,8 @@ def test_the_clock_jumps_back(configure: Configure) -> None:
     assert events == [(pytest.approx(1.2 + 3.0, abs=0.11), 'stick_slip', 'normal')]
 
 
-def test_after_a_jump_the_other_input_stands_for_its_timeout(configure: Configure) -> None:
-    monitor = Monitor(configure(load__timeout=4.0))
+def test_after_a_jump_the_other_input_stands_for_its_timeout() -> None:
+    monitor = Monitor(configured(load__timeout=4.0))
     _point(monitor, 100.0, QUIET)
     for time in (0.0, 1.0, 2.0):
         assert feed(monitor, time, 'speed', QUIET).verdict is not None
@@ -162,10 +161,8 @@ def test_after_a_jump_the_other_input_stands_for_its_timeout(configure: Configur
 
 
 @pytest.mark.parametrize('offset', [-2.9, 2.9])
-def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_paired(
-    configure: Configure, offset: float
-) -> None:
-    monitor = Monitor(configure(speed__timeout=4.0, load__timeout=4.0))
+def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_paired(offset: float) -> None:
+    monitor = Monitor(configured(speed__timeout=4.0, load__timeout=4.0))
     events, verdicts = [], []
     for time in range(20):
         for quantity, shift, value in (('speed', 0.0, UNSTABLE), ('load', offset, 1000.0)):
@@ -180,8 +177,8 @@ def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_
     assert times[-1] == round((19 + max(offset, 0.0)) * SECOND)
 
 
-def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure) -> None:
-    monitor = Monitor(configure(**AT_ONCE))
+def test_event_text_names_speed_load_amplitude_and_way_out() -> None:
+    monitor = Monitor(configured(**AT_ONCE))
     feed(monitor, 0.0, 'speed', UNSTABLE)
     (event,) = feed(monitor, 0.0, 'load', 1000.0).events
     # 1.22 times the fold of docs/physics.md, 40.723 rpm, is 49.7 rpm; the amplitude of the exact
@@ -194,9 +191,9 @@ def test_event_text_names_speed_load_amplitude_and_way_out(configure: Configure)
     assert event.standing.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
 
 
-def test_texts_of_milder_conditions_say_what_to_do(configure: Configure) -> None:
+def test_texts_of_milder_conditions_say_what_to_do() -> None:
     """At 1 kN the fold is at 40.723 rpm, and caution clears above 1.22 times it, 49.7 rpm."""
-    monitor, texts = Monitor(configure(load__timeout=600.0)), []
+    monitor, texts = Monitor(configured(load__timeout=600.0)), []
     for time in range(80):  # from 80 rpm down by 1 rpm/s, past the fold, and on there
         _point(monitor, time, max(80.0 - time, 36.0))
         texts.append(monitor.bearings['aft'].text())
@@ -209,51 +206,51 @@ def test_texts_of_milder_conditions_say_what_to_do(configure: Configure) -> None
     assert texts[-1].startswith(f'aft: {last} or stop the shaft. Now 36 rpm, 1 kN, 12 % below')
 
 
-def test_retune_keeps_the_state(configure: Configure) -> None:
-    monitor = Monitor(configure(alarm__on_delay=10.0))
+def test_retune_keeps_the_state() -> None:
+    monitor = Monitor(configured(alarm__on_delay=10.0))
     for time in range(8):
         assert _point(monitor, time, INSIDE) == []
-    monitor.retune(configure(alarm__on_delay=6.0))
+    monitor.retune(configured(alarm__on_delay=6.0))
     # The delay has counted since 0 s.
     assert _point(monitor, 8.0, INSIDE) == [(8.0, 'normal', 'bistable')]
     assert monitor.bearings['aft'].counts.sum() == 18
 
 
-def test_retune_takes_over_scale_deadband_and_limit(configure: Configure) -> None:
-    monitor = Monitor(configure(**AT_ONCE))
+def test_retune_takes_over_scale_deadband_and_limit() -> None:
+    monitor = Monitor(configured(**AT_ONCE))
     _point(monitor, 0.0, UNSTABLE)
-    changed = configure(**AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11)
+    changed = configured(**AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11)
     monitor.retune(changed)
     update = feed(monitor, 1.0, 'load', 600.0)
     assert update.verdict is not None
     assert update.verdict.assessment.load == 1200.0
     assert monitor.condition('aft') is Condition.AMPLITUDE
     assert feed(monitor, 2.0, 'speed', 22.0).status is Status.IMPLAUSIBLE
-    monitor.retune(configure(alarm__minimum_speed=0.2))
+    monitor.retune(configured(alarm__minimum_speed=0.2))
     feed(monitor, 3.0, 'speed', INSIDE)
     verdict = monitor.bearings['aft'].verdict
     assert verdict is not None
     assert verdict.assessment.speed == 0.0
 
 
-def test_a_shorter_timeout_reaches_an_input_already_silent(configure: Configure) -> None:
-    monitor = Monitor(configure(speed__timeout=3600.0, load__timeout=3600.0))
+def test_a_shorter_timeout_reaches_an_input_already_silent() -> None:
+    monitor = Monitor(configured(speed__timeout=3600.0, load__timeout=3600.0))
     _point(monitor, 0.0, QUIET)
     assert monitor.advance(60 * SECOND) == []
-    monitor.retune(configure(speed__timeout=5.0, load__timeout=3600.0))
+    monitor.retune(configured(speed__timeout=5.0, load__timeout=3600.0))
     # It would have been lost at 5 s; it is told when it is known, at 60 s.
     assert [(brief(e), e.lost) for e in monitor.advance(61 * SECOND)] == [
         ((60.0, 'normal', 'input_stale'), {'speed': 60.0})
     ]
 
 
-def test_retune_converts_the_values_that_stand(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_retune_converts_the_values_that_stand() -> None:
+    monitor = Monitor(configured())
     for time in range(3):
         _point(monitor, time, UNSTABLE)
     state = monitor.bearings['aft'].state
     speed = state.value[0]
-    monitor.retune(configure(load__scale=2.0, speed__scale=-1.0))
+    monitor.retune(configured(load__scale=2.0, speed__scale=-1.0))
     # The medians go on with the same three numbers, in the new scale.
     for values in (state.value, state.before, state.earlier):
         assert values == pytest.approx([-speed, 2000.0])
@@ -263,9 +260,9 @@ def test_retune_converts_the_values_that_stand(configure: Configure) -> None:
     assert verdict.assessment.load == 1000.0
 
 
-def test_retune_with_other_bearings_is_refused_whole(reference: dict[str, Any]) -> None:
-    one = build_config({'bearings': ['aft']} | {f'aft.{k}': v for k, v in reference.items()})
-    two = _two(reference, **{'aft.alarm.on_delay': 0.0})
+def test_retune_with_other_bearings_is_refused_whole() -> None:
+    one = configured()
+    two = _two(**{'aft.alarm.on_delay': 0.0})
     for before, after in ((one, two), (two, one)):
         monitor = Monitor(before)
         with pytest.raises(ConfigurationError, match=r'bearings = \[aft.*must stay \[aft'):
@@ -274,8 +271,8 @@ def test_retune_with_other_bearings_is_refused_whole(reference: dict[str, Any]) 
         assert monitor.bearings['aft'].config is before.bearing('aft')
 
 
-def test_unknown_names(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_unknown_names() -> None:
+    monitor = Monitor(configured())
     with pytest.raises(ConfigurationError, match="bearing 'bow' is not configured"):
         monitor.update(Sample('bow', 'speed', 0, 1.0))
     with pytest.raises(ConfigurationError, match="quantity 'torque' is not one of speed, load"):
@@ -284,8 +281,8 @@ def test_unknown_names(configure: Configure) -> None:
         monitor.condition('bow')
 
 
-def test_scan_leaves_the_monitor_alone(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_scan_leaves_the_monitor_alone() -> None:
+    monitor = Monitor(configured())
     _point(monitor, 0.0, QUIET)
     stream = Stream(np.array([5, 5]) * SECOND, np.array([False, True]), np.array([20.0, 1e3]))
     assert monitor.scan({'aft': stream})['aft'].time_ns.tolist() == [5 * SECOND]
@@ -301,9 +298,9 @@ RISES_FIRST = {
 }
 
 
-def test_below_the_range_stick_slip_ends(configure: Configure) -> None:
+def test_below_the_range_stick_slip_ends() -> None:
     """Unstable from 9.96 rpm on: at 5 rpm friction rises, and the lining is still."""
-    monitor = Monitor(configure(alarm__on_delay=1.0, alarm__off_delay=5.0, **RISES_FIRST))
+    monitor = Monitor(configured(alarm__on_delay=1.0, alarm__off_delay=5.0, **RISES_FIRST))
     speeds = [5.0, UNSTABLE, 5.0]
     events = [e for k in range(900) for e in _point(monitor, k / 5.0, speeds[k // 300])]
     assert [after for _, _, after in events] == ['stick_slip', 'normal']
@@ -315,9 +312,9 @@ def test_below_the_range_stick_slip_ends(configure: Configure) -> None:
 
 
 @pytest.mark.parametrize('number', NO_VALUES)
-def test_a_number_that_means_no_value_hides_no_stick_slip(configure: Configure, number: float) -> None:
+def test_a_number_that_means_no_value_hides_no_stick_slip(number: float) -> None:
     """As it stands in the message, whatever scale and offset make of it; as NaN it is lost."""
-    monitor = Monitor(configure(speed__scale=0.1))
+    monitor = Monitor(configured(speed__scale=0.1))
     for k in range(60):
         feed(monitor, k / 2, 'speed', 10.0 * UNSTABLE)
         feed(monitor, k / 2, 'load', 1000.0)
@@ -330,41 +327,41 @@ def test_a_number_that_means_no_value_hides_no_stick_slip(configure: Configure, 
     assert feed(monitor, 61.0, 'load', number).status is Status.NO_VALUE
 
 
-def test_single_precision_changes_no_meaning(configure: Configure) -> None:
+def test_single_precision_changes_no_meaning() -> None:
     for number in NO_VALUES:
-        update = feed(Monitor(configure()), 0.0, 'speed', float(np.float32(number)))
+        update = feed(Monitor(configured()), 0.0, 'speed', float(np.float32(number)))
         assert update.status is Status.NO_VALUE
 
 
-def test_what_no_ship_has_is_not_judged(configure: Configure) -> None:
+def test_what_no_ship_has_is_not_judged() -> None:
     """A speed above 3000 rpm, and a load below zero unless its sensor may show one."""
-    monitor = Monitor(configure())
+    monitor = Monitor(configured())
     found = [feed(monitor, k, 'speed', rpm).status for k, rpm in enumerate([2990.0, -3010.0])]
     assert found == [Status.ACCEPTED, Status.IMPLAUSIBLE]
     assert feed(monitor, 3.0, 'load', -44e3).status is Status.BELOW_MINIMUM
-    signed = Monitor(configure(load__minimum=-50e3))
+    signed = Monitor(configured(load__minimum=-50e3))
     assert feed(signed, 3.0, 'load', -44e3).status is Status.ACCEPTED
 
 
 @pytest.mark.parametrize('off', [-3600.0, -2.0, 0.3, 3600.0])
-def test_a_stamp_far_from_its_arrival_is_not_the_time_of_a_value(configure: Configure, off: float) -> None:
-    monitor = Monitor(configure())
+def test_a_stamp_far_from_its_arrival_is_not_the_time_of_a_value(off: float) -> None:
+    monitor = Monitor(configured())
     feed(monitor, 100.0 + off, 'speed', QUIET, arrival=100.0)
     update = feed(monitor, 100.5 + off, 'load', 1000.0, arrival=100.5)
     assert update.verdict is not None
     assert update.verdict.time_ns == round(100.5 * SECOND)
 
 
-def test_a_near_stamp_is_the_time_of_a_value(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_a_near_stamp_is_the_time_of_a_value() -> None:
+    monitor = Monitor(configured())
     feed(monitor, 100.0, 'speed', QUIET, arrival=100.4)
     update = feed(monitor, 100.2, 'load', 1000.0, arrival=101.2)
     assert update.verdict is not None
     assert update.verdict.time_ns == round(100.2 * SECOND)
 
 
-def test_an_equal_stamp_is_a_copy_with_an_equal_value_only(configure: Configure) -> None:
-    monitor = Monitor(configure())
+def test_an_equal_stamp_is_a_copy_with_an_equal_value_only() -> None:
+    monitor = Monitor(configured())
     sent = [(10.0, 60.0), (10.0, 60.0), (10.0, 61.0), (10.0, 60.0)]
     found = [
         feed(monitor, stamp, 'speed', rpm, arrival=10.1 + k).status for k, (stamp, rpm) in enumerate(sent)
@@ -372,18 +369,18 @@ def test_an_equal_stamp_is_a_copy_with_an_equal_value_only(configure: Configure)
     assert found == [Status.ACCEPTED, Status.REPEATED, Status.ACCEPTED, Status.ACCEPTED]
 
 
-def test_what_the_latest_value_ends_is_not_begun(configure: Configure) -> None:
+def test_what_the_latest_value_ends_is_not_begun() -> None:
     """Two values at 20 rpm a second apart, then rest: the medians say 20 rpm once more."""
-    monitor = Monitor(configure())
+    monitor = Monitor(configured())
     events = []
     for k, rpm in enumerate([QUIET, QUIET, UNSTABLE, UNSTABLE, 0.0, 0.0, 0.0, 0.0]):
         events += _point(monitor, float(k), rpm)
     assert 'stick_slip' not in {after for _, _, after in events}
 
 
-def test_a_stop_warns_before_the_range_that_it_goes_through(configure: Configure) -> None:
+def test_a_stop_warns_before_the_range_that_it_goes_through() -> None:
     """From 120 rpm by 8 rpm/s: within 20 s it is astern, on the other side of the range."""
-    monitor = Monitor(configure())
+    monitor = Monitor(configured())
     events = [
         event
         for k in range(300)
@@ -395,9 +392,9 @@ def test_a_stop_warns_before_the_range_that_it_goes_through(configure: Configure
     assert 20.0 < time < 26.0
 
 
-def test_no_sentence_says_normal_of_values_within_the_region(configure: Configure) -> None:
+def test_no_sentence_says_normal_of_values_within_the_region() -> None:
     """The alarm goes by medians of three: the first values of a slow-down have not moved them yet."""
-    monitor = Monitor(configure())
+    monitor = Monitor(configured())
     for time in range(40):
         _point(monitor, time, QUIET)
     _point(monitor, 40, UNSTABLE)

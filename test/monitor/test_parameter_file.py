@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sending import configured
 
-from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.parameter_file import load_config, load_parameters, load_yaml
 
@@ -45,9 +45,9 @@ def _refusal(path: Path) -> str:
     return text.removeprefix(str(path))
 
 
-def test_a_file_says_what_the_same_values_say(write: Write, configure: Callable[..., MonitorConfig]) -> None:
-    assert load_config(write(WHOLE)) == configure()
-    assert load_config(str(write(WHOLE))) == configure()
+def test_a_file_says_what_the_same_values_say(write: Write) -> None:
+    assert load_config(write(WHOLE)) == configured()
+    assert load_config(str(write(WHOLE))) == configured()
 
 
 @pytest.mark.parametrize(

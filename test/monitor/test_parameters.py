@@ -2,11 +2,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from sending import configured
 from shared import REFERENCE
 
 from stickslip_monitor import MonitorConfig, Stribeck, Tabulated, build_config
@@ -15,17 +15,16 @@ from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAME
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.physics.friction import Stretched
 
-Configure = Callable[..., MonitorConfig]
 MISSING = object()
 
 
-def _build(reference: dict[str, Any], changes: dict[str, Any]) -> MonitorConfig:
-    values = {'bearings': ['aft']} | {f'aft.{k}': v for k, v in reference.items()} | changes
+def _build(changes: dict[str, Any]) -> MonitorConfig:
+    values = {'bearings': ['aft']} | {f'aft.{k}': v for k, v in REFERENCE.items()} | changes
     return build_config({k: v for k, v in values.items() if v is not MISSING})
 
 
-def test_every_value_reaches_its_place(configure: Configure) -> None:
-    config = configure(
+def test_every_value_reaches_its_place() -> None:
+    config = configured(
         speed__unit='Hz',
         speed__scale=2.0,
         speed__offset=-1.0,
@@ -144,45 +143,43 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(('changes', 'sentence'), REFUSED)
-def test_what_breaks_a_rule_is_named_with_it(
-    reference: dict[str, Any], changes: dict[str, Any], sentence: str
-) -> None:
+def test_what_breaks_a_rule_is_named_with_it(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        _build(reference, changes)
+        _build(changes)
     text = str(caught.value)
     assert sentence.removeprefix('...') in text
     assert sentence.startswith('...') or text.startswith(sentence)
     assert '\n' not in text
 
 
-def test_edges_of_ranges_are_allowed(configure: Configure) -> None:
+def test_edges_of_ranges_are_allowed() -> None:
     edges = {'alarm__hysteresis': 0.9, 'alarm__amplitude_limit': math.inf, 'alarm__on_delay': 0}
     edges |= {'alarm__minimum_speed': 0.99, 'speed__maximum': 1.0}
-    aft = configure(damping=0.0, speed__timeout=604_800.0, **edges).bearing('aft')
+    aft = configured(damping=0.0, speed__timeout=604_800.0, **edges).bearing('aft')
     assert (aft.bearing.damping, aft.speed.timeout_ns, aft.alarm.on_delay_ns) == (0.0, 604_800 * 10**9, 0)
 
 
 @pytest.mark.parametrize('name', [p.name for p in BEARING_PARAMETERS if p.default is REQUIRED] + ['bearings'])
-def test_a_required_parameter_is_asked_for(reference: dict[str, Any], name: str) -> None:
+def test_a_required_parameter_is_asked_for(name: str) -> None:
     full = name if name == 'bearings' else f'aft.{name}'
     with pytest.raises(ConfigurationError, match=f"parameter '{full}'.* is missing"):
-        _build(reference, {full: MISSING})
+        _build({full: MISSING})
 
 
-def test_laws_are_built_from_their_numbers(configure: Configure) -> None:
-    table = configure(
+def test_laws_are_built_from_their_numbers() -> None:
+    table = configured(
         friction__law='tabulated', friction__speed=[0, 0.5, 2], friction__coefficient=[0.3, 0.2, 0.1]
     )
     assert table.bearings[0].bearing.friction == Tabulated([0.0, 0.5, 2.0], [0.3, 0.2, 0.1])
-    stretched = configure(friction__exponent=2.0).bearings[0].bearing.friction
+    stretched = configured(friction__exponent=2.0).bearings[0].bearing.friction
     assert stretched == Stretched(0.3, 0.1, 10.0, 0.0, 2.0)
 
 
 TORSIONAL = {'inertia': 0.125, 'torsional_damping': 1.0, 'torsional_stiffness': 5000.0}
 
 
-def test_a_lining_is_given_by_torsional_values_too(reference: dict[str, Any]) -> None:
-    both = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in (reference | TORSIONAL).items()}
+def test_a_lining_is_given_by_torsional_values_too() -> None:
+    both = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in (REFERENCE | TORSIONAL).items()}
     plain = {f'aft.{name}' for name in ('mass', 'damping', 'stiffness')}
     alone = {name: value for name, value in both.items() if name not in plain}
     # Each over the square of a radius of 50 mm.

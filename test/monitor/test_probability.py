@@ -1,25 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sending import points
+from sending import configured, points
 from sequences import BEARINGS
 
-from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, build_config, fold_speed
+from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, fold_speed
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import BELIEFS
 from stickslip_monitor.monitor.messages import event_record, output_topics
 from stickslip_monitor.physics.averaging import hopf_speed
 
-Configure = Callable[..., MonitorConfig]
 TOLERANCE = {'tolerance__damping': 0.3, 'tolerance__decay': 0.2, 'tolerance__scatter': 0.02}
 RPM = math.pi * 0.1 / 60.0
 
@@ -29,8 +25,8 @@ def passage() -> Stream:
     return points(20.0 + 0.4 * np.abs(np.arange(200) - 100), 1000.0)
 
 
-def test_memory_holds_what_began(configure: Configure) -> None:
-    point = Monitor(configure(**TOLERANCE)).scan({'aft': passage()})['aft'].assessment
+def test_memory_holds_what_began() -> None:
+    point = Monitor(configured(**TOLERANCE)).scan({'aft': passage()})['aft'].assessment
     down, up = point.speed.argmin() - 60, point.speed.argmin() + 60
     assert point.speed[down] == pytest.approx(point.speed[up], rel=0.02)
     can, will, runs = point.probability_can, point.probability_will, point.probability_runs
@@ -39,9 +35,9 @@ def test_memory_holds_what_began(configure: Configure) -> None:
 
 
 @pytest.mark.parametrize('noise', [0.05, 0.1])
-def test_noise_of_the_load_makes_no_probability_sure_or_unsure(configure: Configure, noise: float) -> None:
+def test_noise_of_the_load_makes_no_probability_sure_or_unsure(noise: float) -> None:
     """A steady point near the fold of parameters that are known well, by a noisy load cell."""
-    config = configure(tolerance__damping=0.05, tolerance__decay=0.05)
+    config = configured(tolerance__damping=0.05, tolerance__decay=0.05)
     belief, count = config.bearing('aft').belief, 1000
     assert belief is not None
     speed = belief.fold_speed(1000.0, 0.2)
@@ -66,10 +62,8 @@ def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
     spread = dict.fromkeys(('damping', 'decay'), 0.1) | {'static': 0.05, 'kinetic': 0.05}
     for number in range(60):
         values, fold, nominal = BEARINGS[('reference', 'ship', 'steep', 'viscous')[number % 4]]
-        told = {f'tolerance.{name}': share for name, share in spread.items()}
-        own = values | told | {'tolerance.load': 0.05, 'speed.unit': 'rpm', 'load.unit': 'N'}
-        topics = {'speed.topic': '/n', 'load.topic': '/f', 'load.timeout': 5.0}
-        config = build_config({'bearings': ['b']} | {f'b.{k}': v for k, v in (own | topics).items()})
+        told = {f'tolerance.{name}': share for name, share in (spread | {'load': 0.05}).items()}
+        config = configured('b', values | told)
         bearing, factor = config.bearings[0].bearing, config.bearings[0].speed.factor
         place = np.arange((legs - 1) * steps) / steps
         rpm = np.interp(place, np.arange(legs), fold * random.uniform(0.2, 2.0, legs))
@@ -97,8 +91,8 @@ def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
         np.testing.assert_allclose(rows[:, 2] / rows[:, 0], rows[:, 1] / rows[:, 0], atol=0.07)
 
 
-def test_without_tolerances_nothing_is_said(configure: Configure) -> None:
-    config = configure()
+def test_without_tolerances_nothing_is_said() -> None:
+    config = configured()
     assert config.bearing('aft').belief is None
     point = assess(config.bearing('aft').bearing, [0.1, 0.2], 1000.0)
     assert all(np.isnan(getattr(point, name)).all() for name in BELIEFS)
@@ -106,7 +100,7 @@ def test_without_tolerances_nothing_is_said(configure: Configure) -> None:
     record = event_record(first)
     assert [record[name] for name in BELIEFS] == [None] * len(BELIEFS)
     assert 'is possible' not in record['text']
-    topics = [set(output_topics(c.bearings, '/m')) for c in (config, configure(**TOLERANCE))]
+    topics = [set(output_topics(c.bearings, '/m')) for c in (config, configured(**TOLERANCE))]
     assert topics[1] - topics[0] == {f'/m/aft/{name}' for name in BELIEFS}
 
 
@@ -114,8 +108,8 @@ def conditions(config: MonitorConfig) -> list[str]:
     return [event.after.value for event in Monitor(config).scan({'aft': passage()})['aft'].events]
 
 
-def test_caution_and_bistable_go_by_their_thresholds(configure: Configure) -> None:
-    config = configure(
+def test_caution_and_bistable_go_by_their_thresholds() -> None:
+    config = configured(
         **TOLERANCE, alarm__caution_probability=0.2, alarm__can_probability=0.9, alarm__look_ahead=0.0
     )
     scan = Monitor(config).scan({'aft': passage()})['aft']
@@ -136,10 +130,10 @@ def test_caution_and_bistable_go_by_their_thresholds(configure: Configure) -> No
 
 
 @pytest.mark.parametrize('runs', [0.1, 0.5, 0.9])
-def test_stick_slip_goes_by_its_threshold(configure: Configure, runs: float) -> None:
+def test_stick_slip_goes_by_its_threshold(runs: float) -> None:
     # Without a memory, it begins at the Hopf speed that this share of the belief has or exceeds,
     # and ends where half of that share has no cycle any more.
-    config = configure(**TOLERANCE, alarm__runs_probability=runs, alarm__onset_growth=0.0)
+    config = configured(**TOLERANCE, alarm__runs_probability=runs, alarm__onset_growth=0.0)
     scan = Monitor(config).scan({'aft': passage()})['aft']
     belief, speed = config.bearing('aft').belief, scan.assessment.speed
     assert belief is not None
@@ -158,18 +152,18 @@ def test_stick_slip_goes_by_its_threshold(configure: Configure, runs: float) -> 
     assert f'Raise speed above {math.ceil(clear / RPM)} rpm, or stop the shaft.' in event.text
 
 
-def test_growth_leans_to_the_share_that_is_asked_for(configure: Configure) -> None:
+def test_growth_leans_to_the_share_that_is_asked_for() -> None:
     # With the damping alone unknown to 10 %, N/N0 of the bearing that 10 % are steadier than
     # is exp(-0.1 z) times that of the middle, z = -1.2815515655 the standard normal's quantile.
-    belief = configure(tolerance__damping=0.1).bearing('aft').belief
+    belief = configured(tolerance__damping=0.1).bearing('aft').belief
     assert belief is not None
     assert belief.lean(0.1) == pytest.approx(math.exp(0.1 * 1.2815515655), rel=1e-9)
     assert belief.lean(0.5) == 1.0
 
 
-def test_the_fold_that_decides_has_the_probability(configure: Configure) -> None:
+def test_the_fold_that_decides_has_the_probability() -> None:
     # Here the exact model's fold is 45 % above that of averaging, and alarms go by the higher.
-    config = configure(stiffness=2e4, tolerance__damping=0.1).bearing('aft')
+    config = configured(stiffness=2e4, tolerance__damping=0.1).bearing('aft')
     nominal = assess(config.bearing, 1.0, 1e5)
     assert nominal.exact_fold_speed > 1.4 * nominal.fold_speed
     for fold in (nominal.exact_fold_speed, np.array([nominal.exact_fold_speed])):
@@ -180,93 +174,23 @@ def test_the_fold_that_decides_has_the_probability(configure: Configure) -> None
     assert config.belief.probabilities(nominal.fold_speed, 1e5)[0] == pytest.approx(0.5, abs=1e-3)
 
 
-def test_tolerances_that_say_almost_nothing_leave_the_ladder(configure: Configure) -> None:
+def test_tolerances_that_say_almost_nothing_leave_the_ladder() -> None:
     # Caution is then the fold itself, but stick-slip begins and ends as ever.
-    almost = conditions(configure(tolerance__damping=1e-6, alarm__onset_growth=0.0))
-    exact = conditions(configure(alarm__onset_growth=0.0))
+    almost = conditions(configured(tolerance__damping=1e-6, alarm__onset_growth=0.0))
+    exact = conditions(configured(alarm__onset_growth=0.0))
     about = {'caution', 'normal'}
     assert [c for c in almost if c not in about] == [c for c in exact if c not in about]
     assert 'stick_slip' in almost
 
 
-def calibration(**changes: Any) -> dict[str, Any]:
-    sensor = {'field': 'data', 'scale': 1.0, 'offset': 0.0}
-    return {
-        'schema': 'stickslip_monitor/calibration/2',
-        'bearing': 'aft',
-        'inputs': {
-            'speed': sensor | {'topic': '/shaft/speed', 'unit': 'rpm'},
-            'load': sensor | {'topic': '/bearing/aft/load', 'unit': 'N'},
-        },
-        'parameters': {
-            'damping': 400.0,
-            'friction.law': 'stribeck',
-            'friction.static': 0.3,
-            'friction.kinetic': 0.1,
-            'friction.decay': 10.0,
-        },
-        'covariance': [[1e-3, -1e-3], [-1e-3, 2e-3]],
-        'loads': [500.0, 1500.0],
-        'floor': 0.01,
-    } | changes
-
-
-def test_a_calibration_takes_the_place_of_tolerances(configure: Configure, tmp_path: Path) -> None:
-    path = tmp_path / 'aft.calibration.json'
-    path.write_text(json.dumps(calibration()))
-    aft = configure(damping=900.0, calibration=str(path)).bearing('aft')
-    belief = aft.belief
-    assert belief is not None
-    assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.723, rel=1e-4)
-    # So regime and margins are those of its middle.
-    assert fold_speed(aft.bearing, 1000.0) / RPM == pytest.approx(40.723091, rel=1e-6)
-
-
-def test_a_calibrated_bearing_alarms_as_if_it_were_configured(configure: Configure, tmp_path: Path) -> None:
-    path = tmp_path / 'aft.calibration.json'
-    path.write_text(json.dumps(calibration()))
-    calibrated, plain = configure(damping=900.0, calibration=str(path)), configure()
-    both = [Monitor(config).scan({'aft': passage()})['aft'] for config in (calibrated, plain)]
-    found, wanted = ([(e.time_ns, e.after) for e in scan.events] for scan in both)
-    assert found == wanted
-    assert len(found) > 3
-    assert np.nanmax(both[0].assessment.probability_runs) > 0.9
-
-
-@pytest.mark.parametrize(
-    ('text', 'changes', 'words'),
-    [
-        (json.dumps(calibration(bearing='fore')), {}, "a calibration of 'fore' and not of 'aft'"),
-        (json.dumps(calibration(schema='x/1')), {}, "schema 'x/1' and must have"),
-        (json.dumps(calibration(loads=[0.0, 1.0])), {}, 'is damaged: its covariance'),
-        (
-            json.dumps(calibration(schema='stickslip_monitor/calibration/1')),
-            {},
-            'made by an earlier version.*with `stickslip calibrate BAG',
-        ),
-        (json.dumps(calibration(parameters={'damping': 1.0})), {}, 'is damaged'),
-        ('{', {}, 'is not JSON'),
-        (json.dumps(calibration()), {'speed__scale': 1.1}, 'made with speed.scale = 1.0, and it'),
-        (json.dumps(calibration()), {'load__topic': '/other'}, "made with load.topic = '/bearing"),
-    ],
-)
-def test_a_bad_calibration_or_one_of_other_sensors_is_refused(
-    configure: Configure, tmp_path: Path, text: str, changes: dict[str, Any], words: str
-) -> None:
-    path = tmp_path / 'c.json'
-    path.write_text(text)
-    with pytest.raises(ConfigurationError, match=words):
-        configure(calibration=str(path), **changes)
-
-
 @pytest.mark.parametrize('law', [{'friction__law': 'coulomb'}, {'friction__exponent': 2.0}])
-def test_a_tolerance_goes_with_any_law(configure: Configure, law: dict[str, Any]) -> None:
-    belief = configure(tolerance__damping=0.1, **law).bearing('aft').belief
+def test_a_tolerance_goes_with_any_law(law: dict[str, Any]) -> None:
+    belief = configured(tolerance__damping=0.1, **law).bearing('aft').belief
     assert belief is not None
     can, will = belief.probabilities(0.05, 1000.0)
     assert 0.0 <= will <= can <= 1.0
 
 
-def test_a_negative_tolerance_is_refused(configure: Configure) -> None:
+def test_a_negative_tolerance_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r'tolerance\.damping = -0\.1 must be'):
-        configure(tolerance__damping=-0.1)
+        configured(tolerance__damping=-0.1)

@@ -4,23 +4,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from sending import SECOND, Ship
+from sending import SECOND, Ship, configured
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.session import HEARTBEAT_NS
 
-Configure = Callable[..., MonitorConfig]
-
 
 @pytest.fixture
-def config(configure: Configure) -> MonitorConfig:
-    return configure(speed__timeout=2.0, load__timeout=2.0)
+def config() -> MonitorConfig:
+    return configured(speed__timeout=2.0, load__timeout=2.0)
 
 
 @pytest.fixture
