@@ -102,21 +102,18 @@ file: `config:=`), every command with `--config`.
 
 ## How the file is read
 
-- The sections that apply are `/**`, `/*`, and those whose last part is the node's name
-  (`/any/namespace/stickslip_monitor`), merged in the order of the file. Other nodes' sections and
-  the parameters of every ROS 2 node (`use_sim_time`, `qos_overrides`, ...) are ignored.
+- Sections `/**`, `/*`, and those that end with the node's name (`/ns/stickslip_monitor`) are merged in
+  the order of the file. Others, and parameters of every ROS 2 node (`use_sim_time`, ...), are ignored.
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
-- An invalid file (an unknown parameter, a key given twice, an alias `*name`) is refused before anything
-  starts, in one sentence with exit code 2:
+- An invalid file (unknown parameter, key given twice, alias `*name`) is refused, with exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
 
 - An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz becomes surface
   speed by `journal_diameter`; m/s is the surface speed. Speeds astern are negative; a load of zero
   or below means no contact.
-- Parameters marked *live* can be set at any time (`ros2 param set`); alarms and running delays are
-  kept. Those marked *fixed* are read when the node starts. To set the others deactivate the node and
-  activate it again.
+- *Live* parameters can be set at any time (`ros2 param set`); alarms and running delays are kept. *Fixed*
+  ones are read when the node starts; for the others deactivate the node and activate it again.
 """
 
 
@@ -148,10 +145,11 @@ def _range(row: Parameter) -> str:
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
     bounds = [] if row.kind == 'float' else [KINDS[row.kind]]
-    if row.minimum > -math.inf:
-        bounds.append(f'{">" if row.above_minimum else "≥"} {_number(row.minimum)}')
+    least, most = _number(row.minimum), _number(row.maximum)
     if row.maximum < math.inf:
-        bounds.append(f'≤ {_number(row.maximum)}')
+        bounds.append(f'{"above " * row.above_minimum}{least} to {most}')
+    elif row.minimum > -math.inf:
+        bounds.append(f'{">" if row.above_minimum else "≥"} {least}')
     if row.not_zero:
         bounds.append('≠ 0')
     return f'{", ".join(bounds)} {row.unit}'.strip()

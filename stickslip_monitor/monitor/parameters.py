@@ -190,9 +190,7 @@ class InputConfig:
     invalid, and magnitudes below ``deadband`` [SI] count as zero.
     """
 
-    topic: str = parameter(
-        '', 'Topic that carries the {input}; may be left out for logs, where a column is named.'
-    )
+    topic: str = parameter('', 'Topic of the {input}; may be left out where a column is named.')
     type: str = parameter('std_msgs/msg/Float64', 'Message type of that topic.')
     field_text: str = parameter(
         'data',
@@ -212,7 +210,7 @@ class InputConfig:
     )
     maximum: float = parameter(
         REQUIRED,
-        'Largest magnitude that is valid; a larger value is counted as implausible and not used.',
+        'Largest valid magnitude; larger ones are counted as implausible.',
         within=(0.0, math.inf),
         above_minimum=True,
         live=True,
@@ -242,8 +240,8 @@ class LoadConfig(InputConfig):
 
     minimum: float = parameter(
         0.0,
-        'Smallest load that is valid; a smaller one is counted as below_minimum and not used. For'
-        ' a sensor that may show less than nothing, give what it may show.',
+        'Smallest valid load; smaller ones are counted as below_minimum. For a sensor that may show'
+        ' less than nothing, give what it may show.',
         'N',
         within=(-1e9, 0.0),
         live=True,
@@ -266,8 +264,8 @@ class LevelConfig(InputConfig):
 
     threshold: float = parameter(
         math.nan,
-        'Level from which on it is vibration, in the unit, if it is 10 dB above its background;'
-        ' without it that rise alone decides.',
+        'Level of a vibration, in the unit, if it is 10 dB above its background, too; without it that'
+        ' rise alone decides.',
         within=(-1e12, 1e12),
         live=True,
     )
@@ -290,8 +288,8 @@ class AlarmConfig:
 
     caution_margin: float = parameter(
         0.2,
-        'Caution while the fold margin is below this: wide enough for the error of the friction'
-        ' law and of the load, and for the time that the crew needs.',
+        'Caution while the fold margin is below this: the error of friction law and load, and time for'
+        ' the crew.',
         within=(0.0, 10.0),
     )
     hysteresis: float = parameter(
@@ -309,19 +307,14 @@ class AlarmConfig:
     )
     on_delay_ns: int = duration(
         2.0,
-        'How long a condition must hold before it is raised, net: time in which it does not is'
-        ' taken off. Stick-slip has its growth (alarm.onset_growth) in place of it.',
+        'Net time for which a condition must hold to be raised. Stick-slip has its growth instead.',
         within=(0.0, 600.0),
     )
     off_delay_ns: int = duration(
         10.0,
-        'How long a condition must be gone before it is cleared, net; longer for one that keeps returning.',
+        'Net time for which a condition must be gone to be cleared; longer for one that keeps returning.',
     )
-    input_off_delay_ns: int = duration(
-        60.0,
-        'How long both inputs must be fine before the alarms on them clear: one that comes and'
-        ' goes is one alarm.',
-    )
+    input_off_delay_ns: int = duration(60.0, 'How long both inputs must be fine before their alarms clear.')
     latch: bool = parameter(
         default=False, text='The stick-slip and amplitude alarms stay until they are reset.', live=True
     )
@@ -330,28 +323,25 @@ class AlarmConfig:
     )
     can_probability: float = _probability(
         0.5,
-        'With a tolerance or a calibration: bistable above this probability that stick-slip can'
-        ' happen, until it is below half of it.',
+        'With tolerances: bistable above this probability that stick-slip can happen, down to half of it.',
     )
     runs_probability: float = parameter(
         0.5,
-        'With a tolerance or a calibration: stick-slip is predicted where it starts in this share'
-        ' of the bearings that are possible, and ends where half of it has no cycle any more.',
+        'With tolerances: stick-slip is predicted where it starts in this share of the possible'
+        ' bearings, and ends where half of it has no cycle.',
         within=(0.001, 0.999),
     )
-    caution_probability: float = _probability(0.05, 'The same for caution, in the place of the margin.')
+    caution_probability: float = _probability(0.05, 'The same for caution, in place of the margin.')
     onset_growth: float = parameter(
         3.0,
-        'How far a disturbance of steady sliding must have grown for stick-slip to be predicted;'
-        ' it sticks at about 6. Less warns earlier and falsely more often; 0 predicts stick-slip'
-        ' at the first point below the Hopf speed.',
+        'Growth of a disturbance at which stick-slip is predicted; it sticks at about 6. Less warns'
+        ' earlier and falsely more often; 0: at the first point below the Hopf speed.',
         'e-folds',
         within=(0.0, 20.0),
     )
     look_ahead_ns: int = duration(
         20.0,
-        'Caution also where the trend of the last seconds takes the speed below the fold within'
-        ' this time; 0 for not looking ahead.',
+        'Caution also where the present slope takes the speed below the fold within this time; 0 for none.',
         within=(0.0, 600.0),
     )
     minimum_speed: float = parameter(
@@ -422,8 +412,8 @@ class MonitorConfig:
     )
     publish_period: float = parameter(
         0.0,
-        "Least time between two publications of a bearing's values; 0 publishes every evaluation."
-        ' A change of condition is always published at once.',
+        'Least time between two publications of the values of a bearing, 0 for all; changes of'
+        ' condition are published at once.',
         's',
         within=(0.0, 3600.0),
         live=True,
@@ -530,8 +520,8 @@ INPUT_PARAMETERS = {
             'default': math.nan,
             'unit': 'm/s',
             'maximum': 1e3,
-            'text': 'Largest magnitude that is valid; a larger value is counted as implausible and'
-            f' not used. Left out: {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
+            'text': 'Largest valid magnitude; larger ones are counted as implausible. Left out:'
+            f' {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
         },
     ),
     'load': rows(
@@ -562,8 +552,8 @@ BEARING_PARAMETERS = (
         'calibration',
         'str',
         '',
-        'File that stickslip calibrate wrote for this bearing, in a parameter file relative to'
-        ' it; takes the place of damping, decay and their tolerances. Empty for none.',
+        'Result of stickslip calibrate, relative to the parameter file; replaces damping, decay and'
+        ' their tolerances. Empty for none.',
         fixed=True,
     ),
     *(row for own in INPUT_PARAMETERS.values() for row in own),
