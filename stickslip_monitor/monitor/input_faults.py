@@ -355,12 +355,16 @@ class InputWatch:
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
-        # A level that jumps between two values is what is looked for, and no fault.
-        track.source.see(now_ns, math.nan if place == LEVEL else si_value(live, place, value))
+            # A level that jumps between two values is what is looked for, and no fault.
+            if place != LEVEL:
+                track.source.see(now_ns, si_value(live, place, value))
         return track.source.standing(now_ns)
 
     def mixed(self, bearing: str, now_ns: int) -> str:
-        """The sentence on a speed or load whose values jump between two sources; empty where none does."""
+        """The sentence on a speed or load whose valid values jump between two levels; empty for none.
+
+        Even where one of them is rare it may be the right one.
+        """
         inputs = self._bearings[bearing].config.inputs
         for name, track in zip(QUANTITIES, self._tracks[bearing], strict=False):
             if (fault := track.source.standing(now_ns)) is not None:
@@ -415,7 +419,7 @@ class InputWatch:
     def _facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
         source = monitor.config.inputs[INPUTS[place]]
-        lost = monitor.last_ns(place) is None or monitor.is_lost(place)
+        lost = monitor.is_lost(place)
         self._lost |= lost
         timeout, odd = source.timeout_ns * 1e-9, track.source.standing(now_ns)
         lately = _grown(track.last, track.marks[0][1]) if track.marks else ()

@@ -19,7 +19,7 @@ from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
-from stickslip_monitor.monitor.severity import Condition
+from stickslip_monitor.monitor.severity import Condition, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict, size_cycle
 from stickslip_monitor.monitor.vibration_rule import UNKNOWN
@@ -91,16 +91,10 @@ class BearingMonitor(Standing):
         return None if self.state.now == NEVER else self.state.now - self.state.shift
 
     def is_lost(self, place: int) -> bool:
-        """Whether an input does not count at the latest time."""
-        if place != Input.LEVEL:
-            return INPUTS[place] in self.lost()
-        state = self.state
-        limit = rule.age_limit(state, self.settings.live, place)
-        return state.now != NEVER and state.now - state.came[place] > limit
-
-    def last_ns(self, place: int) -> int | None:
-        """Stamp of the last valid sample of an input [ns]."""
-        return None if self.state.stamp[place] == NEVER else int(self.state.stamp[place])
+        """Whether an input is lost at the latest time, or has not come yet."""
+        if place == Input.LEVEL:
+            return self.unknown in (Unknown.NOTHING, Unknown.LOST)
+        return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
 
     def copy(self) -> BearingMonitor:
         """The same bearing once more: what happens to one does not happen to the other."""

@@ -63,8 +63,8 @@ def test_an_honest_sender_of_whole_seconds_repeats_itself_without_complaint(ship
 
 
 def test_a_mix_of_two_quantities_is_an_alarm_and_no_all_clear(ship: Ship) -> None:
-    """1000 on the topic of 20 rpm, whose medians no verdict can be made of."""
-    record = ship.sail(10.0, rpm=lambda k: 20.0 if k % 4 == 0 else 1000.0)
+    """Two of 1000 and two of 20 rpm in turn, of whose medians no verdict can be made."""
+    record = ship.sail(10.0, rpm=lambda k: 20.0 if k % 4 < 2 else 1000.0)
     assert (record['reason'], record['severity']) == ('unreliable', 'WARN')
     jump = 'On /shaft/speed, values jump between two levels: two publishers on one topic, or a loose contact'
     assert record['text'].startswith(f'aft: {jump} (here 20 and 1000 rpm). No verdict can be relied on.')
@@ -75,9 +75,15 @@ def test_a_mix_of_two_quantities_is_an_alarm_and_no_all_clear(ship: Ship) -> Non
     assert ship.sail(70.0)['reason'] == 'normal'
 
 
+@pytest.mark.parametrize('number', [-999.25, 30e3])
+def test_what_is_refused_mixes_no_verdict(ship: Ship, number: float) -> None:
+    record = ship.sail(20.0, rpm=lambda k: number if k % 3 == 0 else 60.0)
+    assert (record['reason'], ship.states()) == ('normal', {'input_implausible': 'unacknowledged'})
+
+
 def test_a_mix_of_two_quantities_clears_no_alarm_of_stick_slip(ship: Ship) -> None:
     ship.sail(10.0, rpm=20.0)
-    record = ship.sail(60.0, rpm=lambda k: 20.0 if k % 4 == 0 else 1000.0)
+    record = ship.sail(60.0, rpm=lambda k: 20.0 if k % 5 < 2 else 1000.0)
     assert [event.after.value for event in ship.events][-1] == 'normal'
     assert 'No verdict can be relied on. On /shaft/speed, values jump' in ship.events[-1].text
     assert record['reason'] == 'unreliable'
