@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -35,11 +35,10 @@ Spoil = Callable[[Messages], Messages]
 Span = tuple[float, float]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """What comes, and what is to be told; times are those of arrival [s]."""
+@dataclass(frozen=True)
+class Sent:
+    """What comes: a bearing, for how long [s], its speed; times are those of arrival [s]."""
 
-    what: str
     bearing: str = 'ship'
     end: float = 120.0
     share: Number = 2.0  # speed in shares of the fold speed
@@ -50,15 +49,6 @@ class Case:
     level_period: float = 0.5
     spoilt: Spoil = list  # what becomes of the messages on their way
     settings: Mapping[str, Any] = field(default_factory=dict)
-    # What is to be told: when stick-slip first, each onset, for how long which condition, ...
-    first: Span | None = None
-    onsets: tuple[Span, ...] | None = None
-    seconds: Mapping[str, Span] = field(default_factory=dict)
-    since: float = 0.0  # these seconds are counted from here on
-    ends: str = ''
-    events: int | None = None  # how many at most
-    used: float = 0.0  # share of the samples that is used, at least
-    says: str = ''  # in the last text
 
     @property
     def config(self) -> MonitorConfig:
@@ -73,6 +63,28 @@ class Case:
             sent += every(Input.LEVEL, self.level_period, self.end, self.level)
         kept = [message for message in sent if not math.isnan(message.value)]
         return sorted(self.spoilt(kept), key=lambda message: message.arrival)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """What is to be told of it."""
+
+    first: Span | None = None  # when stick-slip, first
+    onsets: tuple[Span, ...] | None = None  # when each onset
+    seconds: Mapping[str, Span] = field(default_factory=dict)  # for how long which condition,
+    since: float = 0.0  # counted from here on
+    ends: str = ''
+    events: int | None = None  # how many at most
+    used: float = 0.0  # share of the samples that is used, at least
+    says: str = ''  # in the last text
+
+
+class Case(NamedTuple):
+    """A row: what it is, what comes, and what is to be told."""
+
+    what: str
+    sent: Sent
+    told: Told
 
 
 def scaled(number: Number, by: float) -> Number:
@@ -284,99 +296,89 @@ def _stamps() -> Iterable[Case]:
         for copies in (2, 5, 20):
             for at in ('at the source', 'on arrival', 'alike'):
                 yield Case(
-                    what=f'bursts of {copies}, stamped {at}, {bearing}',
-                    bearing=bearing,
-                    end=60.0,
-                    share=0.4,
-                    period=period,
-                    spoilt=in_bursts(period, copies, at),
-                    first=(0.0, 10.0),
-                    seconds={'stick_slip': (48.0, 60.0), 'input_stale': NEVER},
+                    f'bursts of {copies}, stamped {at}, {bearing}',
+                    Sent(bearing, 60.0, 0.4, period=period, spoilt=in_bursts(period, copies, at)),
+                    Told(first=(0.0, 10.0), seconds={'stick_slip': (48.0, 60.0), 'input_stale': NEVER}),
                 )
     for off in (-3600.0, -7.0, 4.8, 6.0, 3600.0):
         for nth in (7, 20):
             yield Case(
-                what=f'one stamp in {nth} off by {off} s',
-                end=300.0,
-                share=0.5,
-                period=0.2,
-                spoilt=stamped(off, nth),
-                first=(0.0, 10.0),
-                events=9,
-                used=0.999 if off > 0.0 else 0.9,
-                seconds={'stick_slip': (285.0, 300.0)},
+                f'one stamp in {nth} off by {off} s',
+                Sent('ship', 300.0, 0.5, period=0.2, spoilt=stamped(off, nth)),
+                Told(
+                    first=(0.0, 10.0),
+                    events=9,
+                    used=0.999 if off > 0.0 else 0.9,
+                    seconds={'stick_slip': (285.0, 300.0)},
+                ),
             )
         yield Case(
-            what=f'two stamps off by {off} s',
-            bearing='steep',
-            spoilt=stamped(off, 1, 100, 102),
-            events=0,
-            used=1.0 if off > 0.0 else 0.99,
+            f'two stamps off by {off} s',
+            Sent('steep', spoilt=stamped(off, 1, 100, 102)),
+            Told(events=0, used=1.0 if off > 0.0 else 0.99),
         )
 
 
 def _clocks() -> Iterable[Case]:
     for period in (2.0, 3.0, 4.8):
         yield Case(
-            what=f'values in pairs, {period} s apart',
-            end=200.0,
-            period=period,
-            load_period=period,
-            share=ramps([0, 100, 101], [2.0, 2.0, 0.4]),
-            spoilt=lambda sent: (
-                sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
+            f'values in pairs, {period} s apart',
+            Sent(
+                'ship',
+                200.0,
+                ramps([0, 100, 101], [2.0, 2.0, 0.4]),
+                period=period,
+                load_period=period,
+                spoilt=lambda sent: (
+                    sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
+                ),
             ),
-            used=0.95,
-            first=(100.0, 112.0),
-            seconds={'input_stale': NEVER},
+            Told(used=0.95, first=(100.0, 112.0), seconds={'input_stale': NEVER}),
         )
     for bearing, period in (('ship', 0.1), ('steep', 1.0)):
         for step in (-3600.0, -3.0, 0.0, 3.0, 600.0):
             for spoil in (twice, swapped):
                 yield Case(
-                    what=f'clock set by {step} s in a gap, {spoil.__name__}, {bearing}',
-                    bearing=bearing,
-                    end=160.0,
-                    period=period,
-                    load_period=period,
-                    share=lambda t: 2.0 if t < 100.0 else 0.4,
-                    spoilt=together(
-                        lambda sent: [m for m in sent if not 40.0 <= m.arrival < 50.0],
-                        spoil,
-                        set_by(step, 50.0),
+                    f'clock set by {step} s in a gap, {spoil.__name__}, {bearing}',
+                    Sent(
+                        bearing,
+                        160.0,
+                        lambda t: 2.0 if t < 100.0 else 0.4,
+                        period=period,
+                        load_period=period,
+                        spoilt=together(
+                            lambda sent: [m for m in sent if not 40.0 <= m.arrival < 50.0],
+                            spoil,
+                            set_by(step, 50.0),
+                        ),
                     ),
-                    onsets=((100.0, 115.0 + 8.0 * period),),
-                    first=(100.0, 115.0 + 8.0 * period),
+                    Told(onsets=((100.0, 115.0 + 8.0 * period),), first=(100.0, 115.0 + 8.0 * period)),
                 )
     for period in (10.0, 20.0):
         for step in (-3600.0, -120.0):
             yield Case(
-                what=f'values each {period} s, the clock set by {step} s at once',
-                bearing='table',
-                end=900.0,
-                share=0.4,
-                period=period,
-                load_period=period,
-                spoilt=set_by(step, 25.0),
-                used=0.95,
-                ends='stick_slip',
+                f'values each {period} s, the clock set by {step} s at once',
+                Sent('table', 900.0, 0.4, period=period, load_period=period, spoilt=set_by(step, 25.0)),
+                Told(used=0.95, ends='stick_slip'),
             )
     for step in (-50.0, 0.0):
         yield Case(
-            what=f'clock set by {step} s within a long time-out',
-            end=200.0,
-            period=0.2,
-            share=lambda t: 2.0 if t < 105.0 else 0.4,
-            spoilt=set_by(step, 100.0),
-            settings={'speed__timeout': 60.0, 'load__timeout': 60.0},
-            first=(105.0, 109.0),
+            f'clock set by {step} s within a long time-out',
+            Sent(
+                'ship',
+                200.0,
+                lambda t: 2.0 if t < 105.0 else 0.4,
+                period=0.2,
+                spoilt=set_by(step, 100.0),
+                settings={'speed__timeout': 60.0, 'load__timeout': 60.0},
+            ),
+            Told(first=(105.0, 109.0)),
         )
     for ahead in (-7.0, 0.4, 7.0):
         yield Case(
-            what=f'a second publisher far outside, its clock {ahead} s off',
-            share=0.4,
-            spoilt=besides(0.5, ahead, rpm('ship', 0.6), 0.23),
-            seconds={'stick_slip': (100.0, 120.0)},
+            f'a second publisher far outside, its clock {ahead} s off',
+            Sent('ship', 120.0, 0.4, spoilt=besides(0.5, ahead, rpm('ship', 0.6), 0.23)),
+            Told(seconds={'stick_slip': (100.0, 120.0)}),
         )
 
 
@@ -385,152 +387,147 @@ def _values() -> Iterable[Case]:
         for place, share in ((Input.SPEED, 0.05), (Input.LOAD, 20.0)):
             value = share * BEARINGS[bearing][1 + place]
             yield Case(
-                what=f'one odd {INPUTS[place]} in {nth} far outside',
-                bearing=bearing,
-                period=period,
-                load_period=period,
-                onsets=(),
-                seconds={'bistable': NEVER},
-                spoilt=valued(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0),
+                f'one odd {INPUTS[place]} in {nth} far outside',
+                Sent(
+                    bearing,
+                    period=period,
+                    load_period=period,
+                    spoilt=valued(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0),
+                ),
+                Told(onsets=(), seconds={'bistable': NEVER}),
             )
     for place, share in ((Input.SPEED, 0.9), (Input.LOAD, 30.0)):
         value = share * BEARINGS['ship'][1 + place]
         yield Case(
-            what=f'one odd {INPUTS[place]} and a vibration',
-            end=600.0,
-            share=1.75,
-            period=0.2,
-            load_period=0.2,
-            level=lambda t: 90.0 + math.sin(t),
-            spoilt=valued(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0),
-            settings=MILLIMETRES | {'level__threshold': 40.0},
-            seconds={'stick_slip': NEVER},
+            f'one odd {INPUTS[place]} and a vibration',
+            Sent(
+                'ship',
+                600.0,
+                1.75,
+                period=0.2,
+                load_period=0.2,
+                level=lambda t: 90.0 + math.sin(t),
+                spoilt=valued(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0),
+                settings=MILLIMETRES | {'level__threshold': 40.0},
+            ),
+            Told(seconds={'stick_slip': NEVER}),
         )
     for bearing in ('reference', 'ship', 'viscous'):
         for place in (Input.SPEED, Input.LOAD):
             yield Case(
-                what=f'{INPUTS[place]} drops out half of the time, {bearing}',
-                bearing=bearing,
-                end=200.0,
-                period=0.1,
-                load_period=0.1,
-                share=lambda t: 2.0 if t > 40.0 else 0.4,
-                spoilt=valued(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5),
-                onsets=(ALWAYS,),
-                seconds={'stick_slip': NEVER},
-                since=70.0,
+                f'{INPUTS[place]} drops out half of the time, {bearing}',
+                Sent(
+                    bearing,
+                    200.0,
+                    lambda t: 2.0 if t > 40.0 else 0.4,
+                    period=0.1,
+                    load_period=0.1,
+                    spoilt=valued(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5),
+                ),
+                Told(onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0),
             )
     for place in (Input.SPEED, Input.LOAD):
         yield Case(
-            what=f'{INPUTS[place]} drops to zero for 1.4 s in an episode',
-            bearing='steep',
-            end=180.0,
-            period=0.2,
-            share=ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9]),
-            spoilt=valued(place, 0.0, lambda _, t: 130.0 < t < 131.4),
-            onsets=(ALWAYS,),
-            ends='stick_slip',
+            f'{INPUTS[place]} drops to zero for 1.4 s in an episode',
+            Sent(
+                'steep',
+                180.0,
+                ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9]),
+                period=0.2,
+                spoilt=valued(place, 0.0, lambda _, t: 130.0 < t < 131.4),
+            ),
+            Told(onsets=(ALWAYS,), ends='stick_slip'),
         )
     for period in (0.1, 1.0):
         yield Case(
-            what=f'the filter of a tachometer starts at zero, each {period} s',
-            end=60.0,
-            bearing='reference',
-            period=period,
-            load_period=0.1,
-            share=lambda t: 2.0 if t else 0.05,
-            onsets=(),
+            f'the filter of a tachometer starts at zero, each {period} s',
+            Sent('reference', 60.0, lambda t: 2.0 if t else 0.05, period=period, load_period=0.1),
+            Told(onsets=()),
         )
     for bearing, (_, fold, _) in BEARINGS.items():
         yield Case(
-            what=f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}',
-            bearing=bearing,
-            share=0.04 / fold,
-            period=1.0,
-            events=0,
+            f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}',
+            Sent(bearing, 120.0, 0.04 / fold, period=1.0),
+            Told(events=0),
         )
     for step in (1.0, 4.0):
         of_rpm, fine = step / BEARINGS['steep'][1], ramps([0, 120], [2.0, 0.3])
         yield Case(
-            what=f'speeds in steps of {step} rpm',
-            bearing='steep',
-            end=150.0,
-            load_period=0.2,
-            share=lambda t, s=of_rpm, f=fine: s * round(f(t) / s),
-            onsets=(ALWAYS,),
-            ends='stick_slip',
+            f'speeds in steps of {step} rpm',
+            Sent('steep', 150.0, lambda t, s=of_rpm, f=fine: s * round(f(t) / s), load_period=0.2),
+            Told(onsets=(ALWAYS,), ends='stick_slip'),
         )
 
 
 def _paces() -> Iterable[Case]:
     yield Case(
-        what='values as slow as the time-out, every second 20 ms late',
-        bearing='viscous',
-        end=600.0,
-        period=4.0,
-        load_period=0.5,
-        since=10.0,
-        seconds={'input_stale': NEVER},
-        spoilt=of(Input.SPEED, lambda k, m: Message(*(m[0] + k % 2 * 0.02, m[1]), m[2] + k % 2 * 0.02, m[3])),
-        settings={'speed__timeout': 4.0, 'load__timeout': 4.0},
+        'values as slow as the time-out, every second 20 ms late',
+        Sent(
+            'viscous',
+            600.0,
+            period=4.0,
+            load_period=0.5,
+            spoilt=of(
+                Input.SPEED, lambda k, m: Message(*(m[0] + k % 2 * 0.02, m[1]), m[2] + k % 2 * 0.02, m[3])
+            ),
+            settings={'speed__timeout': 4.0, 'load__timeout': 4.0},
+        ),
+        Told(since=10.0, seconds={'input_stale': NEVER}),
     )
     for period in (6.0, 30.0):
         yield Case(
-            what=f'values slower than the time-out, each {period} s',
-            end=1800.0,
-            share=0.4,
-            period=period,
-            load_period=period,
-            used=0.9,
-            ends='stick_slip',
+            f'values slower than the time-out, each {period} s',
+            Sent('ship', 1800.0, 0.4, period=period, load_period=period),
+            Told(used=0.9, ends='stick_slip'),
         )
     for period in (1.0, 4.0):
         yield Case(
-            what=f'a load each {period} s delays no onset',
-            bearing='steep',
-            end=60.0,
-            period=0.1,
-            load_period=period,
-            share=lambda t: 2.0 if t < 21.0 else 0.3,
-            first=(21.0, 23.0),
+            f'a load each {period} s delays no onset',
+            Sent('steep', 60.0, lambda t: 2.0 if t < 21.0 else 0.3, period=0.1, load_period=period),
+            Told(first=(21.0, 23.0)),
         )
     for period in (2.0, 60.0):
         yield Case(
-            what=f'two episodes, then an hour outside, a speed each {period} s',
-            end=4500.0,
-            period=period,
-            load_period=1.0,
-            settings={'speed__timeout': 30.0},
-            share=lambda t: 0.4 if t % 600.0 < 300.0 and t < 1200.0 else 2.0,
-            onsets=(ALWAYS, ALWAYS),
-            since=1200.0 + 4 * period,
-            ends='normal',
-            seconds=dict.fromkeys(('stick_slip', 'bistable', 'caution'), NEVER),
+            f'two episodes, then an hour outside, a speed each {period} s',
+            Sent(
+                'ship',
+                4500.0,
+                lambda t: 0.4 if t % 600.0 < 300.0 and t < 1200.0 else 2.0,
+                period=period,
+                load_period=1.0,
+                settings={'speed__timeout': 30.0},
+            ),
+            Told(
+                onsets=(ALWAYS, ALWAYS),
+                since=1200.0 + 4 * period,
+                ends='normal',
+                seconds=dict.fromkeys(('stick_slip', 'bistable', 'caution'), NEVER),
+            ),
         )
     for apart in (50.0, 110.0, 250.0):
         last = 100.0 + 2.0 * apart
         yield Case(
-            what=f'two single speeds {apart} s apart are no slow sensor',
-            end=last + 60.0,
-            period=0.1,
-            load_period=0.1,
-            spoilt=of(
-                Input.SPEED,
-                lambda _, m, a=apart, b=last: (
-                    m if (m.stamp < 100.0 or min(abs(m.stamp - 100.0 - a), abs(m.stamp - b)) < 0.04) else None
+            f'two single speeds {apart} s apart are no slow sensor',
+            Sent(
+                'ship',
+                last + 60.0,
+                period=0.1,
+                load_period=0.1,
+                spoilt=of(
+                    Input.SPEED,
+                    lambda _, m, a=apart, b=last: (
+                        m
+                        if (m.stamp < 100.0 or min(abs(m.stamp - 100.0 - a), abs(m.stamp - b)) < 0.04)
+                        else None
+                    ),
                 ),
             ),
-            since=last,
-            seconds={'normal': (0.0, 15.0)},
-            ends='input_stale',
+            Told(since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale'),
         )
     yield Case(
-        what='a load that comes once an hour is lost in between',
-        end=5 * 3600.0,
-        share=1.6,
-        period=5.0,
-        load_period=3600.0,
-        seconds={'input_stale': (0.85 * 5 * 3600.0, math.inf)},
+        'a load that comes once an hour is lost in between',
+        Sent('ship', 5 * 3600.0, 1.6, period=5.0, load_period=3600.0),
+        Told(seconds={'input_stale': (0.85 * 5 * 3600.0, math.inf)}),
     )
 
 
@@ -538,221 +535,220 @@ def _courses() -> Iterable[Case]:
     for bearing, high, low in (('steep', 2.0, 0.4), ('viscous', 1.8, 0.5)):
         times = [begin + after for begin in _BEGINS for after in (0.0, 20.0, 50.0, 70.0)]
         yield Case(
-            what=f'each of four episodes ends and is announced, {bearing}',
-            bearing=bearing,
-            end=1260.0,
-            period=0.2,
-            load_period=0.2,
-            share=ramps(times, [high, low, low, high] * 4),
-            onsets=tuple((begin, begin + 30.0) for begin in _BEGINS),
-            seconds={'stick_slip': (0.0, 4 * 70.0)},
-            ends='normal',
+            f'each of four episodes ends and is announced, {bearing}',
+            Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2, load_period=0.2),
+            Told(
+                onsets=tuple((begin, begin + 30.0) for begin in _BEGINS),
+                seconds={'stick_slip': (0.0, 4 * 70.0)},
+                ends='normal',
+            ),
         )
     yield Case(
-        what='nothing is known of a bearing that starts in the bistable range',
-        bearing='steep',
-        end=60.0,
-        share=0.9,
-        period=0.25,
-        ends='bistable',
-        says='Vibration state unknown.',
+        'nothing is known of a bearing that starts in the bistable range',
+        Sent('steep', 60.0, 0.9, period=0.25),
+        Told(ends='bistable', says='Vibration state unknown.'),
     )
     yield Case(
-        what='the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55',
-        bearing='reference',
-        end=60.0,
-        share=0.5,
-        period=0.2,
-        load=6.0,
-        settings={'alarm__amplitude_limit': 0.8e-3},
-        ends='amplitude_limit',
+        'the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55',
+        Sent('reference', 60.0, 0.5, period=0.2, load=6.0, settings={'alarm__amplitude_limit': 0.8e-3}),
+        Told(ends='amplitude_limit'),
     )
 
 
 def _levels() -> Iterable[Case]:
     for high in (8.0, 25.0):
         yield Case(
-            what=f'a genset outside the fold, {high} mm/s',
-            end=900.0,
-            share=1.13,
-            level=lambda t, h=high: (h if t > 400.0 else 2.0) * (1.0 + 0.02 * math.sin(7.0 * t)),
-            settings=MILLIMETRES,
-            seconds={'stick_slip': NEVER},
+            f'a genset outside the fold, {high} mm/s',
+            Sent(
+                'ship',
+                900.0,
+                1.13,
+                level=lambda t, h=high: (h if t > 400.0 else 2.0) * (1.0 + 0.02 * math.sin(7.0 * t)),
+                settings=MILLIMETRES,
+            ),
+            Told(seconds={'stick_slip': NEVER}),
         )
     for dither in (0.0, 0.04):
         yield Case(
-            what=f'a limit cycle is constant to {dither} dB, and no stuck level',
-            bearing='viscous',
-            end=600.0,
-            share=0.9,
-            settings=DECIBELS,
-            level=lambda t, d=dither: (
-                44.0 + d * math.copysign(1.0, math.sin(5.0 * t))
-                if t >= 400.0
-                else 21.0 + 0.7 * math.sin(3.0 * t)
+            f'a limit cycle is constant to {dither} dB, and no stuck level',
+            Sent(
+                'viscous',
+                600.0,
+                0.9,
+                settings=DECIBELS,
+                level=lambda t, d=dither: (
+                    44.0 + d * math.copysign(1.0, math.sin(5.0 * t))
+                    if t >= 400.0
+                    else 21.0 + 0.7 * math.sin(3.0 * t)
+                ),
             ),
-            first=(400.0, 406.0),
-            ends='stick_slip',
+            Told(first=(400.0, 406.0), ends='stick_slip'),
         )
     for lasting in (2.0, 3.5, 8.0):
         # Beyond the fold a vibration is never taken for stick-slip; caution stands there anyway.
         for bearing, share, ends in (('viscous', 0.9, 'stick_slip'), ('ship', 1.1, 'caution')):
             yield Case(
-                what=f'bursts of {lasting} s, then one that goes on, at {share}',
-                bearing=bearing,
-                end=1100.0,
-                share=share,
-                level=bursts(lasting, from_then_on=1000.0),
-                settings=MILLIMETRES | {'level__threshold': 20.0},
-                ends=ends,
-                onsets=((1000.0, 1020.0),) if ends == 'stick_slip' else (),
+                f'bursts of {lasting} s, then one that goes on, at {share}',
+                Sent(
+                    bearing,
+                    1100.0,
+                    share,
+                    level=bursts(lasting, from_then_on=1000.0),
+                    settings=MILLIMETRES | {'level__threshold': 20.0},
+                ),
+                Told(ends=ends, onsets=((1000.0, 1020.0),) if ends == 'stick_slip' else ()),
             )
     for bearing in ('viscous', 'ship'):
         for period in (0.1, 2.0):
             yield Case(
-                what=f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s',
-                bearing=bearing,
-                end=160.0,
-                share=ramps([0, 100, 102], [1.6, 1.6, 0.93]),
-                level=loud(101.8),
-                period=period,
-                settings=DECIBELS,
-                first=(101.8, 130.0),
+                f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s',
+                Sent(
+                    bearing,
+                    160.0,
+                    ramps([0, 100, 102], [1.6, 1.6, 0.93]),
+                    level=loud(101.8),
+                    period=period,
+                    settings=DECIBELS,
+                ),
+                Told(first=(101.8, 130.0)),
             )
     for begin in (0.9, 1.6):
         yield Case(
-            what=f'an engine order that is loud from the start, at {begin}',
-            end=900.0,
-            share=ramps([0, 60, 80], [begin, begin, 0.9]),
-            level=loud(0.0, high=46.0),
-            settings=DECIBELS,
-            seconds={'stick_slip': NEVER},
+            f'an engine order that is loud from the start, at {begin}',
+            Sent(
+                'ship',
+                900.0,
+                ramps([0, 60, 80], [begin, begin, 0.9]),
+                level=loud(0.0, high=46.0),
+                settings=DECIBELS,
+            ),
+            Told(seconds={'stick_slip': NEVER}),
         )
 
 
 def _level_knocks() -> Iterable[Case]:
     for beat, low in ((6.0, 29.0), (8.0, 33.0), (12.0, 32.0)):
         yield Case(
-            what=f'a knock that beats each {beat} s, after one loud sample elsewhere',
-            bearing='viscous',
-            end=300.0,
-            share=ramps([0, 100, 120], [1.6, 1.6, 0.92]),
-            level=lambda t, b=beat, w=low: (
-                (46.0 if t % b < 0.7 * b else w) if t >= 200.0 else 36.0 if 50.0 <= t < 50.5 else 22.0
+            f'a knock that beats each {beat} s, after one loud sample elsewhere',
+            Sent(
+                'viscous',
+                300.0,
+                ramps([0, 100, 120], [1.6, 1.6, 0.92]),
+                level=lambda t, b=beat, w=low: (
+                    (46.0 if t % b < 0.7 * b else w) if t >= 200.0 else 36.0 if 50.0 <= t < 50.5 else 22.0
+                ),
+                load_period=0.2,
+                settings=DECIBELS,
             ),
-            load_period=0.2,
-            settings=DECIBELS,
-            first=(200.0, 232.0),
+            Told(first=(200.0, 232.0)),
         )
     for bearing in ('viscous', 'ship'):
         for after in (0.5, 3.0):
             yield Case(
-                what=f'the lining rings {after} s after an episode, {bearing}',
-                bearing=bearing,
-                end=300.0,
-                share=ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8]),
-                level=loud(103.0, 202.6 + after, 46.0),
-                period=0.2,
-                settings=DECIBELS,
-                onsets=(ALWAYS,),
-                seconds={'vibration': NEVER},
-                ends='normal',
+                f'the lining rings {after} s after an episode, {bearing}',
+                Sent(
+                    bearing,
+                    300.0,
+                    ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8]),
+                    level=loud(103.0, 202.6 + after, 46.0),
+                    period=0.2,
+                    settings=DECIBELS,
+                ),
+                Told(onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal'),
             )
         for lasting in (3.5, 5.5):
             for rises in (True, False):
                 yield Case(
-                    what=f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a'
-                    f' rise, {bearing}',
-                    bearing=bearing,
-                    end=1500.0,
-                    share=AGAIN,
-                    level=lambda t, n=lasting, r=rises: (
-                        (60.0 if 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0) else 3.0)
-                        * (1.0 + 0.02 * math.sin(9.0 * t))
+                    f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a rise, {bearing}',
+                    Sent(
+                        bearing,
+                        1500.0,
+                        AGAIN,
+                        level=lambda t, n=lasting, r=rises: (
+                            (60.0 if 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0) else 3.0)
+                            * (1.0 + 0.02 * math.sin(9.0 * t))
+                        ),
+                        settings=MILLIMETRES | {'level__threshold': 20.0},
                     ),
-                    settings=MILLIMETRES | {'level__threshold': 20.0},
-                    onsets=((300.0, 400.0),),
-                    # One that has risen with it tells of its end; of another nobody knows.
-                    ends='bistable' if rises else 'stick_slip',
+                    Told(onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip'),
                 )
 
 
 def _level_episodes() -> Iterable[Case]:
     for period in (3.0, 10.0):
         yield Case(
-            what=f'a level each {period} s is slower than its time-out',
-            bearing='viscous',
-            end=600.0,
-            share=0.9,
-            level=lambda t: (44.0 if t > 400.0 else 22.0) + math.sin(t),
-            level_period=period,
-            settings=DECIBELS | {'level__timeout': 2.0},
-            first=(400.0, 401.0 + 3.0 * period),
-            ends='stick_slip',
+            f'a level each {period} s is slower than its time-out',
+            Sent(
+                'viscous',
+                600.0,
+                0.9,
+                level=lambda t: (44.0 if t > 400.0 else 22.0) + math.sin(t),
+                level_period=period,
+                settings=DECIBELS | {'level__timeout': 2.0},
+            ),
+            Told(first=(400.0, 401.0 + 3.0 * period), ends='stick_slip'),
         )
     yield Case(
-        what='a worn bearing sticks where its parameters say caution',
-        end=600.0,
-        share=1.1,
-        level=loud(400.0, high=60.0, low=3.0),
-        onsets=(),
-        ends='caution',
-        settings=MILLIMETRES | {'level__threshold': 20.0},
-        says='Vibration is measured where none is predicted',
+        'a worn bearing sticks where its parameters say caution',
+        Sent(
+            'ship',
+            600.0,
+            1.1,
+            level=loud(400.0, high=60.0, low=3.0),
+            settings=MILLIMETRES | {'level__threshold': 20.0},
+        ),
+        Told(onsets=(), ends='caution', says='Vibration is measured where none is predicted'),
     )
     yield Case(
-        what='a blow that goes on, after one that rang down',
-        bearing='viscous',
-        end=300.0,
-        share=0.9,
-        level=_ringing,
-        settings=DECIBELS,
-        onsets=((260.0, 277.0),),
+        'a blow that goes on, after one that rang down',
+        Sent('viscous', 300.0, 0.9, level=_ringing, settings=DECIBELS),
+        Told(onsets=((260.0, 277.0),)),
     )
     for what, (level, ramp, left, end) in _SECOND.items():
         times = [60, 80, 200, 220, 400, 400 + ramp, left, left + ramp]
         yield Case(
-            what=f'a level that {what} ends no second episode',
-            end=end,
-            period=0.2,
-            load_period=0.2,
-            share=ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9]),
-            level=level,
-            level_period=0.25,
-            settings=DECIBELS,
-            onsets=(ALWAYS, ALWAYS),
-            ends='stick_slip',
+            f'a level that {what} ends no second episode',
+            Sent(
+                'ship',
+                end,
+                ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9]),
+                period=0.2,
+                load_period=0.2,
+                level=level,
+                level_period=0.25,
+                settings=DECIBELS,
+            ),
+            Told(onsets=(ALWAYS, ALWAYS), ends='stick_slip'),
         )
     yield Case(
-        what='a dead level ends no running alarm',
-        end=600.0,
-        period=0.2,
-        load_period=0.2,
-        share=ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]),
-        level=lambda t: 1.0 + 0.01 * (round(2 * t) % 2),
-        settings=MILLIMETRES | {'level__threshold': 40.0},
-        onsets=(ALWAYS,),
-        ends='stick_slip',
+        'a dead level ends no running alarm',
+        Sent(
+            'ship',
+            600.0,
+            ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]),
+            period=0.2,
+            load_period=0.2,
+            level=lambda t: 1.0 + 0.01 * (round(2 * t) % 2),
+            settings=MILLIMETRES | {'level__threshold': 40.0},
+        ),
+        Told(onsets=(ALWAYS,), ends='stick_slip'),
     )
     yield Case(
-        what='a burst outside, the clocks set back, and the same inside',
-        bearing='viscous',
-        end=300.0,
-        share=ramps([150.0, 180.0], [1.6, 0.9]),
-        spoilt=set_by(-3600.0, 200.0),
-        level=lambda t: (44.0 if 100.0 <= t < 104.0 or 240.0 <= t < 244.5 else 22.0) + 0.1 * math.sin(t),
-        settings=DECIBELS,
-        onsets=(),
-        used=0.99,
+        'a burst outside, the clocks set back, and the same inside',
+        Sent(
+            'viscous',
+            300.0,
+            ramps([150.0, 180.0], [1.6, 0.9]),
+            spoilt=set_by(-3600.0, 200.0),
+            level=lambda t: (44.0 if 100.0 <= t < 104.0 or 240.0 <= t < 244.5 else 22.0) + 0.1 * math.sin(t),
+            settings=DECIBELS,
+        ),
+        Told(onsets=(), used=0.99),
     )
     yield Case(
-        what='a level that shows an episode from the start, without a threshold',
-        share=0.4,
-        end=200.0,
-        level=lambda t: 90.0 + math.sin(t),
-        settings=MILLIMETRES,
-        ends='stick_slip',
-        says='does its sensor reach the bearing?',
+        'a level that shows an episode from the start, without a threshold',
+        Sent('ship', 200.0, 0.4, level=lambda t: 90.0 + math.sin(t), settings=MILLIMETRES),
+        Told(ends='stick_slip', says='does its sensor reach the bearing?'),
     )
 
 
@@ -762,28 +758,29 @@ CASES = [case for rows in ROWS for case in rows()]
 
 @pytest.mark.parametrize('case', CASES, ids=lambda case: case.what)
 def test_what_is_told(case: Case) -> None:
-    heard = Heard(case.config, case.messages())
-    if case.first is not None:
-        assert case.first[0] <= heard.first() <= case.first[1]
-    if case.onsets is not None:
-        assert len(heard.onsets) == len(case.onsets), heard.onsets
-        for onset, (begin, end) in zip(heard.onsets, case.onsets, strict=True):
+    what, sent, told = case
+    heard = Heard(sent.config, sent.messages())
+    if told.first is not None:
+        assert told.first[0] <= heard.first() <= told.first[1]
+    if told.onsets is not None:
+        assert len(heard.onsets) == len(told.onsets), heard.onsets
+        for onset, (begin, end) in zip(heard.onsets, told.onsets, strict=True):
             assert begin <= onset <= end
-    for condition, (least, most) in case.seconds.items():
-        told = STICKING if condition == 'stick_slip' else (condition,)
-        assert least <= heard.seconds(told, case.since) <= most, condition
-    assert case.ends in ('', heard.condition)
-    assert case.events is None or len(heard.events) <= case.events
-    assert sum(heard.used) >= case.used * len(heard.used)
+    for condition, (least, most) in told.seconds.items():
+        conditions = STICKING if condition == 'stick_slip' else (condition,)
+        assert least <= heard.seconds(conditions, told.since) <= most, condition
+    assert told.ends in ('', heard.condition)
+    assert told.events is None or len(heard.events) <= told.events
+    assert sum(heard.used) >= told.used * len(heard.used)
     times = [event.time_ns for event in heard.events]
-    assert times == sorted(times) or 'set by' in case.what or 'set back' in case.what
-    assert case.says in heard.monitor.bearings[NAME].text()
+    assert times == sorted(times) or 'set by' in what or 'set back' in what
+    assert told.says in heard.monitor.bearings[NAME].text()
 
 
 @pytest.mark.parametrize('times', [2, 6])
 def test_copies_change_nothing(times: int) -> None:
     share = ramps([0, 60, 90, 150], [1.6, 0.5, 0.5, 1.6])
-    case = Case(what='', bearing='table', end=180.0, share=share, period=0.25)
+    case = Sent('table', 180.0, share, period=0.25)
     # A stamp is the sender's own if the message comes later.
     sent = [m._replace(arrival=m.arrival + 0.01) for m in case.messages()]
     copied = [m for m in sent for _ in range(times)]
@@ -795,7 +792,7 @@ def test_copies_change_nothing(times: int) -> None:
 
 def test_a_speed_that_is_steady_again_falls_no_more() -> None:
     share, settings = ramps([30, 50, 70], [1.5, 1.08, 1.12]), {'alarm__caution_margin': 0.1}
-    case = Case(what='', bearing='viscous', end=300.0, share=share, settings=settings)
+    case = Sent('viscous', 300.0, share, settings=settings)
     heard = Heard(case.config, case.messages())
     assert 'Slowing' in ' '.join(e.text for e in heard.events)
     assert 'Slowing' not in heard.monitor.bearings[NAME].text()
@@ -804,7 +801,7 @@ def test_a_speed_that_is_steady_again_falls_no_more() -> None:
 def test_a_steady_speed_near_a_doubtful_fold_does_not_fall() -> None:
     """Half above the fold, a tolerance of a half asks for caution, and no trend does."""
     share, settings = ramps([0], [1.5]), {'tolerance__damping': 0.5}
-    case = Case(what='', bearing='viscous', end=60.0, share=share, settings=settings)
+    case = Sent('viscous', 60.0, share, settings=settings)
     heard = Heard(case.config, case.messages())
     assert [str(e.after) for e in heard.events] == ['caution']
     assert 'Slowing' not in ' '.join(e.text for e in heard.events)
@@ -813,7 +810,7 @@ def test_a_steady_speed_near_a_doubtful_fold_does_not_fall() -> None:
 @pytest.mark.parametrize('pause', [-3600.0, 5.0, 60.0, 200.0])
 def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> None:
     share = ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9])
-    case = Case(what='', bearing='steep', share=share, period=0.25)
+    case = Sent('steep', 120.0, share, period=0.25)
     heard = Heard(case.config, case.messages())
     kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
     heard.monitor, before = Monitor(case.config, {NAME: State.of_record(kept)}), heard.events
@@ -831,14 +828,14 @@ def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> No
 
 
 def test_a_hold_up_before_the_first_message_is_no_time() -> None:
-    monitor = Monitor(Case(what='').config)
+    monitor = Monitor(Sent().config)
     monitor.bearings[NAME].excuse(5 * SECOND)
     assert monitor.advance(10**18) == []
 
 
 def test_a_numpy_number_is_a_number() -> None:
     settings = MILLIMETRES | {'level__threshold': 40.0}
-    monitor = Monitor(Case(what='', settings=settings).config)
+    monitor = Monitor(Sent(settings=settings).config)
     for time, kind in enumerate((np.float32, np.float64, np.int32, int)):
         assert feed(monitor, time, 'level', kind(3), NAME).status.valid
 
@@ -858,12 +855,12 @@ def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
 ) -> None:
     """In the middle of a growth, or of stick-slip, both inputs go, and come back elsewhere."""
     left = 60.0 + before
-    case = Case(
-        what='',
-        end=1000.0,
+    case = Sent(
+        'ship',
+        1000.0,
+        lambda t: 1.5 if t < 60.0 else 0.5 if t < 900.0 else back,
         period=0.1,
         load_period=0.1,
-        share=lambda t: 1.5 if t < 60.0 else 0.5 if t < 900.0 else back,
         spoilt=lambda sent: [m for m in sent if not left <= m.arrival < 960.0],
     )
     heard = Heard(case.config, case.messages())
@@ -873,9 +870,7 @@ def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
 
 def test_a_load_that_steps_is_one_onset_with_a_tolerance_too() -> None:
     """The probability follows the load by a lag of 4 s; growth does not."""
-    case = Case(
-        what='', end=60.0, share=0.5, period=0.1, load_period=0.1, load=lambda t: 0.0 if t < 12.0 else 1.0
-    )
+    case = Sent('ship', 60.0, 0.5, period=0.1, load_period=0.1, load=lambda t: 0.0 if t < 12.0 else 1.0)
     believing = replace(case, settings={'tolerance__load': 0.02})
     found = [Heard(each.config, each.messages()) for each in (case, believing)]
     assert found[0].onsets == found[1].onsets
