@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,19 +73,12 @@ def topic_words(bearing: BearingConfig) -> tuple[str, ...]:
     return ('regime',) if bearing.level is None else ('regime', 'measured')
 
 
-def verdict_values(bearing: BearingConfig) -> dict[str, Callable[[Verdict], float | str]]:
-    """What each topic of a bearing says of a verdict, by the topic's last part."""
-    values: dict[str, Callable[[Verdict], float | str]] = {
-        name: partial(_number_of, name) for name in topic_numbers(bearing)
-    }
-    values['regime'] = lambda verdict: str(verdict.assessment.regime.value)
-    if bearing.level is not None:
-        values['measured'] = lambda verdict: str(verdict.measured)
-    return values
-
-
-def _number_of(name: str, verdict: Verdict) -> float:
-    return float(topic_number(name, verdict.assessment))
+def verdict_value(name: str, verdict: Verdict) -> float | str:
+    """What a topic of a bearing, by its last part, says of a verdict."""
+    if name == 'measured':
+        return str(verdict.measured)
+    point = verdict.assessment
+    return point.regime.value if name == 'regime' else float(topic_number(name, point))
 
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:

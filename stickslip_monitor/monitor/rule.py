@@ -59,8 +59,10 @@ LOAD_LAG = 4.0
 """Lag of the mean of the load by which probabilities go [s]."""
 HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
-SLOW_ON, SLOW_OFF, SLOW = 4, 30, 10**9
-"""The delays last at least so many gaps of a slow speed, none taken for longer than this [ns]."""
+FEW, SLOW = 4, 10**9
+"""A delay lasts for at least so many gaps of the speed, none taken for longer than this [ns]."""
+BORNE = 0.5
+"""Share of an onset's growth that the medians of three values must bear out."""
 LEFT_BELOW = 0.5
 """Share of its threshold below which a probability no longer holds a condition."""
 MEMORY = 300 * 10**9
@@ -289,7 +291,7 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
     grow(s, passed)
     for rung in range(RUNGS):
         s.count[rung] = max(0, s.count[rung] + (passed if s.asks & (1 << rung) else -passed))
-    if s.now - s.point - passed <= off_delay(s, c):
+    if s.now - s.point - passed <= delay(s, c.off_delay):
         return False
     s.known = s.sticking
     for place in range(LEVEL):
@@ -386,8 +388,7 @@ def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bo
 
     It may begin with this point or not; the first one after a gap (fresh) decides at once.
     """
-    # Half of an onset must be borne out by the medians of three values.
-    starts = s.median_rate > 0.0 and s.borne >= 0.5 * c.onset_growth
+    starts = s.median_rate > 0.0 and s.borne >= BORNE * c.onset_growth
     starts = starts and s.growth >= c.onset_growth
     if said == VIBRATING:
         s.course, starts = WITHIN, True
@@ -399,11 +400,11 @@ def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bo
         if starts and may_begin:
             # What is back before its alarm could clear is no new onset.
             raised = s.raised & (1 << STICK_SLIP)
-            s.onsets += int(not raised or s.count[STICK_SLIP] >= off_delay(s, c))
+            s.onsets += int(not raised or s.count[STICK_SLIP] >= delay(s, c.off_delay))
             s.sticking = s.known = 1
             s.dying = s.idle = s.heard = 0
     elif (s.course == BEYOND and (fresh or s.dying >= c.decay)) or (
-        s.course == IDLE and (fresh or s.idle >= off_delay(s, c))
+        s.course == IDLE and (fresh or s.idle >= delay(s, c.off_delay))
     ):
         s.sticking, s.growth, s.borne = 0, 0.0, 0.0
     if s.sticking and said == VIBRATING:
@@ -435,27 +436,20 @@ def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
             s.count[rung] = 0
             if not s.raised & bit:
                 s.cleared[rung] = s.now
-            elif s.cleared[rung] != NEVER and s.now - s.cleared[rung] >= hold(s, c):
+            elif s.cleared[rung] != NEVER and s.now - s.cleared[rung] >= delay(s, HOLD * c.off_delay):
                 s.cleared[rung] = NEVER
 
 
 def due(s: State, c: RuleNumbers, rung: int) -> int:
     """The net time that changes a rung [ns]: growth is a delay of its own."""
     if s.raised & (1 << rung):
-        return hold(s, c) if s.cleared[rung] != NEVER else off_delay(s, c)
-    if rung == STICK_SLIP and c.onset_growth > 0.0:
-        return 0
-    return max(int(c.on_delay), SLOW_ON * min(s.pace[SPEED], SLOW))
+        return delay(s, c.off_delay if s.cleared[rung] == NEVER else HOLD * c.off_delay)
+    return 0 if rung == STICK_SLIP and c.onset_growth > 0.0 else delay(s, c.on_delay)
 
 
-def off_delay(s: State, c: RuleNumbers) -> int:
-    """The net time after which something is over [ns]; longer where values come slowly."""
-    return max(int(c.off_delay), SLOW_OFF * min(s.pace[SPEED], SLOW))
-
-
-def hold(s: State, c: RuleNumbers) -> int:
-    """What returns within so long of being cleared is held for as long [ns]."""
-    return max(HOLD * int(c.off_delay), off_delay(s, c))
+def delay(s: State, least: int) -> int:
+    """A delay that is configured [ns], longer where values come slowly."""
+    return max(int(least), FEW * min(s.pace[SPEED], SLOW))
 
 
 def rung_of(s: State) -> int:

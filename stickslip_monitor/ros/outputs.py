@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -27,7 +28,9 @@ from stickslip_monitor.monitor.messages import (
     event_json,
     health_record,
     output_topics,
-    verdict_values,
+    topic_numbers,
+    topic_words,
+    verdict_value,
 )
 from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
@@ -186,9 +189,9 @@ class Outputs(Sink):
         kinds = {topic: message_type(kind) for topic, kind in output_topics(config.bearings, '~').items()}
         self._bearings = {
             bearing.name: [
-                (make(kinds[topic], topic, _reliable()), kinds[topic](), value)
+                (make(kinds[topic], topic, _reliable()), kinds[topic](), partial(verdict_value, name))
                 # What is dearest to work out comes last.
-                for name, value in reversed(verdict_values(bearing).items())
+                for name in (*topic_words(bearing), *reversed(topic_numbers(bearing)))
                 for topic in [f'~/{bearing.name}/{name}']
             ]
             for bearing in config.bearings
