@@ -39,7 +39,7 @@ def question_of_unit(start_ns: int | None, end_ns: int | None, most: int) -> str
     if start_ns is None or end_ns is None or end_ns <= start_ns:
         return ''
     rate = most / ((end_ns - start_ns) * 1e-9)
-    for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds')):
+    for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')):
         if rate > _TOO_MANY and _DATES[0] <= start_ns * factor and end_ns * factor <= _DATES[1]:
             return (
                 f'log times are of January 1970, and one topic has {rate:.4g} messages a second:'

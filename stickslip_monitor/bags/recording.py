@@ -228,6 +228,10 @@ class Recording(ABC):
         """Take up what was noticed while it was read, and costs no data."""
         self._findings.note(text)
 
+    def lose(self, text: str) -> None:
+        """Take up what was not read, or not used."""
+        self._findings.lose(text)
+
     def bound(self, config: MonitorConfig) -> Bound:
         """The configuration as it holds for this recording, and which inputs are not in it.
 

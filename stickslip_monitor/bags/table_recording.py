@@ -244,10 +244,6 @@ class TableRecording(Recording):
                 rows += zip(numbers, topic, times, data, strict=True)
             yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
 
-    def lose(self, text: str) -> None:
-        """Take up what was not used."""
-        self._findings.lose(text)
-
 
 def _silent(text: str) -> None:
     del text

@@ -34,6 +34,8 @@ from stickslip_monitor.monitor.verdict import rounded
 _MOST_NAMED = 5
 COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
+_CROWD, _CROWD_RATE = 100, 1e4
+"""So many messages, or more, of which as many would come in a second, have wrong times."""
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
 APART = 100.0
@@ -88,6 +90,11 @@ class Gaps:
         passed = float(self._passed_ns) * 1e-9
         return self._regular / passed if passed > 0.0 else math.nan
 
+    @property
+    def is_crowded(self) -> bool:
+        """Whether messages have no time between them, or less than those of any sensor."""
+        return self._regular > _CROWD and self._regular > _CROWD_RATE * self._passed_ns * 1e-9
+
 
 @dataclass(frozen=True, slots=True)
 class InputReport:
@@ -107,6 +114,16 @@ class InputReport:
     is_assumed: bool = False  # a constant that nothing measures
     values: str = 'none'  # the range of the valid ones, for a person
     without_value: int = 0  # messages that hold no number, or one that means "no value"
+
+    @property
+    def crowd(self) -> str:
+        """Why nothing can be predicted from messages without time between them; '' of others."""
+        return (
+            f'{self.messages} messages on {self.topic} have hardly any time between them: were they recorded'
+            ' without a clock (use_sim_time), or are their times in another unit?'
+            if self.gaps.is_crowded
+            else ''
+        )
 
     @property
     def complaints(self) -> list[str]:

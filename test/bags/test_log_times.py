@@ -136,7 +136,9 @@ def test_one_late_line_is_no_step() -> None:
     np.testing.assert_array_equal(arrival, np.array([0, 10, 20, 20, 30, 40]) * SECOND)
 
 
-@pytest.mark.parametrize(('factor', 'unit'), [(10**3, 'microseconds'), (10**6, 'milliseconds')])
+@pytest.mark.parametrize(
+    ('factor', 'unit'), [(10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')]
+)
 def test_dates_in_another_unit_are_asked_about(factor: int, unit: str) -> None:
     start, end = START // factor, (START + 300 * SECOND) // factor
     assert f'are they in {unit}' in question_of_unit(start, end, 3000)

@@ -271,6 +271,16 @@ def test_a_shaft_at_rest_is_not_the_worst_of_a_voyage(tmp_path: Path) -> None:
     assert worst['hopf_margin']['value'] == pytest.approx(known.hopf_margin, rel=1e-12)
 
 
+@pytest.mark.parametrize(('interval', 'complete'), [(0.0, False), (1e-9, False), (1e-6, False), (2e-4, True)])
+def test_messages_without_time_between_them_are_no_quiet_voyage(
+    interval: float, complete: bool, tmp_path: Path
+) -> None:
+    """Log times of 0, as of a recorder on simulated time without a /clock, or in s for ns."""
+    record = checked(tmp_path / 'a.mcap', interval, [20.0] * 200)
+    assert record['complete'] == complete
+    assert complete != any('hardly any time between them' in text for text in record['warnings'])
+
+
 def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> None:
     text, law = CONFIG.read_text(), '{law: coulomb, static: 0.30, kinetic: 0.10}'
     config = tmp_path / 'coulomb.yaml'
