@@ -31,7 +31,9 @@ from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.host import ServiceManager, unblocked
 from stickslip_monitor.links.buses import (
+    NMEA,
     SECTION,
+    SIGNALK,
     LinksConfig,
     LiveMonitor,
     MonitorSide,
@@ -342,10 +344,10 @@ def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     clients: list[Client] = []
     if links.signalk is not None:
         token = _token(links.signalk.token_file)
-        inputs = SignalKInputs(links.signalk_inputs, _log.warning)
-        theirs = {item.bearing for item in links.signalk_inputs if item.place is Input.LOAD}
+        own = links.of(SIGNALK)
+        theirs = {item.bearing for item in own if item.place is Input.LOAD}
         own_load = [name for name in side.bearings if name not in theirs]
-        clients.append(SignalKClient(links.signalk, token, inputs, own_load, side))
+        clients.append(SignalKClient(links.signalk, token, SignalKInputs(own, _log.warning), own_load, side))
     if links.nmea is not None:
         url = urlsplit(links.nmea.listen)
         if url.scheme == 'udp' and not is_loopback(url.hostname):
@@ -353,7 +355,7 @@ def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
                 'nmea.listen: a datagram proves nothing of its sender; use a network of ships'
                 ' instruments only'
             )
-        clients.append(NmeaClient(links.nmea, links.nmea_inputs, side))
+        clients.append(NmeaClient(links.nmea, links.of(NMEA), side))
     return clients
 
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
@@ -22,7 +23,6 @@ from stickslip_monitor.monitor.parameters import (
     REQUIRED,
     BearingConfig,
     MonitorConfig,
-    Parameter,
     filled,
     parameter,
     rows,
@@ -71,59 +71,39 @@ class NmeaLink:
 
 LINK_PARAMETERS = rows(SignalKLink, 'signalk.') + rows(NmeaLink, 'nmea.')
 """The parameters of the buses."""
-INPUT_PARAMETERS = (
-    Parameter('from', 'str', REQUIRED, 'The bus.', choices=(SIGNALK, NMEA)),
-    Parameter('path', 'str', '', 'Signal K: the path.'),
-    Parameter('source', 'str', '', 'Signal K: the only `$source` to use.'),
-    Parameter('sentence', 'str', '', 'NMEA: RPM for the speed, XDR for the load.'),
-    Parameter('talker', 'str', '', 'NMEA: the only talker to use.'),
-    Parameter('kind', 'str', '', 'NMEA: S shaft or E engine of RPM; type of transducer of XDR.'),
-    Parameter('number', 'int', 1, 'NMEA: number of the shaft or engine of RPM.', minimum=0),
-    Parameter('name', 'str', '', 'NMEA: name of the transducer of XDR.'),
-)
-"""The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BusInput:
     """One number on a bus that is an input of a bearing."""
 
     bearing: str
     place: Input
-    source: str = ''  # the only source to use, in NMEA a talker; empty to stay with the first that sends
     timeout: float = 5.0  # time-out of the input [s]
+    bus: str = parameter(REQUIRED, 'The bus.', choices=(SIGNALK, NMEA), name='from')
+    path: str = parameter('', 'Signal K: the path.')
+    source: str = parameter('', 'Signal K: the only `$source` to use.')
+    sentence: str = parameter('', 'NMEA: RPM for the speed, XDR for the load.')
+    talker: str = parameter('', 'NMEA: the only talker to use.')
+    kind: str = parameter('', 'NMEA: S shaft or E engine of RPM; type of transducer of XDR.')
+    number: int = parameter(1, 'NMEA: number of the shaft or engine of RPM.', within=(0, math.inf))
+    name: str = parameter('', 'NMEA: name of the transducer of XDR.')
+
+    @property
+    def only(self) -> str:
+        """The only source to use; empty to stay with the first that sends."""
+        return self.source if self.bus == SIGNALK else self.talker
 
     @property
     def label(self) -> str:
-        """What it is, for a person."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True, kw_only=True)
-class NmeaInput(BusInput):
-    """One number of a sentence."""
-
-    sentence: str  # ``RPM`` or ``XDR``
-    kind: str = ''  # ``S`` shaft or ``E`` engine of RPM; type of transducer of XDR
-    number: int = 0  # number of the shaft or engine of RPM
-    name: str = ''  # name of the transducer of XDR
-
-    @property
-    def label(self) -> str:
-        """Sentence and transducer, or shaft."""
+        """Path, or sentence and transducer or shaft, for a person."""
+        if self.bus == SIGNALK:
+            return f'Signal K {self.path}'
         return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
 
 
-@dataclass(frozen=True, kw_only=True)
-class SignalKInput(BusInput):
-    """The number at a path."""
-
-    path: str
-
-    @property
-    def label(self) -> str:
-        """The path."""
-        return f'Signal K {self.path}'
+INPUT_PARAMETERS = rows(BusInput)
+"""The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +112,16 @@ class LinksConfig:
 
     signalk: SignalKLink | None
     nmea: NmeaLink | None
-    signalk_inputs: tuple[SignalKInput, ...]
-    nmea_inputs: tuple[NmeaInput, ...]
+    inputs: tuple[BusInput, ...]
+
+    def of(self, bus: str) -> list[BusInput]:
+        """The inputs that come from a bus."""
+        return [item for item in self.inputs if item.bus == bus]
 
     @property
     def labels(self) -> dict[tuple[str, Input], str]:
         """Of each input where it comes from, for a person."""
-        return {(i.bearing, i.place): i.label for i in self.signalk_inputs + self.nmea_inputs}
+        return {(item.bearing, item.place): item.label for item in self.inputs}
 
 
 def is_loopback(host: str | None) -> bool:
@@ -161,17 +144,16 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
     """
     _refuse_unknown(values, [bearing.name for bearing in config.bearings])
     own = {p.name: p.checked(p.name, values) for p in LINK_PARAMETERS}
-    inputs = [
+    inputs = tuple(
         _input(bearing, Input[quantity.upper()], f'{bearing.name}.{quantity}', values)
         for bearing in config.bearings
         for quantity in QUANTITIES
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
-    ]
+    )
     if not (own['signalk.url'] or own['nmea.listen'] or own['nmea.alerts'] or inputs):
         raise ConfigurationError(f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts')
-    signalk = tuple(item for item in inputs if isinstance(item, SignalKInput))
-    nmea = tuple(item for item in inputs if isinstance(item, NmeaInput))
-    return LinksConfig(_signalk(own, bool(signalk)), _nmea(own, bool(nmea)), signalk, nmea)
+    used = {item.bus for item in inputs}
+    return LinksConfig(_signalk(own, SIGNALK in used), _nmea(own, NMEA in used), inputs)
 
 
 def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
@@ -252,20 +234,17 @@ def check_port(name: str, value: str) -> SplitResult:
     return url
 
 
-def _input(
-    bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]
-) -> SignalKInput | NmeaInput:
+def _input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]) -> BusInput:
     own = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
     _require(not assumed, name, own['from'], 'left out, as the load is a constant')
     timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
-    if own['from'] == SIGNALK:
+    item = filled(BusInput, '', own, bearing=bearing.name, place=place, timeout=timeout)
+    if item.bus == SIGNALK:
         _check_unit(bearing, load, name, 'N' if load else 'Hz', 'Signal K')
         _require(_PATH.fullmatch(own['path']), f'{name}.path', own['path'], 'a Signal K path, without *')
-        return SignalKInput(
-            bearing=bearing.name, place=place, source=own['source'], timeout=timeout, path=own['path']
-        )
+        return item
     sentence, kinds, kind = ('XDR', 'N', 'N, a force') if load else ('RPM', 'SE', _SHAFT)
     for fits, key, rule in (
         (own['sentence'] == sentence, 'sentence', sentence),
@@ -274,8 +253,7 @@ def _input(
     ):
         _require(fits, f'{name}.{key}', own[key], rule)
     _check_unit(bearing, load, name, 'N' if load else 'rpm', sentence)
-    fields = {key: own[key] for key in ('sentence', 'kind', 'number', 'name')}
-    return NmeaInput(bearing=bearing.name, place=place, source=own['talker'], timeout=timeout, **fields)
+    return item
 
 
 def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: str) -> None:
@@ -303,14 +281,14 @@ class SourceAdmission:
 
     def __init__(self, item: BusInput, log: Callable[[str], object]) -> None:
         self._item, self._log = item, log
-        self._used, self._heard = item.source, 0.0
+        self._used, self._heard = item.only, 0.0
         self._left_out: set[str] = set()
 
     def admits(self, source: str, now: float) -> bool:
         """Whether a value of a source is used; ``now`` is of a steady clock [s]."""
         silent = now - self._heard
         gone = not self._used or silent > SHARE * self._item.timeout
-        if source != self._used and gone and not self._item.source:
+        if source != self._used and gone and not self._item.only:
             if self._used:
                 self._say(f"'{source}' is used; '{self._used}' has been silent for {silent:.3g} s")
                 self._left_out.clear()
@@ -320,7 +298,7 @@ class SourceAdmission:
             return True
         if source not in self._left_out:
             self._left_out.add(source)
-            why = 'is chosen' if self._item.source else 'sends'
+            why = 'is chosen' if self._item.only else 'sends'
             self._say(f"'{source}' is left out: '{self._used}' {why}")
         return False
 
@@ -328,12 +306,11 @@ class SourceAdmission:
         self._log(f'{self._item.label}: source {text}')
 
 
-Own = TypeVar('Own', bound=BusInput)
 UNHEARD = 5.0
 """An input without a value for so long is asked after [s]."""
 
 
-class BusInputs(Generic[Own]):
+class BusInputs:
     """The inputs that come from a bus.
 
     Args:
@@ -344,19 +321,19 @@ class BusInputs(Generic[Own]):
             and what admits its sources.
     """
 
-    def __init__(self, inputs: Iterable[Own], log: Callable[[str], object]) -> None:
-        found: dict[Own, list[Own]] = {}
+    def __init__(self, inputs: Iterable[BusInput], log: Callable[[str], object]) -> None:
+        found: dict[BusInput, list[BusInput]] = {}
         for item in inputs:
             found.setdefault(replace(item, bearing='', timeout=0.0), []).append(item)
         self.groups = [(items, SourceAdmission(items[0], log)) for items in found.values()]
-        self.log, self._told = log, set[Own]()
-        self._heard: dict[Own, float] = {}
+        self.log, self._told = log, set[BusInput]()
+        self._heard: dict[BusInput, float] = {}
 
     def wait(self, now: float) -> None:
         """All inputs are waited for from now on [s]."""
         self._heard = {items[0]: now for items, _ in self.groups}
 
-    def brought(self, item: Own, now: float) -> bool:
+    def brought(self, item: BusInput, now: float) -> bool:
         """Note that an input has a value; whether it was said to have none."""
         self._heard[item], again = now, item in self._told
         if again:
@@ -364,7 +341,7 @@ class BusInputs(Generic[Own]):
             self.log(f'{item.label}: values again')
         return again
 
-    def silent(self, now: float) -> list[Own]:
+    def silent(self, now: float) -> list[BusInput]:
         """The inputs that bring nothing, each once."""
         if not self._heard:
             self.wait(now)

@@ -16,7 +16,7 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from stickslip_monitor.links.buses import UNHEARD, BusInputs, NmeaInput
+from stickslip_monitor.links.buses import UNHEARD, BusInput, BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
@@ -112,7 +112,7 @@ class SentenceStream:
         return found
 
 
-def numbers(item: NmeaInput, fields: Sequence[str]) -> list[float]:
+def numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
     """The numbers of a sentence of the right kind; NaN where it says that it has none."""
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]
@@ -125,7 +125,7 @@ def numbers(item: NmeaInput, fields: Sequence[str]) -> list[float]:
     return [_number(fields[2]) if valid else math.nan]
 
 
-def passed_over(item: NmeaInput, formatter: str, fields: Sequence[str]) -> str:
+def passed_over(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
     """What a sentence of its formatter has instead of it, for a person; '' for nothing."""
     if formatter != item.sentence:
         return ''
@@ -145,12 +145,12 @@ def _number(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else math.nan
 
 
-class NmeaInputs(BusInputs[NmeaInput]):
+class NmeaInputs(BusInputs):
     """Samples out of sentences, and what is heard in their place."""
 
-    def __init__(self, inputs: Sequence[NmeaInput], log: Callable[[str], object]) -> None:
+    def __init__(self, inputs: Sequence[BusInput], log: Callable[[str], object]) -> None:
         super().__init__(inputs, log)
-        self._others: dict[NmeaInput, Counter[str]] = {items[0]: Counter() for items, _ in self.groups}
+        self._others: dict[BusInput, Counter[str]] = {items[0]: Counter() for items, _ in self.groups}
 
     def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
         """Bearing, input and number of every input that a sentence brings."""
@@ -168,7 +168,7 @@ class NmeaInputs(BusInputs[NmeaInput]):
                     self._note(first, value, now)
                     yield from ((item.bearing, item.place, value) for item in items)
 
-    def _note(self, item: NmeaInput, value: float, now: float) -> None:
+    def _note(self, item: BusInput, value: float, now: float) -> None:
         if math.isnan(value):
             self._others[item]['invalid by its talker'] += 1
         elif self.brought(item, now):

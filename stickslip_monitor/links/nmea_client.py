@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from stickslip_monitor.errors import LinkError, cause
-from stickslip_monitor.links.buses import MonitorSide, NmeaInput, NmeaLink, check_port
+from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink, check_port
 from stickslip_monitor.links.nmea import Alerts, NmeaInputs, SentenceStream
 
 SILENT = 30.0
@@ -235,7 +235,7 @@ class NmeaClient:
         side: The monitor; it is given the links ``nmea_in`` and ``nmea_out``.
     """
 
-    def __init__(self, link: NmeaLink, inputs: Sequence[NmeaInput], side: MonitorSide) -> None:
+    def __init__(self, link: NmeaLink, inputs: Sequence[BusInput], side: MonitorSide) -> None:
         self._link, self._side = link, side
         self._has_inputs = bool(inputs)
         self._inputs = NmeaInputs(inputs, side.log.warning)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
-from stickslip_monitor.links.buses import BusInputs, SignalKInput
+from stickslip_monitor.links.buses import BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
@@ -70,7 +70,7 @@ def _dicts(items: object) -> list[dict[str, Any]]:
     return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
 
 
-class SignalKInputs(BusInputs[SignalKInput]):
+class SignalKInputs(BusInputs):
     """Samples out of deltas."""
 
     _own = ''

@@ -14,7 +14,7 @@ from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import NmeaInput, SignalKInput, SourceAdmission
+from stickslip_monitor.links.buses import BusInput, SourceAdmission
 from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -57,7 +57,7 @@ def test_both_buses(files: Files) -> None:
     assert links.nmea is not None
     assert not links.signalk.accept_actions
     assert not links.nmea.accept_actions
-    assert links.signalk_inputs[0].timeout == 5.0
+    assert links.of('signalk')[0].timeout == 5.0
     # What people read names the path; there is no topic.
     assert config.bearings[0].speed.topic == 'Signal K propulsion.port.revolutions'
     config, links = load_watch(files.write(NMEA, speed={'unit': 'rpm'}), None)
@@ -76,7 +76,7 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
     document['/**']['ros__parameters']['aft_stern']['speed'] = {'unit': 'rpm'}
     files.path.write_text(yaml.safe_dump(document))
     _, links = load_watch(str(files.path), None)
-    assert [item.label for item in links.nmea_inputs] == ['NMEA RPM S 1', 'NMEA XDR AFTLOAD']
+    assert [item.label for item in links.of('nmea')] == ['NMEA RPM S 1', 'NMEA XDR AFTLOAD']
 
 
 def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(files: Files) -> None:
@@ -153,11 +153,14 @@ def test_what_does_not_fit_the_bearing(
 @pytest.mark.parametrize(
     ('item', 'label'),
     [
-        (NmeaInput(bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1), 'NMEA RPM S 1'),
-        (SignalKInput(bearing='aft', place=Input.SPEED, path='a.b'), 'Signal K a.b'),
+        (
+            BusInput(bus='nmea', bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1),
+            'NMEA RPM S 1',
+        ),
+        (BusInput(bus='signalk', bearing='aft', place=Input.SPEED, path='a.b'), 'Signal K a.b'),
     ],
 )
-def test_one_source_is_used_and_the_others_are_named(item: NmeaInput | SignalKInput, label: str) -> None:
+def test_one_source_is_used_and_the_others_are_named(item: BusInput, label: str) -> None:
     said: list[str] = []
     admission = SourceAdmission(item, said.append)
     steps = [
@@ -175,6 +178,6 @@ def test_one_source_is_used_and_the_others_are_named(item: NmeaInput | SignalKIn
         f"{label}: source 'b' is used; 'a' has been silent for 2.6 s",
         f"{label}: source 'a' is left out: 'b' sends",
     ]
-    chosen = SourceAdmission(replace(item, source='b'), said.append)
+    chosen = SourceAdmission(replace(item, source='b', talker='b'), said.append)
     assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
     assert said[3:] == [f"{label}: source 'a' is left out: 'b' is chosen"]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sending import Ship
 from shared import CONFIG
 
-from stickslip_monitor.links.buses import NmeaInput
+from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.nmea import (
     LONGEST,
     Alerts,
@@ -31,12 +31,12 @@ from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.signals import Input
 
-SPEED = NmeaInput(bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)
-LOAD = NmeaInput(bearing='aft', place=Input.LOAD, sentence='XDR', kind='N', name='AFTLOAD')
+SPEED = BusInput(bus='nmea', bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)
+LOAD = BusInput(bus='nmea', bearing='aft', place=Input.LOAD, sentence='XDR', kind='N', name='AFTLOAD')
 NAN = math.nan
 
 
-def samples(inputs: list[NmeaInput], line: str) -> list[tuple[str, Input, float]]:
+def samples(inputs: list[BusInput], line: str) -> list[tuple[str, Input, float]]:
     return list(NmeaInputs(inputs, print).take(line, 0.0))
 
 
@@ -77,7 +77,7 @@ def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
 
 
 def test_a_talker_is_chosen() -> None:
-    port = replace(SPEED, source='RC')
+    port = replace(SPEED, talker='RC')
     assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
     assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
 

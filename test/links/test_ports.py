@@ -18,7 +18,7 @@ import pytest
 
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
-from stickslip_monitor.links.buses import MonitorSide, NmeaInput, NmeaLink
+from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink
 from stickslip_monitor.links.nmea import sentence
 from stickslip_monitor.links.nmea_client import NmeaClient, Port
 from stickslip_monitor.monitor.signals import Input
@@ -227,7 +227,7 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
     port = f'tcp://127.0.0.1:{await display.open()}'
     client = NmeaClient(
         NmeaLink(port, port, 'II', '', 10001, 30.0, 60.0, True),
-        [NmeaInput(bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)],
+        [BusInput(bus='nmea', bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)],
         MonitorSide(
             ['aft'],
             lambda *sample: samples.append(sample),

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from stickslip_monitor.links.buses import SignalKInput
+from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
@@ -37,8 +37,8 @@ class Reader:
     """Inputs at a server that greeted at 100 s of our clock."""
 
     def __init__(self) -> None:
-        speed = SignalKInput(bearing='aft', place=Input.SPEED, path=PATH)
-        other = SignalKInput(bearing='fwd', place=Input.SPEED, path=PATH)
+        speed = BusInput(bus='signalk', bearing='aft', place=Input.SPEED, path=PATH)
+        other = BusInput(bus='signalk', bearing='fwd', place=Input.SPEED, path=PATH)
         self.inputs = SignalKInputs([speed, other], print)
         self.inputs.greet(HELLO, 100.0)
 

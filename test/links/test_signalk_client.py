@@ -19,7 +19,7 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import signalk_client
-from stickslip_monitor.links.buses import MonitorSide, SignalKInput, SignalKLink
+from stickslip_monitor.links.buses import BusInput, MonitorSide, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import AlarmKind
@@ -59,7 +59,9 @@ class Ship:
         self.client = SignalKClient(
             link,
             token,
-            SignalKInputs([SignalKInput(bearing='aft', place=Input.SPEED, path=PATH)], lambda text: None),
+            SignalKInputs(
+                [BusInput(bus='signalk', bearing='aft', place=Input.SPEED, path=PATH)], lambda text: None
+            ),
             [],
             MonitorSide(
                 ['aft'],

@@ -19,7 +19,7 @@ import aiohttp
 from benchmarks.signalk_servers import RealServer, missing, officer_token
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.buses import LiveMonitor, MonitorSide, SignalKInput, SignalKLink
+from stickslip_monitor.links.buses import BusInput, LiveMonitor, MonitorSide, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor import alarm_list
@@ -69,7 +69,7 @@ class Ship:
         self.live = LiveMonitor(config, self, log)
         paths = {Input.SPEED: SPEED, Input.LOAD: LOAD}
         inputs = [
-            SignalKInput(bearing=BEARING, place=place, path=path, timeout=2.0)
+            BusInput(bus='signalk', bearing=BEARING, place=place, path=path, timeout=2.0)
             for place, path in paths.items()
         ]
         self.client = SignalKClient(
