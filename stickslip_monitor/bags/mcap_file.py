@@ -34,7 +34,7 @@ from stickslip_monitor.bags.mcap_chunks import (
     walk,
 )
 from stickslip_monitor.bags.message_fields import LONGEST_TEXT
-from stickslip_monitor.bags.recording import Cut, Findings
+from stickslip_monitor.bags.recording import Cut, Findings, other_encoding
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 
@@ -84,11 +84,11 @@ class McapFile:
         """A clause on why messages cannot be decoded, as far as that is known; else empty."""
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
-            return f"message encoding '{channel.message_encoding}' is not cdr"
+            return other_encoding('message', channel.message_encoding, 'cdr')
         if schema is None:
             return 'no schema'
         if schema.encoding != SchemaEncoding.ROS2:
-            return f"schema encoding '{schema.encoding}' is not ros2msg"
+            return other_encoding('schema', schema.encoding, 'ros2msg')
         return ''
 
     def type_of(self, channel: Channel) -> str:

@@ -340,6 +340,11 @@ def short_name(name: str) -> str:
     return f'{parts[0]}/{parts[-1]}'
 
 
+def other_encoding(of: str, encoding: str, known: str) -> str:
+    """A clause on messages or definitions in another encoding than the known one."""
+    return f"{of} encoding '{encoding}' is not {known}: export the topic as CSV"
+
+
 def missing_topic(topics: Collection[str], name: str) -> str:
     """The sentence on a missing topic: those that are there, the nearest first."""
     close = difflib.get_close_matches(name, topics, MOST_NAMED, cutoff=0.5)

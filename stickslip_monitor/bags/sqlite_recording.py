@@ -33,6 +33,7 @@ from stickslip_monitor.bags.recording import (
     Request,
     TimeSpans,
     TopicInfo,
+    other_encoding,
 )
 from stickslip_monitor.errors import BagError, plural
 
@@ -90,7 +91,7 @@ class SqliteRecording(Recording):
         text = self._texts.get(kind) or definition_of(kind)
         problem = ''
         if encoding != 'cdr':
-            problem = f"message encoding '{encoding}' is not cdr"
+            problem = other_encoding('message', encoding, 'cdr')
         elif text is None:
             problem = (
                 f'the recording has no definition of {kind}: source the setup file of a ROS 2 that has it'

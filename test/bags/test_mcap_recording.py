@@ -333,23 +333,6 @@ def test_only_the_odd_message_is_decoded_alone(tmp_path: Path, decoded: list[int
     assert decoded == [len(messages[4].data)]
 
 
-def test_an_index_in_the_order_of_time(tmp_path: Path) -> None:
-    """Some writers sort the index entries of a chunk by time."""
-    messages = load_messages(3, ['abc'])
-    messages = [Written(m.topic, m.type, 50 - n, m.data) for n, m in enumerate(messages)]
-    path = tmp_path / 'a.mcap'
-    write_file(path, {'compression': CompressionType.NONE}, messages)
-    data = path.read_bytes()
-    begin = data.rindex(struct.pack('<BQHI', 7, 6 + 48, 1, 48)) + 15
-    entries = [data[begin + 16 * n : begin + 16 * n + 16] for n in range(3)]
-    path.write_bytes(data[:begin] + b''.join(sorted(entries)) + data[begin + 48 :])
-    assert sorted(entries) != entries
-    request = Request('/load', 'force')
-    series = open_bag(path).read([request])[request]
-    assert series.log_time_ns.tolist() == [48, 49, 50]
-    assert series.value.tolist() == [0.5, 0.25, 0.0]
-
-
 def test_types_without_an_end_have_no_layout() -> None:
     definitions = parse_schema('a/msg/B', b'B again\nfloat64 x\n')
     assert compile_layout(definitions, 'a/msg/B', [('x',)]) is None

@@ -155,14 +155,17 @@ def write_odd_topics(path: Path) -> None:
         writer.finish()
 
 
+JSON = "message encoding 'json' is not cdr: export the topic as CSV"
+
+
 def test_unreadable_topics_are_listed(tmp_path: Path) -> None:
     write_odd_topics(tmp_path / 'odd.mcap')
     bag = open_bag(tmp_path / 'odd.mcap')
     assert list(bag.topics) == sorted(bag.topics)
     assert {name: topic.problem for name, topic in bag.topics.items()} == {
         '/good': '',
-        '/json': "message encoding 'json' is not cdr",
-        '/idl': "schema encoding 'ros2idl' is not ros2msg",
+        '/json': JSON,
+        '/idl': "schema encoding 'ros2idl' is not ros2msg: export the topic as CSV",
         '/bare': 'no schema',
         # Definitions are read when they are asked for, and no others.
         '/lost': '',
@@ -172,7 +175,7 @@ def test_unreadable_topics_are_listed(tmp_path: Path) -> None:
         '/text': '',
         '/twice': 'it has several types: std_msgs/msg/Float64, std_msgs/msg/String',
     }
-    assert bag.topics['/json'] == TopicInfo('/json', 'Speed', 1, 'json', "message encoding 'json' is not cdr")
+    assert bag.topics['/json'] == TopicInfo('/json', 'Speed', 1, 'json', JSON)
     assert [m.topic for m in bag.messages(['/json', '/good'])] == ['/good', '/json']
     assert len(list(bag.messages())) == 10
     assert bag.read([Request('/good', 'data')])[Request('/good', 'data')].value.tolist() == [2.5]
@@ -200,7 +203,7 @@ NO_NUMBERS = (
     ('/nested', 'ship_msgs/msg/N', 'many', "'many' is a float64[]: name an element, e.g. many[0]"),
 )
 UNREADABLE = (
-    ('/json', 'Speed', "message encoding 'json' is not cdr"),
+    ('/json', 'Speed', JSON),
     ('/twice', FLOAT64, 'it has several types: std_msgs/msg/Float64, std_msgs/msg/String'),
     ('/lost', 'a/msg/C', 'its definition leaves oth'),
     ('/junk', 'a/msg/D', 'its definition has the li'),
