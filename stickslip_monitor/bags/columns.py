@@ -20,6 +20,8 @@ from stickslip_monitor.tables.dialect import parse_heading
 FLOAT64 = 'std_msgs/msg/Float64'
 # A value counts for so many intervals, as a lost line is no lost input.
 _TIMEOUT_LINES = 3.0
+# Of ten years, to which any time of a log can be added [ns].
+_LONGEST_NS = 10 * 31_557_600 * 10**9
 _NEWTONS = {'N': 1.0, 'kN': 1e3}
 _MOST_NAMED = 10
 # In the unit of an input, but named as another quantity: never guessed.
@@ -193,10 +195,11 @@ class ColumnBinding:
         if unit is None and column.has_unit:
             stated = parse_heading(column.heading).unit
             said += f": is that right? Its heading says '{stated}'"
-        timeout_ns = source.timeout_ns
-        if round(_TIMEOUT_LINES * every * 1e9) > timeout_ns:
-            timeout_ns = round(_TIMEOUT_LINES * every * 1e9)
-            said += f'; lines are {every:.4g} s apart, so its timeout is {_TIMEOUT_LINES * every:.4g} s here'
+        timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)
+        if timeout_ns <= source.timeout_ns:
+            timeout_ns = source.timeout_ns
+        else:
+            said += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
         self.said.append(said)
         return replace(
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns

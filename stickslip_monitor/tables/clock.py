@@ -44,8 +44,8 @@ _STAMPS = [re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES]
 # Eight digits alone may be a number.
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
-# Whole numbers of 64 bits, in nanoseconds.
-_MOST = 9_200_000_000_000_000_000
+# Of the year 2116: two later times would have no sum of 64 bits [ns].
+_MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
 _NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')

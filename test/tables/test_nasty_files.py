@@ -623,6 +623,13 @@ def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
     )
 
 
+def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three times 158 years, in nanoseconds, are no number of 64 bits."""
+    (tmp_path / 'voyage.csv').write_text('time,speed,load\n-2500000000,30,900\n2500000000,31,901\n')
+    assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) in (0, 1)
+    assert 'so its timeout is' in capsys.readouterr().out
+
+
 def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
     path = tmp_path / 'voyage.csv'
     path.write_text('time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
