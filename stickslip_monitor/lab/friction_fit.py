@@ -427,8 +427,10 @@ def _questions(curve: FrictionCurve) -> list[str]:
             ' is it in percent, 30 for 0.30?'
         )
     fastest = float(curve.speed.max(initial=0.0))
-    if curve.unit == 'm/s' and fastest > _UNUSUAL_SPEED:
-        found.append(f'a sliding speed of {fastest:.3g} m/s is unusual: is it in rpm (--speed-unit rpm)?')
+    if fastest > _UNUSUAL_SPEED:
+        others = {'m/s': 'is it in rpm (--speed-unit rpm)', 'mm/s': 'is its unit right'}
+        other = others.get(curve.unit, 'is the diameter in metres')
+        found.append(f'a sliding speed of {fastest:.3g} m/s is unusual: {other}?')
     return found
 
 

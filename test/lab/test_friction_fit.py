@@ -4,6 +4,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -520,6 +521,8 @@ def test_numbers_that_look_like_another_unit_get_a_question() -> None:
     assert percent.endswith('is it in percent, 30 for 0.30?')
     (rpm,) = fit_stribeck(curve_of(190.0 * v, mu)).warnings
     assert rpm.endswith('is it in rpm (--speed-unit rpm)?')
+    (diameter,) = fit_stribeck(replace(curve_of(1000.0 * v, mu), unit='rpm')).warnings
+    assert diameter.endswith('is the diameter in metres?')
     # A refusal asks too: the unit may be its cause.
     with pytest.raises(FitError, match=r'is it in percent, 30 for 0\.30\?'):
         fit_stribeck(curve_of(v, np.full(30, 30.0)))
