@@ -40,15 +40,17 @@ def test_edges_are_where_the_level_leaves_its_plateau() -> None:
     assert found[1].rings
 
 
-def test_the_lag_of_a_level_is_read_from_its_fall() -> None:
-    # A detector whose mean square lags by 2 s falls 2.17 dB a second: 3 dB are 1.38 s late.
+def test_the_lag_of_a_level_is_read_from_its_fall_and_taken_off_its_rise() -> None:
+    # A detector whose mean square lags by 2 s falls 2.17 dB a second: 3 dB are 1.38 s late, and
+    # so is the half of the power, 3 dB below the plateau, on the way up.
     loud = (TIME > 300.0) & (TIME < 500.0)
     power = np.where(loud, 1.0, 1e-4)
     for k in range(1, power.size):
         power[k] = power[k - 1] + (power[k] - power[k - 1]) * (1.0 - np.exp(-0.125))
     own = level(10.0 * np.log10(power))
     found, _ = level_reports('aft', own, modes_of([own]).threshold, 'bag')
-    assert found[1].end_ns * 1e-9 == pytest.approx(500.0, abs=0.55)  # two bins
+    assert found[1].start_ns * 1e-9 == pytest.approx(300.0, abs=0.55)  # two bins
+    assert found[1].end_ns * 1e-9 == pytest.approx(500.0, abs=0.55)
 
 
 def test_a_knock_is_no_episode_and_a_gap_is_no_quiet() -> None:
