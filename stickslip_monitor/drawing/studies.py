@@ -144,7 +144,7 @@ def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
     by_name = {one.name: one.level for one in found.evidence}
     rows: list[FloatArray] = []
     for track in found.edges.tracks:
-        level = by_name[track.course.name]
+        level = by_name[track.name]
         if level is None:
             continue
         about = (level.time >= track.time[0]) & (level.time <= track.time[-1])
@@ -183,7 +183,7 @@ def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
 def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
     """The ends that count as at the fold, at their height; the doubtful ones crossed."""
     doubtful = {id(end) for end, _ in found.doubts}
-    tracks = {track.course.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
+    tracks = {track.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
     low, high = axes.get_ylim()
     for mark, text, own in (
         ('^', 'end at the fold', [e for e in found.edges.seen if id(e) not in doubtful]),

@@ -30,7 +30,7 @@ from stickslip_monitor.lab.evidence import (
     modes_of,
     true_reports,
 )
-from stickslip_monitor.lab.posterior import Posterior, Prior, Spreads, doubt, infer
+from stickslip_monitor.lab.posterior import Posterior, Spreads, doubt, infer
 from stickslip_monitor.lab.truth import has_truth, read_truth
 from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KEYS
 from stickslip_monitor.monitor.over_arrays import Scan
@@ -40,7 +40,7 @@ from stickslip_monitor.monitor.verdict import rounded
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Stretched, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
 from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
 
 FLOOR = 0.01
@@ -85,8 +85,8 @@ def read_levels(bearing: str, found: Sequence[Evidence]) -> list[Evidence]:
     return read
 
 
-def prior_of(bearing: Bearing, tolerance: Tolerance) -> Prior:
-    """The prior that a configuration makes.
+def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
+    """Covariance of ``(ln r, ln q)`` by a configuration, shape (2, 2).
 
     Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
     ``mu_s - mu_k``.
@@ -94,7 +94,7 @@ def prior_of(bearing: Bearing, tolerance: Tolerance) -> Prior:
     fall = tolerance.of_fall(bearing.friction) or UNKNOWN_FALL
     decay, damping = tolerance.decay or _DECAY, tolerance.damping or _DAMPING
     other = damping**2 + fall**2
-    return Prior(np.zeros(2), np.array([[decay**2, -(decay**2)], [-(decay**2), decay**2 + other]]))
+    return np.array([[decay**2, -(decay**2)], [-(decay**2), decay**2 + other]])
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Calibration:
     """What the evidence gives of a bearing."""
 
     reference: Reference  # the bearing that is configured
-    prior: Prior  # of both factors, before
+    prior: FloatArray  # covariance of both factors, before
     tolerance: Tolerance  # of the configuration
     spreads: Spreads  # what else was taken as uncertain
     edges: Edges  # the evidence
@@ -155,7 +155,7 @@ class Calibration:
     @cached_property
     def before(self) -> Belief:
         """The same before the evidence."""
-        return Belief(self.reference.bearing, self.prior.covariance, self.floor)
+        return Belief(self.reference.bearing, self.prior, self.floor)
 
     def hopf_from_onsets(self, load: float) -> list[float]:
         """The Hopf speed at a load by the onsets too, at :data:`QUANTILES` [m/s]."""
@@ -329,23 +329,14 @@ def _once(
 
 def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
     """The damping and the law of a bearing as parameters of a configuration."""
-    law = bearing.friction
-    own: dict[str, Any] = {'damping': bearing.damping}
+    law, kind = bearing.friction, 'stribeck'
+    own = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
     if isinstance(law, Tabulated):
-        own |= {'law': 'tabulated', 'speed': law.speed, 'coefficient': law.values}
-    else:
-        falls = isinstance(law, Stribeck | Stretched)
-        names = [
-            'static',
-            'kinetic',
-            *['decay', 'viscous'] * falls,
-            *['exponent'] * isinstance(law, Stretched),
-        ]
-        own |= {'law': 'stribeck' if falls else 'coulomb', **{name: getattr(law, name) for name in names}}
-    return {
-        name if name == 'damping' else f'friction.{name}': value if name == 'law' else _rounded(value)
-        for name, value in own.items()
-    }
+        kind, own = 'tabulated', {'speed': law.speed, 'coefficient': law.values}
+    elif isinstance(law, Coulomb):
+        kind = 'coulomb'
+    written = {f'friction.{name}': _rounded(value) for name, value in own.items()}
+    return {'damping': _rounded(bearing.damping), 'friction.law': kind, **written}
 
 
 def to_document(config: BearingConfig, found: Calibration, created: str, version: str) -> dict[str, Any]:

@@ -154,7 +154,7 @@ class Edges:
 class ReportedCourse:
     """A course against the configured fold, with the reports about it: n bins."""
 
-    course: TelemetryBins
+    name: str  # the recording
     reports: tuple[VibrationReport, ...]  # in order of time
     time: FloatArray  # while there was an operating point, shape (n,) [s]
     speed: FloatArray  # of the surface, shape (n,) [m/s]
@@ -186,7 +186,7 @@ def track_of(
         if one.end_ns > time[0] * 1e9 and one.start_ns < time[-1] * 1e9 and not one.is_flicker
     )
     over = speed / np.exp(reference.fold(np.log(load)))
-    return ReportedCourse(course, about, time, speed, load, over) if about else None
+    return ReportedCourse(course.name, about, time, speed, load, over) if about else None
 
 
 def edges_of(
@@ -272,8 +272,8 @@ def _end_of(
         (v0, n0), (v1, n1) = track.at(middle - off), track.at(middle + off)
         slope = reference.slope(math.log(n0))
         timing = 0.5 * abs(math.log(v1 / v0) - slope * math.log(n1 / n0))
-        return End(report, track.course.name, b, np.array(points), timing)
-    return End(report, track.course.name, *_highest(track, inside), 0.0)
+        return End(report, track.name, b, np.array(points), timing)
+    return End(report, track.name, *_highest(track, inside), 0.0)
 
 
 def _rises(track: ReportedCourse, time: float, inside: BoolArray) -> bool:

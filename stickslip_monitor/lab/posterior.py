@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 
 import numpy as np
@@ -95,14 +96,6 @@ class Grid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prior:
-    """The distribution of ``(ln r, ln q)`` before the evidence, normal."""
-
-    mean: FloatArray  # shape (2,)
-    covariance: FloatArray  # shape (2, 2)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
     """What edges leave of a prior."""
 
@@ -119,38 +112,36 @@ class Spreads:
     forget: float = 0.0  # of ln q, given anew before each recording
 
 
-def infer(edges: Edges, reference: Reference, prior: Prior, spreads: Spreads) -> Posterior:
-    """The posterior of both factors."""
+def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Posterior:
+    """The posterior of both factors, from a prior about 0 with a covariance of ``(ln r, ln q)``."""
     low, high = edges.loads
     load = 0.5 * (math.log(low) + math.log(high))
-    reach = _REACH * np.sqrt(np.diag(prior.covariance))
-    log_q = prior.mean[1] + np.linspace(-reach[1], reach[1], _LOADS)
-    slope = reference.slope(load)
-    wide = _REACH * math.sqrt(float(np.array([1.0, slope]) @ prior.covariance @ [1.0, slope]))
-    middle = prior.mean[0] + slope * prior.mean[1]
-    u = np.arange(middle - wide, middle + wide, _COARSE)
-    found = _fold_grid(edges, reference, prior, spreads, load, u, log_q, quick=True)
+    log_q = _REACH * math.sqrt(prior[1, 1]) * np.linspace(-1.0, 1.0, _LOADS)
+    along = np.array([1.0, reference.slope(load)])
+    wide = _REACH * math.sqrt(float(along @ prior @ along))
+    grid = partial(_fold_grid, edges, reference, prior, spreads, load, log_q)
+    u = np.arange(-wide, wide, _COARSE)
+    found = grid(u, quick=True)
     known = np.flatnonzero(found.weight.max(axis=1) > found.weight.max() * math.exp(-_DEPTH))
-    u = np.linspace(u[known[0]] - _ROOM, u[known[-1]] + _ROOM, _FINE)
-    fold = _fold_grid(edges, reference, prior, spreads, load, u, log_q)
+    fold = grid(np.linspace(u[known[0]] - _ROOM, u[known[-1]] + _ROOM, _FINE))
     return Posterior(fold, _with_onsets(fold, edges.passages, reference, spreads), load)
 
 
 def _fold_grid(
     edges: Edges,
     reference: Reference,
-    prior: Prior,
+    prior: FloatArray,
     spreads: Spreads,
     load: float,
-    u: FloatArray,
     log_q: FloatArray,
+    u: FloatArray,
     quick: bool = False,
 ) -> Grid:
     """The prior with the ends, on a grid; ``quick`` finds where it is, without what is common."""
     bend = reference.fold(load + log_q) - reference.fold(np.array([load]))
     log_r = u[:, None] - bend
-    inverse = np.linalg.inv(prior.covariance)
-    a, b = log_r - prior.mean[0], log_q - prior.mean[1]
+    inverse = np.linalg.inv(prior)
+    a, b = log_r, log_q
     log_p = -0.5 * (inverse[0, 0] * a * a + 2.0 * inverse[0, 1] * a * b + inverse[1, 1] * b * b)
     nodes = [len(SHARES) * len(LAGS) // 2] if quick else range(len(SHARES) * len(LAGS))
     scatter = np.array([_SCATTER[-2]]) if quick else _SCATTER
@@ -219,13 +210,12 @@ def _with_onsets(fold: Grid, passages: Sequence[Passage], reference: Reference, 
     """The grid with what onsets, and passages without one, tell."""
     cells = np.argwhere(fold.weight > fold.weight.max() * math.exp(-_DEPTH))
     log_r, log_q = fold.log_r[tuple(cells.T)], fold.log_q[cells[:, 1]]
-    ages = _ages(passages)
     common = -0.5 * _FOLD_NODES**2
     total = np.zeros((len(cells), common.size, len(LAGS))) + (
         (common - logsumexp(common))[:, None] + (_LAG_PRIOR - logsumexp(_LAG_PRIOR))
     )
-    for one, age in zip(passages, ages, strict=True):
-        own = math.hypot(0.02, spreads.load, spreads.forget * math.sqrt(age))
+    for later, one in zip(range(len(passages) - 1, -1, -1), passages, strict=True):
+        own = math.hypot(0.02, spreads.load, spreads.forget * math.sqrt(later))
         # Three nodes of the passage's own boundary, as a load.
         parts = [log_passage(one, reference, log_r, log_q + z * own) for z in (-1.2247, 0.0, 1.2247)]
         total += logsumexp(np.stack(parts), axis=0) - math.log(3.0)
@@ -233,11 +223,6 @@ def _with_onsets(fold: Grid, passages: Sequence[Passage], reference: Reference, 
     log_p[tuple(cells.T)] = np.log(fold.weight[tuple(cells.T)]) + logsumexp(total, axis=(1, 2))
     weight = np.exp(log_p - log_p.max())
     return Grid(fold.u, fold.log_q, fold.log_r, weight / weight.sum())
-
-
-def _ages(passages: Sequence[Passage]) -> list[int]:
-    """How many later passages there are of each."""
-    return list(range(len(passages) - 1, -1, -1))
 
 
 def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray) -> FloatArray:
