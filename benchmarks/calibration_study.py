@@ -87,12 +87,9 @@ def listed(own: Sequence[Sent], random: np.random.Generator) -> list[Evidence]:
 def judged(found: Calibration, ship: Ship, share: float = 1.0, moved: float = 1.0) -> list[float]:
     """Error, half-width and whether it covers, of fold and Hopf speed at a share of the load."""
     load, row = ship.load * share, []
-    for name, three in (
-        ('fold', [float(found.belief.fold_speed(load, p)) for p in QUANTILES]),
-        ('hopf', found.hopf_from_onsets(load)),
-    ):
-        true = getattr(ship, name)(load * moved)
-        low, middle, high = three
+    fold = [float(found.belief.fold_speed(load, p)) for p in QUANTILES]
+    for of, (low, middle, high) in ((ship.fold, fold), (ship.hopf, found.hopf_speeds(load))):
+        true = of(load * moved)
         row += [middle / true - 1.0, (high - low) / (2.0 * true), float(low <= true <= high)]
     return row
 

@@ -133,7 +133,7 @@ def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
     rpm = config.bearing.speed.factor('rpm')
     before = found.before.hopf_speed, found.before.fold_speed
     for load, *now in found.boundaries():
-        for k, (name, of) in enumerate(zip(('Hopf, by onsets', 'fold'), before, strict=True)):
+        for k, (name, of) in enumerate(zip(('Hopf', 'fold'), before, strict=True)):
             past = [of(load, p) for p in QUANTILES]
             texts = [
                 ', '.join(f'{value / rpm:.1f}' for value in values)

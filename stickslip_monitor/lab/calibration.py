@@ -30,7 +30,7 @@ from stickslip_monitor.lab.evidence import (
     modes_of,
     true_reports,
 )
-from stickslip_monitor.lab.posterior import Posterior, Spreads, doubt, infer
+from stickslip_monitor.lab.posterior import Grid, Spreads, doubt, infer
 from stickslip_monitor.lab.truth import has_truth, read_truth
 from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KEYS
 from stickslip_monitor.monitor.over_arrays import Scan
@@ -106,7 +106,7 @@ class Calibration:
     tolerance: Tolerance  # of the configuration
     spreads: Spreads  # what else was taken as uncertain
     edges: Edges  # the evidence
-    posterior: Posterior  # of both factors, after
+    posterior: Grid  # of both factors, after
     evidence: tuple[Evidence, ...] = ()  # the recordings
     repeated: tuple[str, ...] = ()  # recordings that were given before, which count once
 
@@ -123,7 +123,7 @@ class Calibration:
     @cached_property
     def factors(self) -> tuple[float, float]:
         """``ln r`` and ``ln q`` in the middle."""
-        u, log_q = self.posterior.fold.middle
+        u, log_q = self.posterior.middle
         n = self.posterior.load
         there, here = self.reference.fold(np.array([n + log_q, n]))
         return u - float(there - here), log_q
@@ -133,7 +133,7 @@ class Calibration:
         """Covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
         slope = self.reference.slope(self.posterior.load + self.factors[1])
         by = np.array([[1.0, -slope], [0.0, 1.0]])
-        found: FloatArray = by @ self.posterior.fold.covariance @ by.T
+        found: FloatArray = by @ self.posterior.covariance @ by.T
         return found
 
     @cached_property
@@ -157,21 +157,21 @@ class Calibration:
         """The same before the evidence."""
         return Belief(self.reference.bearing, self.prior, self.floor)
 
-    def hopf_from_onsets(self, load: float) -> list[float]:
-        """The Hopf speed at a load by the onsets too, at :data:`QUANTILES` [m/s]."""
-        both = self.posterior.both
-        hopf = both.log_r + self.reference.hopf(math.log(load) + both.log_q)
-        low, middle, high = both.quantiles(hopf, QUANTILES)
+    def hopf_speeds(self, load: float) -> list[float]:
+        """The Hopf speed at a load, at :data:`QUANTILES` [m/s], of what may be skew: quiet bounds it."""
+        grid = self.posterior
+        hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
+        low, middle, high = grid.quantiles(hopf, QUANTILES)
         more = 1.6449 * 1.5 * self.floor
         span = math.hypot(middle - low, more), math.hypot(high - middle, more)
         return [math.exp(middle - span[0]), math.exp(middle), math.exp(middle + span[1])]
 
     def boundaries(self) -> list[list[float]]:
-        """Rows of load, Hopf speed by the onsets at :data:`QUANTILES`, fold speed at the same."""
+        """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
         rows = []
         for load in np.unique(np.linspace(*self.loads, _MOST_ROWS)).tolist():
             fold = [float(self.belief.fold_speed(load, p)) for p in QUANTILES]
-            rows.append([load, *self.hopf_from_onsets(load), *fold])
+            rows.append([load, *self.hopf_speeds(load), *fold])
         return rows
 
     @cached_property

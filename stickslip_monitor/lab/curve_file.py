@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,18 +16,21 @@ from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
 
 NAMES = {
-    'speed': 'speed; velocity; v; sliding speed; sliding velocity; relative speed; relative velocity;'
-    ' surface speed; shaft speed; n',
-    'coefficient': 'coefficient; mu; μ; cof; friction; friction coefficient; coefficient of friction',
-    'std': 'std; sigma; σ; sd; uncertainty; standard deviation; coefficient std; mu std; std mu',
-    'weight': 'weight; weights; w',
+    'std': 'std sigma σ sd stdev uncertainty deviation error',
+    'weight': 'weight weights w',
+    'coefficient': 'coefficient mu μ µ cof friction reibwert reibungszahl reibungskoeffizient',
+    'speed': 'speed velocity v n geschwindigkeit gleitgeschwindigkeit drehzahl',
 }
-"""The headings by which each quantity is recognised, in lower case and without their unit."""
+"""The words that a heading is recognised by: it is the first quantity of which it has one."""
 
 _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
-_OTHER = {'m s-1': 'm/s', '1/s': 'Hz', 'r/min': 'rpm', '1/min': 'rpm', 'rev/min': 'rpm', 'min-1': 'rpm'}
-_UNITS = {unit.lower(): unit for unit in (*SPEED_UNITS, *_LINEAR)} | _OTHER
-_HEADING = re.compile(r'(.*?)\s*[\[(]([^\])]*)[\])]\s*')
+_UNITS = {unit.lower(): unit for unit in (*SPEED_UNITS, *_LINEAR)}
+_UNITS |= {'ms-1': 'm/s', 'mms-1': 'mm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', '1/s': 'Hz'}
+_UNITS |= dict.fromkeys(('r/min', '1/min', 'rev/min', 'min-1'), 'rpm')
+# By the unit of a coefficient what it is multiplied by.
+_SHARES = {'': 1.0, '-': 1.0, '1': 1.0, 'n/n': 1.0, '%': 0.01, 'percent': 0.01}
+# 'speed [rpm]', 'speed, rpm', 'speed / rpm' or 'v / (m/s)'.
+_HEADING = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]|,\s*(\S+)|\s/\s*\(?([^)]*)\)?)?\s*')
 # The squares and cubes of what is below are still numbers.
 _TOO_LARGE = 1e30
 # Time and memory of a fit grow with its points; a bench that samples for long averages them.
@@ -58,8 +61,8 @@ def read_curve(
 
     Cells are separated by comma, semicolon or tab; with the latter two the decimal sign may be a
     comma. Blank lines and lines that start with ``#`` are skipped. The first other line has the
-    headings, which may have a unit in brackets: ``speed [rpm]``. Weights are those of squared
-    residuals, ``1/std^2``.
+    headings, which may have a unit, ``speed [rpm]``, or the line after it has the units. Weights
+    are those of squared residuals, ``1/std^2``.
 
     Args:
         path: The file.
@@ -80,6 +83,10 @@ def read_curve(
         raise FitError(f'{path} is empty: it must have a line of headings and the points')
     if len(rows) == 1:
         raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
+    if len(rows[1].cells) == len(rows[0].cells) and any(map(_speed_unit, rows[1].cells)):
+        rows[:2] = [
+            TableRow(rows[0].line, [f'{a} [{b}]' for a, b in zip(rows[0].cells, rows[1].cells, strict=True)])
+        ]
     where = f'{path}, line {rows[0].line}'
     chosen = _choose(where, rows[0].cells, columns or {})
     headings = {quantity: rows[0].cells[index] for quantity, index in chosen.items()}
@@ -104,17 +111,27 @@ def read_curve(
     return FrictionCurve(values['speed'] * factor, values['coefficient'], std, lines, unit, source)
 
 
-def _split(heading: str) -> tuple[str, str]:
-    """A heading's name in lower case, and its unit."""
+def _split(heading: str) -> tuple[list[str], str]:
+    """The words of a heading in lower case, and its unit as it is written."""
     match = _HEADING.fullmatch(heading)
-    name, unit = match.groups() if match else (heading, '')
-    name = ' '.join(name.replace('_', ' ').lower().split())
-    if not unit:
-        # 'velocity m/s', and a heading that is nothing but a unit: 'rpm'.
-        for written in (*_UNITS, '%'):
-            if name == written or name.endswith(f' {written}'):
-                return name.removesuffix(written).strip(), written
-    return name, unit.strip()
+    name, *units = match.groups() if match else (heading,)
+    words, unit = name.replace('_', ' ').lower().split(), next(filter(None, units), '').strip()
+    if not unit and words and (_speed_unit(words[-1]) or words[-1] == '%'):
+        return words[:-1], words[-1]  # 'velocity m/s', and a heading that is nothing but a unit
+    return words, '' if _quantity(
+        [unit.lower()]
+    ) == 'coefficient' else unit  # 'Coefficient of friction (COF)'
+
+
+def _quantity(words: Iterable[str]) -> str:
+    """The quantity that a heading of some words is of; '' for none."""
+    known = (name for name, own in NAMES.items() if not set(own.split()).isdisjoint(words))
+    return next(known, '')
+
+
+def _speed_unit(text: str) -> str | None:
+    """A unit of speed as this program writes it; None for any other text."""
+    return _UNITS.get(re.sub(r'[\s^·⋅]', '', text.lower()))
 
 
 def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
@@ -124,6 +141,8 @@ def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> 
         raise FitError('give --std-column or --weight-column, not both')
     found = {q: _index(where, cells, q, asked[q]) for q in NAMES}
     chosen = {quantity: index for quantity, index in found.items() if index is not None}
+    if not chosen and all(map(_is_number, cells)):
+        raise FitError(f"{where} has numbers and no headings: put a line 'speed [m/s],mu' before it")
     for quantity in ('speed', 'coefficient'):
         if quantity not in chosen:
             raise FitError(
@@ -136,11 +155,14 @@ def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> 
 
 
 def _index(where: str, cells: list[str], quantity: str, asked: str | None) -> int | None:
-    wanted = NAMES[quantity].split('; ') if asked is None else [_split(asked)[0]]
-    found = [k for k, cell in enumerate(cells) if cell == asked]
-    found = found or [k for k, cell in enumerate(cells) if _split(cell)[0] in wanted]
-    if not found and quantity == 'speed' and asked is None:
-        found = [k for k, cell in enumerate(cells) if _split(cell)[0] == '' and cell]
+    split = [_split(cell) for cell in cells]
+    if asked is None:
+        found = [k for k, (words, _) in enumerate(split) if _quantity(words) == quantity]
+        if not found and quantity == 'speed':
+            found = [k for k, (words, unit) in enumerate(split) if not words and unit]
+    else:
+        found = [k for k, cell in enumerate(cells) if cell == asked]
+        found = found or [k for k, (words, _) in enumerate(split) if words == _split(asked)[0]]
     if len(found) > 1:
         several = str([cells[k] for k in found])[1:-1]
         raise FitError(
@@ -154,7 +176,7 @@ def _index(where: str, cells: list[str], quantity: str, asked: str | None) -> in
 def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
     """The unit of the speeds and where it was found."""
     written = _split(heading)[1]
-    unit = _UNITS.get(' '.join(written.lower().split()))
+    unit = _speed_unit(written)
     if written and unit is None:
         raise FitError(
             f"{where}, column '{heading}': unit '{written}' must be one of {', '.join(SPEED_UNITS)}"
@@ -171,11 +193,15 @@ def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
 def _share(where: str, heading: str) -> float:
     """What a coefficient in the heading's unit is multiplied by: percent, or none."""
     unit = _split(heading)[1].lower()
-    if unit not in ('', '-', '1', 'n/n', '%', 'percent'):
+    if unit not in _SHARES:
         raise FitError(
             f"{where}, column '{heading}': unit '{unit}' must be %, or none: a coefficient is force over load"
         )
-    return 0.01 if unit in ('%', 'percent') else 1.0
+    return _SHARES[unit]
+
+
+def _is_number(text: str) -> bool:
+    return re.fullmatch(r'[-+]?[\d.,]+(?:e[-+]?\d+)?', text, re.IGNORECASE) is not None
 
 
 def _number(

@@ -77,7 +77,7 @@ def test_quiet_alone_says_little_of_the_fold() -> None:
     found = calibrate([Evidence('bag', (fast,), reports(span, 'list'))], BEARING, EXACT)
     assert 'no episode was seen' in found.warnings[0]
     # Noise would have grown at 45 rpm, had it been below the Hopf speed.
-    assert found.hopf_from_onsets(1000.0)[2] / RPM < 48.0
+    assert found.hopf_speeds(1000.0)[2] / RPM < 48.0
     assert fold(found, 0.95) > 55.0
 
 

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Warnings with parameters as configured, after a calibration, and with the true ones.
+
+``python -m benchmarks.calibrated_warnings [FIRST [COUNT]]`` sails the voyages of warning quality
+with ordinary sensors, each seed with its own bearing and its own errors of the parameters, and
+judges the monitor by the truth. The calibration of a seed is that of five slow-downs of other
+seeds with a level, through the same errors. No constant was chosen on the seeds of the page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.voyages import cases_of, output_of, with_parameter_errors
+from benchmarks.warning_quality import Quality, pooled, quality_of
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.lab.calibration import Calibration, EvidenceSource
+from stickslip_monitor.lab.scene import load_scene, write_bag
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.offline.archive import run_in_processes
+from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.physics.probability import Belief, Tolerance
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES = ROOT / 'launch_configs' / 'scenes' / 'quality'
+ORDINARY, WITH_LEVEL = (ROOT / f'launch_configs/sensors/{n}.yaml' for n in ('ordinary', 'ordinary_level'))
+# A wrong source tells nothing of a calibration.
+VOYAGES = [path for path in sorted(SCENES.glob('*.yaml')) if path.stem != 'two_publishers']
+# Seeds of slow-downs are those of the voyages and so many hundreds: the same bearing, other courses.
+_APART, _SLOW_DOWNS = 1000, 5
+FIRST, COUNT = 401, 12
+HANDBOOK = Tolerance(damping=0.40, static=0.15, kinetic=0.15, decay=0.30)
+VARIANTS = {
+    'configured': 'as configured',
+    'handbook': 'the same, `tolerance` of a handbook',
+    'calibrated': 'calibrated by five slow-downs',
+    'true': 'true parameters',
+}
+COLUMNS = {
+    'false_per_100h': 'false in 100 h',
+    'wrong_hours': 'hours wrongly in alarm',
+    'missed': 'missed',
+    'lead_10s': 'lead of 10 s',
+    'told': 'within 5 s',
+}
+
+
+def calibration_of(seed: int) -> Calibration | None:
+    """What five slow-downs with a level give of a seed's bearing; ``None`` where they are refused."""
+    found, source = [], EvidenceSource()
+    for k in range(1, _SLOW_DOWNS + 1):
+        scene = load_scene(SCENES / 'slowing_down.yaml', seed + k * _APART, WITH_LEVEL)
+        own = with_parameter_errors(scene.config.bearings[0], scene.parameter_error, seed)
+        with TemporaryDirectory(prefix='stickslip_') as folder:
+            path, kept = Path(folder) / f'slow_down_{k}.mcap', Kept()
+            write_bag(scene, path)
+            check_recording(path, MonitorConfig((own,)), [kept])
+            found.append(source.of_recording(kept, own))
+    try:
+        return source.calibrated(own, found)
+    except CalibrationError:
+        return None
+
+
+def variants_of(config: BearingConfig, true: BearingConfig, seed: int) -> dict[str, BearingConfig]:
+    """The configurations that are judged, by name; a refused calibration changes nothing."""
+    belief = Belief.from_tolerance(config.bearing, HANDBOOK)
+    found, calibrated = calibration_of(seed), config
+    if found is not None:
+        speed = math.hypot(found.floor, config.tolerance.speed)
+        known = Belief(found.bearing, found.covariance, speed, 0.0, found.loads, calibrated=True)
+        calibrated = replace(config, bearing=found.bearing, belief=known)
+    handbook = replace(config, tolerance=HANDBOOK, belief=belief)
+    return dict(zip(VARIANTS, (config, handbook, calibrated, true), strict=True))
+
+
+def judged(seed: int) -> dict[str, Quality]:
+    """The judgement of each variant over all voyages of a seed."""
+    found: dict[str, list[Quality]] = {name: [] for name in VARIANTS}
+    configs: Mapping[str, BearingConfig] = {}
+    for voyage in VOYAGES:
+        scene = load_scene(voyage, seed, ORDINARY)
+        for case in cases_of(scene):
+            configs = configs or variants_of(case.sent.config, scene.config.bearings[0], seed)
+            for name, config in configs.items():
+                sent = replace(case.sent, config=replace(config, level=None))
+                output = output_of(sent.scan, case.truth)
+                found[name].append(quality_of(output, case.truth, case.plain))
+    return {name: pooled(own) for name, own in found.items()}
+
+
+def all_judged(seeds: Iterable[int], jobs: int) -> dict[str, Quality]:
+    """The judgement of each variant over all voyages of some seeds."""
+    calls, found = {seed: (seed,) for seed in seeds}, {name: Quality() for name in VARIANTS}
+    for _, outcome in run_in_processes(judged, calls, jobs):
+        if isinstance(outcome, BaseException):
+            raise outcome
+        for name, quality in outcome.items():
+            found[name] += quality
+    return found
