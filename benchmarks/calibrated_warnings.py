@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings with parameters as configured, after a calibration, and with the true ones.
 
-``python -m benchmarks.calibrated_warnings [FIRST [COUNT]]`` sails the voyages of warning quality
-with ordinary sensors, each seed with its own bearing and its own errors of the parameters, and
-judges the monitor by the truth. The calibration of a seed is that of five slow-downs of other
-seeds with a level, through the same errors. No constant was chosen on the seeds of the page.
+The voyages of warning quality are sailed with ordinary sensors, each seed with its own bearing and
+its own errors of the parameters, and the monitor is judged by the truth. The calibration of a seed
+is that of five slow-downs of other seeds with a level, through the same errors.
+``python -m benchmarks.calibration_study warnings`` writes the table.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration import Calibration, EvidenceSource
 from stickslip_monitor.lab.scene import load_scene, write_bag
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
-from stickslip_monitor.offline.archive import run_in_processes
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.physics.probability import Belief, Tolerance
 
@@ -30,9 +29,10 @@ SCENES = ROOT / 'launch_configs' / 'scenes' / 'quality'
 ORDINARY, WITH_LEVEL = (ROOT / f'launch_configs/sensors/{n}.yaml' for n in ('ordinary', 'ordinary_level'))
 # A wrong source tells nothing of a calibration.
 VOYAGES = [path for path in sorted(SCENES.glob('*.yaml')) if path.stem != 'two_publishers']
-# Seeds of slow-downs are those of the voyages and so many hundreds: the same bearing, other courses.
+# Seeds of slow-downs are so far from those of the voyages: the same bearing, other courses.
 _APART, _SLOW_DOWNS = 1000, 5
-FIRST, COUNT = 401, 12
+SEEDS = range(401, 413)
+"""Seeds that no constant was chosen on."""
 HANDBOOK = Tolerance(damping=0.40, static=0.15, kinetic=0.15, decay=0.30)
 VARIANTS = {
     'configured': 'as configured',
@@ -47,6 +47,7 @@ COLUMNS = {
     'lead_10s': 'lead of 10 s',
     'told': 'within 5 s',
 }
+"""What is shown of a variant, as in :data:`benchmarks.warning_quality.FIGURES`."""
 
 
 def calibration_of(seed: int) -> Calibration | None:
@@ -93,12 +94,7 @@ def judged(seed: int) -> dict[str, Quality]:
     return {name: pooled(own) for name, own in found.items()}
 
 
-def all_judged(seeds: Iterable[int], jobs: int) -> dict[str, Quality]:
+def judged_all(seeds: Iterable[int]) -> dict[str, Quality]:
     """The judgement of each variant over all voyages of some seeds."""
-    calls, found = {seed: (seed,) for seed in seeds}, {name: Quality() for name in VARIANTS}
-    for _, outcome in run_in_processes(judged, calls, jobs):
-        if isinstance(outcome, BaseException):
-            raise outcome
-        for name, quality in outcome.items():
-            found[name] += quality
-    return found
+    each = [judged(seed) for seed in seeds]
+    return {name: pooled(own[name] for own in each) for name in VARIANTS}

@@ -23,7 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.calibrated_warnings import COLUMNS, SEEDS, VARIANTS, judged_all
 from benchmarks.calibration_ships import Kind, Sent, Ship, make_ships, sail
+from benchmarks.warning_quality import written
 from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
 from stickslip_monitor.drawing.studies import draw_calibration
 from stickslip_monitor.errors import CalibrationError
@@ -236,6 +238,14 @@ def reliability() -> dict[str, Any]:
     }
 
 
+def warnings() -> dict[str, Any]:
+    """Warnings of voyages as configured, calibrated, and with the true parameters."""
+    found = judged_all(SEEDS)
+    first = found['configured']
+    rows = [[VARIANTS[name], *map(own.figures().get, COLUMNS)] for name, own in found.items()]
+    return {'hours': first.seconds / 3600.0, 'episodes': first.episodes, 'rows': rows}
+
+
 def _binned(said: Array, was: Array) -> dict[str, Any]:
     edges = np.array([0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0 + 1e-9])
     place = np.digitize(said, edges) - 1
@@ -249,10 +259,16 @@ def _binned(said: Array, was: Array) -> dict[str, Any]:
 
 PARTS: dict[str, Callable[[], dict[str, Any]]] = {
     part.__name__: part
-    for part in (slow, many, other_loads, wrong_drawing, fast, loud, operator, drift, reliability)
+    for part in (warnings, slow, many, other_loads, wrong_drawing, fast, loud, operator, drift, reliability)
 }
 
 MARK = '<!-- What follows is made by `make calibration-study`. -->\n'
+_SHIPS_TEXT = """
+Simulated ships: 20 to 200 kg, five kinds of laws, sensors of 0.5 to 10 Hz, tachometers 0.1 to 1 s
+late, loads off by 3 %, drawings by 40, 25 and 30 % (damping, `mu_s - mu_k`, decay). In per cent:
+median error (bias), half-width of the 90 % interval, how often it held.
+
+"""
 _NAMES = {
     'slow': 'ramps of 1 to 10 min',
     'many': 'the same',
@@ -279,7 +295,9 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
             rows.append([text, str(own['ships']), str(label), _cell(*values[:4]), _cell(*values[4:])])
         if own.get('refused'):
             notes.append(f'{text}: {own["refused"]} refused')
-    text = MARK + '\n' + _table(('what', 'ships', 'slow-downs', 'fold', 'Hopf'), rows)
+    text = (
+        MARK + '\n' + _warnings_table(results) + _table(('what', 'ships', 'slow-downs', 'fold', 'Hopf'), rows)
+    )
     if notes:
         text += f'\nNo result: {"; ".join(notes)}.\n'
     if 'slow' in results and 'drift' in results:
@@ -298,6 +316,17 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
             '![Predicted and observed](images/reliability.png)\n'
         )
     return before.partition(MARK)[0] + text
+
+
+def _warnings_table(results: Mapping[str, Any]) -> str:
+    if 'warnings' not in results:
+        return ''
+    own = results['warnings']
+    cells = [[name, *map(written, COLUMNS, figures)] for name, *figures in own['rows']]
+    return (
+        f'Warnings on {own["hours"]:.0f} h of voyages, {own["episodes"]} episodes, ordinary sensors,'
+        ' parameters off by 5 to 10 %:\n\n' + _table(('', *COLUMNS.values()), cells) + _SHIPS_TEXT
+    )
 
 
 def _cell(error: float, bias: float, half: float, cover: float) -> str:

@@ -36,8 +36,10 @@ _SCATTER_PRIOR = -0.5 * (np.log(_SCATTER / 0.02) / 0.5) ** 2
 _LAG, _LAG_SPREAD = 0.5, 0.9
 _LAG_PRIOR = -0.5 * ((np.array(LAGS) - _LAG) / _LAG_SPREAD) ** 2
 # e-folds from noise to stick-slip: median, spread between ships, spread between onsets; share of
-# onsets that a blow began.
-_FOLDS, _FOLDS_SPREAD, _GROWN, _BLOWN = 3.0, 0.6, 0.3, 0.10
+# onsets that a blow began. Counted along passages of 24 ships they are 3.1, with noise five times
+# as strong 1.3, in the voyages of warning quality 4.5; with a spread of 0.6 the 90 % interval of
+# the Hopf speed held for 62 % of the loud ships.
+_FOLDS, _FOLDS_SPREAD, _GROWN, _BLOWN = 3.0, 0.9, 0.3, 0.10
 _FOLD_NODES = np.linspace(-2.2, 2.2, 9)
 # A worthless end is anywhere within so much of ln V.
 _ANYWHERE = 1.5

@@ -447,9 +447,15 @@ def test_columns_and_unit_may_be_named(write: Write) -> None:
         ('mm/s;cof\n250;0,25\n', 0.25),
         ('velocity m/s,friction coefficient %\n0.5,25\n', 0.5),
         ('speed [um/s],mu [%]\n4300,25\n', 0.0043),
+        ('"Velocity, m/s","Friction coefficient, -"\n0.5,0.25\n', 0.5),
+        ('v / (m/s),mu / -\n0.5,0.25\n', 0.5),
+        ('Speed (m s^-1),Coefficient of Friction (COF)\n0.5,0.25\n', 0.5),
+        ('Velocity (m·s-1)\tDynamic friction coefficient f\n0.5\t0.25\n', 0.5),
+        ('Gleitgeschwindigkeit [mm/s];Reibwert\n250;0,25\n', 0.25),
+        ('relative sliding velocity,mean µ,SD,Load [N]\nm/s,-,-,N\n0.5,0.25,0.01,300\n', 0.5),
     ],
 )
-def test_a_heading_that_is_or_ends_in_a_unit(write: Write, content: str, speed: float) -> None:
+def test_a_heading_that_has_or_ends_in_a_unit(write: Write, content: str, speed: float) -> None:
     curve = read_curve(write(content), journal_diameter=0.1)
     assert curve.speed.tolist() == pytest.approx([speed])
     assert curve.coefficient.tolist() == pytest.approx([0.25])
@@ -480,6 +486,7 @@ def test_as_benches_and_spreadsheets_write_it(write: Write, content: str) -> Non
     [
         ('', ' is empty'),
         ('speed,mu\n', ' has headings (line 1) but no points'),
+        ('0.1,0.3\n0.2,0.2\n', ", line 1 has numbers and no headings: put a line 'speed [m/s],mu' be"),
         ('a,mu\n1,2\n', ", line 1: no column for the speed among 'a', 'mu': name it with --speed-c"),
         ('v,speed,mu\n1,2,3\n', ", line 1: several columns may be the speed: 'v', 'speed'"),
         ('speed,mu\n0,0.3\n\n0.1,x\n', ", line 4, column 'mu': 'x' must be a number"),
