@@ -50,8 +50,6 @@ _OF_ALARM = ('alarm.onset_growth', 'alarm.on_delay')
 _OF_WARNING = ('alarm.caution_margin', 'alarm.look_ahead')
 # Rows of the page, and its columns beside those of the grades of sensors.
 _SHOWN = (
-    'hours',
-    'episodes',
     'warned',
     'newly_given',
     'lead_median',
@@ -61,7 +59,6 @@ _SHOWN = (
     'detected_plain',
     'false_per_100h',
     'wrong_hours',
-    'unfounded_hours',
     'far_warned',
     'changes_per_hour',
     'largest_burst',
@@ -69,16 +66,7 @@ _SHOWN = (
     'loudest',
 )
 # Of voyages with spoilt sensors.
-_OF_SPOILT = (
-    'newly_given',
-    'missed',
-    'detected',
-    'told',
-    'false_per_100h',
-    'wrong_hours',
-    'unfounded_hours',
-    'far_warned',
-)
+_OF_SPOILT = ('newly_given', 'detected', 'told', 'false_per_100h', 'wrong_hours', 'far_warned')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -131,7 +119,9 @@ def _is_main(voyage: Voyage) -> bool:
 
 def _page(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
     own = [voyage for voyage in voyages if _is_main(voyage)]
-    yield f'Seeds {seeds[0]} to {seeds[-1]} of each scene; the bare rules with ordinary sensors.'
+    one = pooled(v.rules[OURS] for v in own if v.sensors == str(ORDINARY)).figures()
+    long = f'{written("hours", one["hours"])} h with {written("episodes", one["episodes"])} episodes'
+    yield f'Seeds {seeds[0]} to {seeds[-1]} of each scene, {long}; the bare rules with ordinary sensors.'
     yield ''
     yield from _totals(own)
     yield ''
@@ -217,7 +207,7 @@ def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
     """A row for each way in which a level, or the stamps of speed and load, can be spoilt."""
     yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT))
     yield _row('---', *('---:' for _ in _OF_SPOILT))
-    for kinds, what in ((LEVELS, 'level'), (STAMPS, 'speed and load, no level')):
+    for kinds, what in ((LEVELS, 'level'), (STAMPS, 'no level')):
         for name in kinds:
             figures = found[name].figures()
             yield _row(f'{what}: {name}', *(written(f, figures[f]) for f in _OF_SPOILT))

@@ -268,8 +268,8 @@ def modes_of(levels: Sequence[LevelBins]) -> Modes:
     order = np.argsort(value)
     x, raw = value[order], (value + by_speed)[order]
     if x.size < 2 or np.ptp(raw) < _STUCK:
-        has = f'it stays at {raw[0]:.1f} dB' if x.size else 'none came while the shaft turned'
-        text = f'the level has no two modes: {has}; is its sensor connected?'
+        has = f'it stays at {raw[0]:.1f} dB' if x.size else 'no valid value came while the shaft turned'
+        text = f'the level has no two modes: {has}; is its sensor connected, and its unit right?'
         raise NoTwoModes(text, tuple(levels))
     n = np.arange(1, x.size)
     below, total = np.cumsum(x)[:-1], float(x.sum())

@@ -66,8 +66,8 @@ def test_a_knock_is_no_episode_and_a_gap_is_no_quiet() -> None:
 
 SLOWER = np.where(TIME < 500.0, 1.0, 0.2)
 BAD: dict[str, tuple[Callable[[], LevelBins], str]] = {
-    'silent': (lambda: level(np.full(4000, np.nan)), 'none came while the shaft turned'),
-    'at rest': (lambda: level(NOISE, 0.0), 'none came while the shaft turned'),
+    'silent': (lambda: level(np.full(4000, np.nan)), 'no valid value came while the shaft turned'),
+    'at rest': (lambda: level(NOISE, 0.0), 'no valid value came while the shaft turned'),
     'stuck': (lambda: level(np.full(4000, -20.0), SLOWER), 'it stays at -20.0 dB'),
     'noise alone': (lambda: level(NOISE), 'of the values between them'),
     'another speed': (lambda: level(-20.0 + NOISE, SLOWER), 'of the values between them'),
