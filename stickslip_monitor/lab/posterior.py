@@ -118,7 +118,7 @@ def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spread
     found = grid(u, quick=True)
     known = np.flatnonzero(found.weight.max(axis=1) > found.weight.max() * math.exp(-_DEPTH))
     fold = grid(np.linspace(u[known[0]] - _ROOM, u[known[-1]] + _ROOM, _FINE))
-    return _with_onsets(fold, edges.passages, reference, spreads)
+    return _with_onsets(fold, edges, reference, spreads)
 
 
 def _fold_grid(
@@ -200,16 +200,21 @@ def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: fl
     return float(min(wrong / np.exp(with_trust).mean(), 1.0)) if trust < 1.0 else 0.0
 
 
-def _with_onsets(fold: Grid, passages: Sequence[Passage], reference: Reference, spreads: Spreads) -> Grid:
-    """The grid with what onsets, and passages without one, tell."""
+def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spreads) -> Grid:
+    """The grid with what onsets, and passages without one, tell.
+
+    Of a bearing that wears, those of the newest recording: the errors that older ones have by its
+    drift are no more independent than the steps of a walk.
+    """
+    since = edges.tracks[-1].time[0] if spreads.forget else -math.inf
+    own = math.hypot(0.02, spreads.load)
     cells = np.argwhere(fold.weight > fold.weight.max() * math.exp(-_DEPTH))
     log_r, log_q = fold.log_r[tuple(cells.T)], fold.log_q[cells[:, 1]]
     common = -0.5 * _FOLD_NODES**2
     total = np.zeros((len(cells), common.size, len(LAGS))) + (
         (common - logsumexp(common))[:, None] + (_LAG_PRIOR - logsumexp(_LAG_PRIOR))
     )
-    for later, one in zip(range(len(passages) - 1, -1, -1), passages, strict=True):
-        own = math.hypot(0.02, spreads.load, spreads.forget * math.sqrt(later))
+    for one in (passage for passage in edges.passages if passage.time >= since):
         # Three nodes of the passage's own boundary, as a load.
         parts = [log_passage(one, reference, log_r, log_q + z * own) for z in (-1.2247, 0.0, 1.2247)]
         total += logsumexp(np.stack(parts), axis=0) - math.log(3.0)
