@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slow_passages import BEARING, FOLD, RPM, passage, reports
+from slow_passages import BEARING, FOLD, ONSET, RPM, passage, reports
 
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, read_levels
-from stickslip_monitor.physics.averaging import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.probability import EXACT
@@ -47,6 +47,19 @@ def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> N
     assert found.episodes == 5
     assert found.warnings == []
     assert any('all evidence is at 1000 to 1000 N' in text for text in found.remarks)
+
+
+def test_the_bearing_that_is_used_has_grown_three_e_folds_at_the_onsets() -> None:
+    """``G = (c/2m) ((e^(b t) - 1)/b - t)`` on a ramp, t after the Hopf speed, ``b = beta dV/dt``."""
+    found = of([passage(k, rate) for k, rate in enumerate(RATES)])
+    bearing, law = found.bearing, found.bearing.friction
+    assert isinstance(law, Stribeck)
+    hopf = hopf_speed(bearing, 1000.0) / RPM
+    rate = np.array(RATES)
+    b, t = law.decay * rate * RPM, (hopf - ONSET) / rate
+    grown = bearing.damping / (2.0 * bearing.mass) * (np.expm1(b * t) / b - t)
+    assert 2.0 < np.median(grown) < 4.5
+    assert found.hopf_speeds(1000.0)[1] == pytest.approx(hopf * RPM, rel=0.01)
 
 
 def test_knocks_move_nothing_and_are_counted() -> None:
