@@ -26,8 +26,8 @@ from stickslip_monitor.physics.probability import Belief
 
 TABLE_ERROR = 1e-6
 """More than the error of a table of Stribeck's averaged fold, which is 1e-8 at most."""
-# So far beyond the boundaries none of eight laws has a cycle, nor at 1.0001: more than a table's error.
-_COVER = 1.01
+COVER = 1.01
+"""So far beyond all boundaries none of eight laws has a cycle (nor at 1.0001): more than a table's error."""
 # Points from which on a table of the exact fold pays.
 _FEW = 64
 
@@ -341,7 +341,7 @@ def _followed(points: Assessments) -> FloatArray:
     end = np.fmax(points.hopf_speed, np.fmax(points.fold_speed, points.exact_fold_speed))
     end[np.isnan(points.exact_fold_speed)] = np.inf
     found = np.full(end.size, np.nan)
-    rows = np.flatnonzero(np.abs(points.speed) <= _COVER * end)
+    rows = np.flatnonzero(np.abs(points.speed) <= COVER * end)
     found[rows] = exact_amplitude(points.bearing, points.speed[rows], points.load[rows])
     return found
 

@@ -8,6 +8,7 @@ the recording unless a sink's does.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +23,13 @@ from stickslip_monitor.bags.log_times import LogTimes
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.assessment import REGIMES, Regime
+from stickslip_monitor.monitor.assessment import REGIMES, Assessments, Regime
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, joined
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.extremes import Extreme, Outline, Outliner, Worst
+from stickslip_monitor.offline.extremes import Extreme, Outline, Outliner, Worst, heaviest, regime_codes
 from stickslip_monitor.offline.input_report import COARSE, InputCheck, InputReport, Plausibility, bound_to
 
 _NONE = np.empty(0, np.int64)
@@ -173,6 +174,7 @@ class _BearingCheck:
         self._inputs = [InputCheck(config, k, text) for k, text in enumerate(absent)]
         self._plausibility = Plausibility(config)
         self._worst = Worst()
+        self._heaviest: Assessments | None = None
         self._events: list[Event] = []
         self._evaluations = 0
         self._lasting_ns = np.zeros(len(REGIMES), np.int64)
@@ -201,9 +203,12 @@ class _BearingCheck:
         """Add up the verdicts that are known with a part, a point behind."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
-        self._plausibility.take(scan.assessment)
-        self._worst.take(scan)
-        self._lasting_ns += _lasting_ns(scan, np.asarray(scan.assessment.regime_code), REGIMES)
+        self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).stability_limit)
+        if scan.time_ns.size:
+            self._heaviest = heaviest(scan, self._heaviest)
+            codes = regime_codes(scan, self._heaviest)
+            self._worst.take(scan, self._heaviest, codes)
+            self._lasting_ns += _lasting_ns(scan, codes, REGIMES)
         if scan.measured is not None:
             self._measured_ns += _lasting_ns(scan, scan.measured, MEASURED)
         if self._outliner is not None:
@@ -216,7 +221,8 @@ class _BearingCheck:
         seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
         silent_ns = max(0, span.length_ns - int(self._lasting_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
-        asked = self._plausibility.questions()
+        nearest = self._worst.found.get('fold_margin')
+        asked = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
         if self._end.unknown is not None:
             asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)

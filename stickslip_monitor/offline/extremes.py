@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, Regime, assess
+from stickslip_monitor.monitor.assessment import COVER, REGIMES, Assessment, Assessments, Regime, assess
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
 
 _MOST = 600
-_BISTABLE, _UNSTABLE = REGIMES.index(Regime.BISTABLE), REGIMES.index(Regime.UNSTABLE)
+_HEAVIER = 1.1
+_STABLE, _BISTABLE, _UNSTABLE = map(REGIMES.index, (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE))
 _SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])
 
 
@@ -237,6 +238,29 @@ class Extreme:
     point: Assessment
 
 
+def heaviest(scan: Scan, known: Assessments | None) -> Assessments:
+    """A point at least as heavy as some, that known or one of these, if not much heavier.
+
+    No boundary of these is higher than its boundaries, which rise with the load.
+    """
+    most = scan.load.max()
+    if known is not None and most <= known.load[0] <= _HEAVIER * most:
+        return known
+    return scan.assessed(np.array([scan.load.argmax()]))
+
+
+def regime_codes(scan: Scan, top: Assessments) -> NDArray[np.int8]:
+    """The regime of each point, of which the heaviest is known: an index into REGIMES, shape (n,)."""
+    size = np.abs(scan.speed)
+    # Beyond the highest boundaries a point is stable; but an exact fold that is not known has no end.
+    limit = COVER * np.fmax.reduce((top.hopf_speed, top.fold_speed, top.exact_fold_speed))
+    rows = np.flatnonzero(size <= np.where(np.isnan(top.exact_fold_speed), np.inf, limit))
+    codes = np.full(size.size, _STABLE, np.int8)
+    if rows.size:
+        codes[rows] = scan.assessed(rows).regime_code
+    return codes
+
+
 class Worst:
     """The least Hopf and fold margin, and the greatest amplitude while stick-slip is predicted.
 
@@ -247,25 +271,31 @@ class Worst:
     def __init__(self) -> None:
         self.found: dict[str, Extreme] = {}
 
-    def take(self, scan: Scan) -> None:
-        """Take the next part of the verdicts on one bearing."""
-        points = scan.assessment
+    def take(self, scan: Scan, top: Assessments, codes: NDArray[np.int8]) -> None:
+        """Take the next verdicts on one bearing, of which the heaviest and the regimes are known."""
         # At rest nothing slides: its margin of -1 would be the worst of every voyage.
         turning = np.flatnonzero(scan.speed)
-        for name in ('hopf_margin', 'fold_margin'):
-            self._take(name, scan, turning)
+        size = np.abs(scan.speed[turning])
+        for name, boundary in (('hopf_margin', top.hopf_speed), ('fold_margin', top.stability_limit)):
+            if name not in self.found and turning.size:
+                self._take(name, scan, turning[[size.argmin()]])
+            known = self.found[name].value if name in self.found else math.inf
+            # Only a speed this low can have a lower margin; nan, and so none, without a boundary.
+            self._take(name, scan, turning[size <= COVER * (1.0 + known) * boundary])
         # One that dies out beyond the fold has no amplitude any more.
-        exists = (points.regime_code == _BISTABLE) | (points.regime_code == _UNSTABLE)
-        rows = np.flatnonzero(scan.sticking & exists)
+        rows = np.flatnonzero(scan.sticking & ((codes == _BISTABLE) | (codes == _UNSTABLE)))
         if rows.size:
             rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
             self._take('amplitude', scan, rows, -1)
 
     def _take(self, name: str, scan: Scan, rows: IndexArray, sign: int = 1) -> None:
         """Take some rows; the least value is the worst, with the other sign the greatest."""
-        points = scan.assessment.at(rows)
+        if not rows.size:
+            return
+        points = scan.assessed(rows)
         values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
         if name == 'fold_margin':
+            # Of Coulomb's law averaging has no fold, and the exact model has one.
             values = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, values)
         badness = np.where(np.isfinite(values), sign * values, np.inf)
         least = sign * self.found[name].value if name in self.found else math.inf

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.bags.recording import Bound, Fault, Recording, Series
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.assessment import Assessments
 from stickslip_monitor.monitor.configuration import FACTOR, questions
 from stickslip_monitor.monitor.input_faults import (
     InputFacts,
@@ -258,14 +258,12 @@ class Plausibility:
         self._count = self._negative = self._moving = self._unloaded = 0
         self._fastest = self._heaviest = 0.0
         self._loads = np.zeros(_BINS, np.int64)  # how many are of each fourth of a decade
-        # Of the points of a turning shaft: whether all have a fold, and speeds relative to it.
-        self._turning = False
-        self._bounded = True
-        self._least, self._most = math.inf, -math.inf
+        # The greatest speed of the turning shaft relative to the fold; inf once one has no fold.
+        self._most = -math.inf
 
-    def take(self, points: Assessments) -> None:
-        """Take some points, of arrays."""
-        speed, load = np.abs(points.speed), points.load
+    def take(self, speed: FloatArray, load: FloatArray, limit: Callable[[IndexArray], FloatArray]) -> None:
+        """Take some points, shape (n,) [m/s] and [N], and what works out the greater fold of some."""
+        speed = np.abs(speed)
         turns, loaded = speed > 0.0, load > 0.0
         self._count += speed.size
         self._fastest = float(speed.max(initial=self._fastest))
@@ -275,18 +273,21 @@ class Plausibility:
             self._negative += int(np.count_nonzero(load < 0.0))
             self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
             turns &= loaded
-        place = np.floor(_A_DECADE * (np.log10(load[turns]) + 6.0)).clip(0, _BINS - 1)
-        self._loads += np.bincount(place.astype(np.intp), minlength=_BINS)
-        ratio = speed / points.stability_limit
-        if not turns.all():
-            ratio = ratio[turns]
-        self._turning |= bool(ratio.size)
-        self._bounded &= not np.isnan(ratio).any()
-        self._least = float(np.fmin.reduce(ratio, initial=self._least))
-        self._most = float(np.fmax.reduce(ratio, initial=self._most))
+        self._loads += _by_size(load[turns])
+        rows = np.flatnonzero(turns)
+        if rows.size:
+            # As a rule the fastest is fast enough, and no more is to be worked out.
+            for some in (rows[speed[rows].argmax()][None], rows):
+                if self._most < 1.0 / FACTOR:
+                    ratio = speed[some] / limit(some)
+                    self._most = max(self._most, float(np.where(np.isnan(ratio), np.inf, ratio).max()))
 
-    def questions(self) -> dict[str, list[str]]:
-        """Questions by quantity, each a clause that follows the name of the input."""
+    def questions(self, least: float) -> dict[str, list[str]]:
+        """Questions by quantity, each a clause that follows the name of the input.
+
+        Args:
+            least: The least speed of the turning shaft relative to the fold; inf for none.
+        """
         config = self._config
         found = questions(config, self._heaviest)
         if self._fastest > FASTEST:
@@ -302,16 +303,16 @@ class Plausibility:
                 ' the sensor connected, are its topic and field right?'
             )
         found['load'] += self._two_levels()
-        if self._turning and not found['speed']:
-            found['speed'] += self._distance()
+        if self._loads.any() and not found['speed']:
+            found['speed'] += self._distance(least)
         return found
 
-    def _distance(self) -> list[str]:
+    def _distance(self, least: float) -> list[str]:
         """Whether the points of a turning shaft are all far from the boundary."""
         asked = 'are units, scales and topics of speed and load right?'
-        if FACTOR < self._least < math.inf:
-            return [f'is never below {self._least:.3g} times the fold speed: {asked}']
-        if self._most < 1.0 / FACTOR and self._bounded:
+        if FACTOR < least < math.inf:
+            return [f'is never below {least:.3g} times the fold speed: {asked}']
+        if self._most < 1.0 / FACTOR:
             return [f'is never above {self._most:.2g} times the fold speed: {asked}']
         return []
 
@@ -327,3 +328,19 @@ class Plausibility:
                     ' in the others, with nothing between: was its unit or sensor changed?'
                 ]
         return []
+
+
+def _by_size(load: FloatArray) -> IntArray:
+    """How many loads are of each fourth of a decade."""
+    if not load.size:
+        return np.zeros(_BINS, np.int64)
+    ends = np.array([load.min(), load.max()])
+    first, last = _place(ends).tolist()
+    # Most recordings have all in one, which needs no logarithm of each.
+    places = np.full(load.size, first) if first == last else _place(load)
+    return np.bincount(places, minlength=_BINS)
+
+
+def _place(load: FloatArray) -> IndexArray:
+    place: IndexArray = np.floor(_A_DECADE * (np.log10(load) + 6.0)).clip(0, _BINS - 1).astype(np.intp)
+    return place

@@ -4,11 +4,28 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
+import pytest
 from sending import change
+from shared import LAWS
 
+from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.offline.extremes import ConditionInterval, coarsened, condition_intervals, together
+from stickslip_monitor.offline.extremes import (
+    ConditionInterval,
+    Worst,
+    coarsened,
+    condition_intervals,
+    heaviest,
+    regime_codes,
+    together,
+)
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.friction import FrictionLaw
 
 NS = 10**9
 NORMAL, CAUTION, STICK, AMPLITUDE = (
@@ -52,3 +69,31 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
     assert (found[0].start_ns, found[-1].end_ns) == (0, 1000 * NS)
     assert found[1].start_ns <= 500 * NS < found[1].end_ns
     assert all(a.end_ns == b.start_ns for a, b in pairwise(found))
+
+
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: FrictionLaw) -> None:
+    """Beside the assessment of every point, in parts of which each begins with what is known."""
+    bearing, rng = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.random.default_rng(1)
+    load = rng.uniform(-50.0, 1000.0, (5, 400)) * np.array([[1.0], [1.05], [5.0], [0.5], [0.9]])
+    speed = rng.choice([-1.0, 0.0, 1.0, 1.0], load.shape) * 10.0 ** rng.uniform(-2.0, 0.5, load.shape)
+    table, worst, top = known_table(bearing), Worst(), None
+    for number in range(len(load)):
+        points = assess(bearing, speed[number], load[number], table=table)
+        scan: Any = SimpleNamespace(
+            speed=points.speed,
+            load=points.load,
+            time_ns=np.arange(400),
+            sticking=np.zeros(400, bool),
+            assessed=lambda rows, own=points: assess(bearing, own.speed[rows], own.load[rows], table=table),
+        )
+        top = heaviest(scan, top)
+        codes = regime_codes(scan, top)
+        np.testing.assert_array_equal(codes, points.regime_code)
+        worst.take(scan, top, codes)
+    points = assess(bearing, speed, load, table=table)
+    fold = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, points.fold_margin)
+    for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', fold)):
+        known = margins[(speed != 0.0) & np.isfinite(margins)]
+        found = [worst.found[name].value] if name in worst.found else []
+        assert found == ([known.min()] if known.size else [])

@@ -77,10 +77,14 @@ FOLD = 0.2132
 
 def asked(speed: list[float], load: list[float], config: BearingConfig = BEARING) -> dict[str, list[str]]:
     seen = Plausibility(config)
+    points = assess(config.bearing, np.array(speed), np.array(load))
     # In two parts: what is said of a recording does not depend on how it is cut.
     for part in (slice(1), slice(1, None)):
-        seen.take(assess(config.bearing, np.array(speed[part]), np.array(load[part])))
-    return seen.questions()
+        seen.take(
+            points.speed[part], points.load[part], lambda rows, part=part: points.stability_limit[part][rows]
+        )
+    ratio = np.abs(points.speed) / points.stability_limit
+    return seen.questions(float(ratio[ratio > 0.0].min(initial=np.inf)))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import REGIMES
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import BearingReport
-from stickslip_monitor.offline.extremes import Worst, condition_intervals
+from stickslip_monitor.offline.extremes import Worst, condition_intervals, heaviest
 from stickslip_monitor.report.summary import Course
 
 CONFIG = load_config(REFERENCE_FILE)
@@ -34,7 +34,8 @@ def course() -> Callable[..., Course]:
         totals = {r: float(lasting[codes == i].sum()) for i, r in enumerate(REGIMES)}
         parts = condition_intervals(scan.events, START, end)
         worst = Worst()
-        worst.take(scan)
+        if scan.time_ns.size:
+            worst.take(scan, heaviest(scan, None), codes)
         item = BearingReport(
             'aft_stern', scan.events, scan.time_ns.size, totals, worst.found, (), outline=scan
         )
