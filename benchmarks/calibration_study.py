@@ -343,16 +343,18 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
         figure = new_figure(5.6, 5.2)
         axes = figure.add_subplot()
         axes.plot([0, 1], [0, 1], color=MUTED, lw=1.0, ls='--', label='as often as predicted')
-        for (name, text), (colour, marker) in zip(_SAYINGS.items(), _LOOKS, strict=True):
+        # How many points each mark has: one curve's to its upper left, the other's to its lower right.
+        beside: Any = ({'xytext': (-7.0, 5.0), 'ha': 'right'}, {'xytext': (8.0, -10.0)})
+        for (name, text), (colour, marker), where in zip(_SAYINGS.items(), _LOOKS, beside, strict=True):
             said, was, count = np.array(result[name]['rows']).T
             axes.plot(said, was, color=colour, lw=1.2, marker=marker, label=text)
             size = 12.0 + 40.0 * np.log10(count)
             axes.scatter(said, was, size, color=colour, marker=marker, ec='white', zorder=3)
             for x, y, n in zip(said, was, count.astype(int), strict=True):
-                beside: dict[str, Any] = {'xytext': (8.0, -9.0), 'textcoords': 'offset points'}
-                axes.annotate(f'{n}', (x, y), size=7.5, color=colour, **beside)
-        axes.set_xlabel('predicted probability')
-        axes.set_ylabel('share of the points at which it was so (beside a mark: how many)')
+                axes.annotate(f'{n}', (x, y), textcoords='offset points', size=7.5, color=colour, **where)
+        axes.set_xlabel('predicted probability [-]')
+        axes.set_ylabel('share of points at which it was so [-]\n(beside a mark: number of points)')
+        axes.set(xlim=(-0.15, 1.15), ylim=(-0.1, 1.1))
         axes.set_aspect('equal')
         axes.tick_params(colors=INK)
         axes.legend(frameon=False, loc='upper left')

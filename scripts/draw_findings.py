@@ -280,6 +280,7 @@ def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) ->
     regimes = _REGIMES if rising else _REGIMES[::-1]
     edges = zip(pairwise((low, *ends, high)), regimes, strict=True)
     spans = [(a, b, regime) for (a, b), regime in edges if a < b]
+    names = {Regime.STABLE: 'steady sliding', Regime.UNSTABLE: 'steady sliding, unstable'}
     for a, b, regime in spans:
         stable = regime is not Regime.UNSTABLE
         axes.plot(
@@ -289,7 +290,7 @@ def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) ->
             ls='-' if stable else canvas.DASHES,
             lw=2.4,
             zorder=3,
-            label='steady sliding' if regime is Regime.STABLE else None,
+            label=names.get(regime),
         )
     canvas.regime_bands([axes, below], spans)
 

@@ -124,8 +124,8 @@ ON_DARK = {
 SOFTWARE = 'stickslip_monitor'
 WIDTH, HEIGHT = 9.0, 5.6
 _DPI = 200
-# A stretch in which a word has room [pixels].
-_NARROWEST = 75.0
+# Stretches in which a word has room upright, and across [pixels].
+_NARROWEST, _WIDE = 15.0, 75.0
 _STYLE = {
     'font.family': 'sans-serif',
     'font.sans-serif': ['DejaVu Sans'],
@@ -224,7 +224,7 @@ def legend_above(axes: Axes, columns: int, **more: Any) -> None:
 
 
 def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Regime]]) -> None:
-    """Fill stretches of the x axis; the first panel names those that are wide enough."""
+    """Fill stretches of the x axis; the first panel names them, narrow ones upright."""
     first = panels[0]
     top = first.get_ylim()[1]
     for low, high, regime in spans:
@@ -234,6 +234,7 @@ def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Reg
         if right - left > _NARROWEST:
             middle = 0.5 * (low + high), top
             look: Look = {'ha': 'center', 'va': 'top', 'style': 'italic', 'zorder': 12}
+            look['rotation'] = 0.0 if right - left > _WIDE else 90.0
             first.annotate(regime.value, middle, (0.0, -6.0), textcoords='offset points', **look)
 
 
