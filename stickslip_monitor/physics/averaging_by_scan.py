@@ -36,11 +36,13 @@ GRID = np.concatenate([_BELOW, _ABOVE])
 CUSP = _BELOW.size - 1
 _EQUILIBRIUM_PER_PANEL = 24
 _PEAK_SPEEDS = 200
-# A table of more points is not asked at every one of them: it costs in proportion to their square.
-_PANELS = 40
-# Points of a table up to which all count: one of 100 that scatters by 0.004 has its fold at 0.107
-# m/s by 40 of them, at 0.185 by all.
-_WHOLE = 200
+# Points of a table up to which all are speeds of the grid, which costs in proportion to their square.
+_PANELS, _WHOLE = 40, 200
+# Of a table with more points, speeds besides at which peaks may stand out, at most, and the windows,
+# in shares of the speed, by which that is seen: a table of 300 that scatters by 0.001 has 32, and
+# its fold at 1.235 m/s; by 40 speeds alone it was at 0.62.
+_OUTSTANDING = 160
+_WINDOWS = np.geomspace(1e-3, 1.0, 61)
 _FAR_SPEEDS = np.geomspace(1.0, 1e6, 97)
 _SPEEDS = 1024
 # Friction has no scale outside this range; inside it no amplitude over- or underflows.
@@ -51,8 +53,9 @@ _SMALLEST = 1e-3
 # How far below the sliding limit rho is asked whether it rises up to there.
 _ASIDE = 1e-6
 # Rounds that refine the peaks of a table of many points, the share by which a line is off, and how
-# far below the highest of all higher speeds a peak may stand to matter.
-_FINER, _BENT, _MATTERS = 2, 5e-3, 0.67
+# far below the highest of all higher speeds a peak may stand to matter; and more new speeds than a
+# round is worth: those of a curve read in steps, of which each stands out by itself.
+_FINER, _BENT, _MATTERS, _MOST_FRESH = 2, 5e-3, 0.67, 400
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -188,12 +191,18 @@ def peak_curve(law: FrictionLaw) -> PeakCurve:
 
     With more speeds where a line between neighbours is off, and no higher speed has a much higher one.
     """
-    speeds = _table_speeds(law)
+    speeds = _table_speeds(law, _PANELS)
     peak, place = highest(law, speeds)
+    if len(law.breakpoints) > _PANELS:
+        also, peaks_there, places_there = _outstanding(law)
+        speeds, first = np.unique(np.append(speeds, also), return_index=True)
+        peak, place = np.append(peak, peaks_there)[first], np.append(place, places_there)[first]
     for _ in range(_FINER if len(law.breakpoints) >= _PANELS else 0):
         above = np.maximum.accumulate(peak[::-1])[::-1]
         bent = (_off_line(speeds, peak) > _BENT * peak[1:-1]) & (peak[1:-1] > _MATTERS * above[1:-1])
         rows = np.flatnonzero(np.append(bent, False) | np.append(False, bent)) + 1
+        if rows.size > _MOST_FRESH:
+            break
         fresh = 0.5 * (speeds[rows] + speeds[rows - 1])
         order = np.argsort(np.append(speeds, fresh))
         more = highest(law, fresh)
@@ -228,7 +237,7 @@ class SlopeTable(NamedTuple):
 @lru_cache(maxsize=32)
 def slope_table(law: FrictionLaw) -> SlopeTable:
     """The table of a law, from zero to far past its last breakpoint."""
-    speeds = _table_speeds(law)
+    speeds = _table_speeds(law, _WHOLE)
     rows = surface_rows(law, speeds)
     # What the straight line over two cells is off in their middle is far more than the line over
     # one of them is anywhere: a fourth where rho is smooth, twice as much at a kink.
@@ -237,9 +246,44 @@ def slope_table(law: FrictionLaw) -> SlopeTable:
     return SlopeTable(speeds, rows, np.vstack([doubt, doubt[-1:]]))
 
 
-def _table_speeds(law: FrictionLaw) -> FloatArray:
+def _outstanding(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speeds of a table at which the highest ``rho`` may exceed that of all higher speeds.
+
+    Returns:
+        These speeds, the highest ``rho``, and the amplitude coordinate where it stands.
+    """
+    breaks, (steady, heights) = np.array(law.breakpoints), equilibrium_table(law)
+    steepest = steady[1:-1][(heights[1:-1] >= heights[:-2]) & (heights[1:-1] >= heights[2:])]
+    v = np.unique(np.concatenate([breaks, 0.5 * (breaks[1:] + breaks[:-1]), steepest]))
+    peak, bound = -law.slope(v), _steepest_mean(law, v)
+    record = (bound > 0.0) & (bound >= np.maximum.accumulate(bound[::-1])[::-1])
+    v, peak, at_rest = v[record], peak[record], (peak >= bound)[record]
+    asked = np.flatnonzero(~at_rest)
+    # So many stand out only where the peaks fall from speed to speed, and between them.
+    asked = asked[:: max(1, -(-asked.size // _OUTSTANDING))]
+    place = np.zeros(v.size)
+    peak[asked], place[asked] = highest(law, v[asked])
+    known = np.append(np.flatnonzero(at_rest), asked)
+    return v[known], peak[known], place[known]
+
+
+def _steepest_mean(law: FrictionLaw, speed: FloatArray) -> FloatArray:
+    """The steepest mean fall over a window about each speed, which no ``rho`` exceeds [s/m].
+
+    ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a
+    mean of its means over windows ``V - h`` to ``V + h``.
+    """
+    bound = -law.slope(speed)
+    for share in _WINDOWS:
+        fall = law.coefficient(speed * (1.0 - share)) - law.coefficient(speed * (1.0 + share))
+        bound = np.maximum(bound, fall / (2.0 * share * speed))
+    return bound
+
+
+def _table_speeds(law: FrictionLaw, whole: int) -> FloatArray:
+    """Speeds from zero to far past the last breakpoint; between all of up to so ``whole`` many."""
     panels = min(len(law.breakpoints), _PANELS)
-    most = _PANELS if len(law.breakpoints) > _WHOLE else None
+    most = _PANELS if len(law.breakpoints) > whole else None
     per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
     far = law.breakpoints[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
     steady, heights = equilibrium_table(law)
@@ -252,6 +296,9 @@ def _table_speeds(law: FrictionLaw) -> FloatArray:
 _BLOCK = 1024
 # How far from the places at two speeds the place of the peak between them is looked for.
 _AROUND = 0.03
+# Amplitudes at which rho is often high, in units of the sliding limit; and the share by which the
+# windows of a bound may miss the steepest.
+_LIKELY, _CAREFUL = (1.0, 0.0, 0.5, 0.2), 0.1
 # What the highest rho between two speeds is: steady sliding, the cusp at the sliding limit, a peak
 # that moves little from one to the other, or another one.
 _STEADY, _CUSP, _NEAR, _ANYWHERE = range(4)
@@ -355,6 +402,13 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     open_ = result & ~((i == end) & (fold < speeds[-1]))
     result &= ~open_ | (excess > 0.0)
     asked = np.flatnonzero(open_ & ~((np.abs(excess) > doubt[i]) & (share >= 0.0) & (share <= 1.0)))
+    # Most of these have a cycle by one of a few amplitudes, or none by any.
+    result[asked] = True
+    for at in _LIKELY:
+        v = np.clip(speed[asked], SLOWEST, FASTEST)
+        asked = asked[slope_surface(law, np.full(asked.size, at), v) <= q[asked]]
+    result[asked] = _steepest_mean(law, speed[asked]) > (1.0 - _CAREFUL) * q[asked]
+    asked = asked[result[asked]]
     result[asked] = peak_slope(law, speed[asked]) > q[asked]
     return result
 

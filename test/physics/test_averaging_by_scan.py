@@ -158,20 +158,29 @@ def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
     assert hopf == pytest.approx(hopf_speed(same, 1000.0), rel=1e-4)
 
 
-@pytest.mark.parametrize('seed', [1, 2, 3])
-def test_the_fold_of_a_noisy_table_is_that_of_a_dense_scan(seed: int) -> None:
-    """100 points that scatter by 0.004, against 3,000 speeds and 65 amplitudes."""
-    speed = np.append(0.0, np.geomspace(0.005, 1.0, 99))
-    scatter = 0.004 * np.random.default_rng(seed).standard_normal(100)
-    law = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed) + scatter)
-    dense = np.geomspace(0.05, 2.0, 3000)
-    peak = np.full(dense.size, -np.inf)
-    for share in np.linspace(0.0, 1.0, 65):
-        peak = np.maximum(peak, averaging_by_scan.slope_surface(law, np.full(3000, share), dense))
-    for load in (369.0, 609.0, 3000.0):
-        last = dense[np.flatnonzero(load * peak > 400.0)[-1]]
-        found = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)
-        assert found == pytest.approx(last, rel=3e-3)
+def _measured(points: int, scatter: float, step: float) -> Tabulated:
+    """A curve as a bench or a reader leaves it: it scatters, or has steps."""
+    speed = np.append(0.0, np.geomspace(0.005, 1.0, points - 1))
+    noise = scatter * np.random.default_rng(points).standard_normal(points)
+    values = 0.1 + 0.2 * np.exp(-10.0 * speed) + noise
+    return Tabulated(speed, np.round(values / step) * step if step else values)
+
+
+@pytest.mark.parametrize(
+    ('points', 'scatter', 'step'),
+    [(100, 0.004, 0.0), (300, 0.001, 0.0), (300, 0.0, 0.001), (1000, 0.0, 0.001)],
+)
+def test_above_the_fold_of_a_measured_table_no_speed_has_a_cycle(
+    points: int, scatter: float, step: float
+) -> None:
+    """By a scan of 600 speeds and 17 amplitudes above it; just below it one has."""
+    law, load = _measured(points, scatter, step), 609.0
+    fold = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)
+    below, above = np.array([fold * (1.0 - 1e-9)]), np.geomspace(fold * (1.0 + 1e-9), 3.0, 600)
+    assert load * averaging_by_scan.peak_slope(law, below) >= 400.0
+    for share in np.linspace(0.0, 1.0, 17):
+        slope = averaging_by_scan.slope_surface(law, np.full(600, share), above)
+        assert np.all(load * slope <= 400.0)
 
 
 def test_the_highest_average_is_that_of_a_dense_scan_also_just_below_the_sliding_limit() -> None:
