@@ -29,7 +29,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.physics.bearing import damping_per_load
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic, gauss_rule
-from stickslip_monitor.physics.roots import newton_on_bracket
+from stickslip_monitor.physics.roots import root_on_bracket
 
 _SERIES_LIMIT = 0.5
 _FAR = 1e6
@@ -124,36 +124,25 @@ def speed_for_decline(decrement: FloatArray) -> FloatArray:
     return v
 
 
-def _beyond_limit(
-    theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float
-) -> tuple[FloatArray, FloatArray]:
-    """Balance ``S/Delta - kappa alpha/2`` at ``alpha = v / cos(theta)`` and its slope in theta.
+def _beyond_limit(theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
+    """Balance ``S/Delta - kappa alpha/2`` at ``alpha = v / cos(theta)``.
 
     ``S/Delta = exp(-v) I1(alpha)
     - (2/pi) integral_0^theta (cosh(alpha cos t - v) + r) cos t dt``; the angle removes the
     square root with which the average starts at the sliding limit.
     """
-    cos_theta, sin_theta = np.cos(theta), np.sin(theta)
-    half = np.sin(0.5 * theta)
-    alpha = v / cos_theta
-    scale = np.exp(2.0 * v * half * half / cos_theta)
+    cosine, half = np.cos(theta), np.sin(0.5 * theta)
+    alpha = v / cosine
     # cos t and cos t - cos theta from the sine of half the angle, without their cancellation.
     half_t = np.sin(theta[:, None] * (0.5 * _NODES))
-    cos_t = 1.0 - 2.0 * half_t * half_t
     above = (half[:, None] - half_t) * (half[:, None] + half_t)
     rise = np.exp(2.0 * alpha[:, None] * above)
-    fall, weighted = 1.0 / rise, _WEIGHTS * cos_t
-    # cosh and sinh from one exponential; a row's sum does not depend on the other rows.
-    loss = np.add.reduce(weighted * (rise + fall), axis=1)
-    loss_slope = np.add.reduce(weighted * cos_t * (rise - fall), axis=1)
-    i1 = i1e(alpha) * scale
-    drag = 0.5 * kappa * alpha
-    balance = i1 - drag - (2.0 * r * sin_theta + theta * loss) / np.pi
-    feed = alpha * i0e(alpha) * scale - i1 - drag
-    slope = (sin_theta * feed - alpha * sin_theta * theta * loss_slope / np.pi) / cos_theta - (
-        2.0 / np.pi
-    ) * (r + 1.0) * cos_theta
-    return balance, slope
+    # cosh from one exponential; a row's sum does not depend on the other rows.
+    weighted = _WEIGHTS * (1.0 - 2.0 * half_t * half_t)
+    loss = np.add.reduce(weighted * (rise + 1.0 / rise), axis=1)
+    gain = i1e(alpha) * np.exp(2.0 * v * half * half / cosine) - 0.5 * kappa * alpha
+    balance: FloatArray = gain - (2.0 * r * np.sin(theta) + theta * loss) / np.pi
+    return balance
 
 
 def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
@@ -171,11 +160,9 @@ def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray
         ``alpha`` >= v, shape of ``v``; exactly ``v`` where rounding leaves no room above it.
     """
     highest = 2.0 * np.arcsin(np.sqrt(1.0 / (v + 2.0)))
-    # To first order about the sliding limit.
-    sine = (0.5 * np.pi / (1.0 + r)) * np.maximum(i1e(v) - 0.5 * kappa * v, 0.0)
-    start = np.minimum(np.arcsin(np.minimum(sine, 1.0)), highest)
-    theta = newton_on_bracket(
-        lambda x, speed, drag: _beyond_limit(x, speed, drag, r), np.zeros_like(v), highest, start, (v, kappa)
+    ends = i1e(v) - 0.5 * kappa * v, _beyond_limit(highest, v, kappa, r)
+    theta = root_on_bracket(
+        lambda x, speed, drag: _beyond_limit(x, speed, drag, r), np.zeros_like(v), highest, ends, (v, kappa)
     )
     half = np.sin(0.5 * theta)
     amplitude: FloatArray = v + 2.0 * v * half * half / np.cos(theta)
@@ -196,7 +183,7 @@ def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatAr
     if beyond.any():
         theta, ratio = crossing_angle(speed[beyond], amplitude[beyond], 0.0), law.kinetic / delta
         nothing = np.zeros_like(theta)
-        result[beyond] = delta * _beyond_limit(theta, v[beyond], nothing, ratio)[0]
+        result[beyond] = delta * _beyond_limit(theta, v[beyond], nothing, ratio)
     far = ~near & ~beyond
     falling = Stribeck(law.static, law.kinetic, law.decay)
     result[far] = friction_harmonic(falling, speed[far], amplitude[far])

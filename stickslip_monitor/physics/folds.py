@@ -39,7 +39,7 @@ from stickslip_monitor.physics.orbits import (
     law_in_use,
     slip_field,
 )
-from stickslip_monitor.physics.roots import newton_on_bracket
+from stickslip_monitor.physics.roots import root_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
 # Rounds of a search, those without a value after which it is given up, and its widest step.
@@ -617,10 +617,8 @@ def last_speeds(speed: FloatArray, least: FloatArray, load: FloatArray, smooth: 
         i = i[rows]
         slope = _slopes(x, y, smooth)
         h, rise, part = x[i + 1] - x[i], y[i + 1] - y[i], level[rows] - y[i]
-        start = np.clip(part / rise, 0.0, 1.0)
         cubic = (part, rise, h * slope[i], h * slope[i + 1])
-        ends = np.zeros(i.size), np.ones(i.size)
-        share = newton_on_bracket(_missing, *ends, start, cubic)
+        share = root_on_bracket(_missing, np.zeros(i.size), np.ones(i.size), (part, part - rise), cubic)
     result[rows] = np.exp(x[i] + share * h)
     return result
 
@@ -639,8 +637,7 @@ def _slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
 
 def _missing(
     t: FloatArray, part: FloatArray, rise: FloatArray, begin: FloatArray, end: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """What a cubic on [0, 1] with a rise and two slopes still is below a level, and its slope."""
+) -> FloatArray:
+    """What a cubic on [0, 1] with a rise and two slopes still is below a level."""
     square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
-    value = t * (begin + t * (square + t * cube))
-    return part - value, -(begin + t * (2.0 * square + t * 3.0 * cube))
+    return part - t * (begin + t * (square + t * cube))

@@ -22,57 +22,6 @@ _SECANT_CLOSE = 1e-14
 _PATIENCE = 12
 
 
-def newton_on_bracket(
-    function: Callable[..., tuple[FloatArray, FloatArray]],
-    low: FloatArray,
-    high: FloatArray,
-    start: FloatArray,
-    parameters: Sequence[FloatArray] = (),
-) -> FloatArray:
-    """Roots of falling functions by Newton's method, one on each bracket ``[low, high]``.
-
-    A step that leaves the bracket, or does not at least halve the one before last, is replaced by
-    bisection.
-
-    Args:
-        function: ``(x, *parameters) -> (value, slope)``, positive below its root and negative
-            above; called with the elements still running.
-        low: Lower ends, shape (n,).
-        high: Upper ends, shape (n,).
-        start: First guesses inside the brackets, shape (n,).
-        parameters: Arrays of shape (n,) handed on to ``function``.
-
-    Returns:
-        The roots, shape (n,). Where the function has one sign on the whole bracket, the end of the
-        bracket it points to.
-    """
-    root = start.copy()
-    running = np.arange(root.size)
-    x = start
-    last = before_last = high - low
-    arguments = list(parameters)
-    for _ in range(_LIMIT if root.size else 0):
-        value, slope = function(x, *arguments)
-        low = np.where(value > 0.0, x, low)
-        high = np.where(value < 0.0, x, high)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            newton = x - value / slope
-        good = (newton >= low) & (newton <= high) & (np.abs(newton - x) < 0.5 * before_last)
-        good &= np.isfinite(slope)
-        following = np.where(value == 0.0, x, np.where(good, newton, 0.5 * (low + high)))
-        step = np.abs(following - x)
-        root[running] = following
-        # A Newton step this small leaves its square behind; a bisection must end on its own.
-        tolerance = np.where(good, 1e-9, _CLOSE)
-        keep = (value != 0.0) & (step > tolerance * np.abs(following))
-        if not keep.any():
-            break
-        running, x, low, high = running[keep], following[keep], low[keep], high[keep]
-        before_last, last = last[keep], step[keep]
-        arguments = [argument[keep] for argument in arguments]
-    return root
-
-
 def root_on_bracket(
     function: Callable[..., FloatArray],
     low: FloatArray,
