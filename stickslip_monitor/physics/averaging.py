@@ -26,9 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
 from stickslip_monitor.physics import averaging_by_scan, closed_form
-from stickslip_monitor.physics.bearing import Bearing, damping_per_load
+from stickslip_monitor.physics.bearing import Bearing, damping_per_load, load_for
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
-from stickslip_monitor.physics.quadrature import friction_harmonic
 
 
 def averaged(law: FrictionLaw) -> Any:
@@ -70,11 +69,6 @@ def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     return mapped(lambda n: averaged(law).boundaries(law, damping_per_load(c, n))[1], load)
 
 
-def _load_at(bearing: Bearing, slope: FloatArray) -> FloatArray:
-    falling = slope > 0.0
-    return np.where(falling, bearing.damping / np.where(falling, slope, 1.0), np.nan)
-
-
 def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Load [N] above which steady sliding at a surface speed [m/s] is unstable.
 
@@ -84,10 +78,8 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     >>> round(hopf_load(bearing, hopf_speed(bearing, 1000.0)), 6)
     1000.0
     """
-    law = bearing.friction
-    if computes_as(law, Stribeck) and law.viscous == 0.0:
-        return mapped(lambda v: closed_form.hopf_load(law, np.abs(v), bearing.damping), speed)
-    return mapped(lambda v: _load_at(bearing, -law.slope(v)), speed)
+    law, c = bearing.friction, bearing.damping
+    return mapped(lambda v: averaged(law).hopf_load(law, np.abs(v), c), speed)
 
 
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
@@ -98,8 +90,8 @@ def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     >>> round(fold_load(bearing, fold_speed(bearing, 1000.0)), 6)
     1000.0
     """
-    law = bearing.friction
-    return mapped(lambda v: _load_at(bearing, averaged(law).peak_slope(law, np.abs(v))), speed)
+    law, c = bearing.friction, bearing.damping
+    return mapped(lambda v: load_for(averaged(law).peak_slope(law, np.abs(v)), c), speed)
 
 
 def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
@@ -197,11 +189,7 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
     v, a = np.broadcast_arrays(np.abs(np.asarray(speed, float)), np.asarray(amplitude, float))
     moving = a > 0.0
     result = np.zeros(v.shape)
-    v, a = v[moving], a[moving]
-    if computes_as(law, Stribeck):
-        result[moving] = closed_form.harmonic(law, v, a)
-    else:
-        result[moving] = friction_harmonic(law, v, a)
+    result[moving] = averaged(law).harmonic(law, v[moving], a[moving])
     return result
 
 

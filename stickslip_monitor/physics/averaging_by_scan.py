@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics.bearing import damping_per_load
+from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.quadrature import friction_harmonic
 from stickslip_monitor.physics.roots import root_on_bracket
@@ -307,6 +307,16 @@ _STEADY, _CUSP, _NEAR, _ANYWHERE = range(4)
 def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
     """``max_a rho(a; V)`` [s/m] for each speed."""
     return highest(law, np.clip(speed, SLOWEST, FASTEST))[0]
+
+
+def harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """``S(a; V)`` [-] at velocity amplitudes ``a`` > 0 [m/s], shape of ``speed``."""
+    return friction_harmonic(law, speed, amplitude)
+
+
+def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray:
+    """``N_H = -c/mu'(V)`` [N]; ``nan`` where friction does not fall."""
+    return load_for(-law.slope(speed), damping)
 
 
 def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:

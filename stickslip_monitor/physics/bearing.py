@@ -178,3 +178,9 @@ class Bearing:
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
     """``q = c/N`` [s/m]; ``inf`` where there is no load. What it warns of means nothing."""
     return np.where(load > 0.0, damping / load, np.inf)
+
+
+def load_for(slope: FloatArray, damping: float) -> FloatArray:
+    """The load at which a negative slope of friction [s/m] outweighs the damping [N]; ``nan``: none."""
+    falling = slope > 0.0
+    return np.where(falling, damping / np.where(falling, slope, 1.0), np.nan)

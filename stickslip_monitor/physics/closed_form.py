@@ -26,7 +26,7 @@ import numpy as np
 from scipy.special import i0e, i1e
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.physics.bearing import damping_per_load
+from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic, gauss_rule
 from stickslip_monitor.physics.roots import root_on_bracket
@@ -216,10 +216,13 @@ def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
-    """``N_H = c exp(beta V)/(Delta beta)`` [N] of a law without viscous rise; ``nan`` if none.
+    """``N_H = -c/mu'(V)`` [N]; ``nan`` where friction does not fall.
 
-    The law's slope itself underflows from ``beta V`` = 708 on, long before ``N_H`` overflows.
+    Without viscous rise ``c exp(beta V)/(Delta beta)``: the law's slope itself underflows from
+    ``beta V`` = 708 on, long before ``N_H`` overflows.
     """
+    if law.viscous > 0.0:
+        return load_for(-law.slope(speed), damping)
     fall = _fall(law)
     if fall <= 0.0:
         return np.full_like(speed, np.nan)
