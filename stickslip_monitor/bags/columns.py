@@ -155,8 +155,13 @@ class ColumnBinding:
             asked = parse_heading(source.column).name
             same = [c for c in self._all if c.heading == source.column]
             like = [c for c in self._all if asked and parse_heading(c.heading).name == asked]
-            number = [c for c in self._all if f'#{c.place + 1}' == source.column]
-            return same or like or number
+            # Of a log of names by the place of its values all rows.
+            number = [
+                c if c.name is None else LogColumn(source.column, c.place)
+                for c in self._all
+                if f'#{c.place + 1}' == source.column
+            ]
+            return same or like or number[:1]
         topic = source.topic.strip('/')
         names = {parse_heading(topic).name, parse_heading(topic.rpartition('/')[2]).name}
         own = {quantity, parse_heading(f'{bearing} {quantity}').name}

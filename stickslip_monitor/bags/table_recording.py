@@ -42,8 +42,6 @@ _NAME = re.compile(
     r'|(?:sensor|parameter|entity) ?id'
 )
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
-# What a home's historian calls a value, and others the validity of one.
-_STATE = re.compile('state')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 _MOST_WORDS, _MOST_KINDS = 6, 200
 # Lines that share a time so coarse [ns], or the only one: their times were rounded away.
@@ -111,24 +109,23 @@ class TableRecording(Recording):
     def _long_columns(self) -> tuple[int, int] | None:
         """The columns of names and of values of a table with one value a line."""
         plain = [parse_heading(name).name for name in self.table.names]
-        name, value, state = (
-            [k for k, text in enumerate(plain) if pattern.fullmatch(text)]
-            for pattern in (_NAME, _VALUE, _STATE)
-        )
+        name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
+        value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
         if self.table.names == tuple(f'#{k + 1}' for k in range(len(plain))):
             name, value = self._words_and_numbers()
-        value = value or state
+        elif {'entity id', 'state'} <= set(plain):
+            # As the historian of a home calls them; elsewhere a state is no value.
+            value = [plain.index('state')]
         return (name[0], value[0]) if name and len(value) == 1 else None
 
     def _words_and_numbers(self) -> tuple[list[int], list[int]]:
-        """Columns without headings that are names which come again, and those of numbers."""
+        """Columns without headings that are names, each about as often as any, and those of numbers."""
         rows, words, numbers = self.table.head, list[int](), list[int]()
         for k in set(range(len(self.table.names))) - set(self.table.clock.columns):
-            cells = [str(row[k]) for row in rows if k < len(row)]
-            count = sum(parse_number(cell) is not None for cell in cells)
-            if count:
+            cells = Counter(str(row[k]) for row in rows if k < len(row))
+            if any(parse_number(cell) is not None for cell in cells):
                 numbers.append(k)
-            elif len(set(cells)) <= len(cells) // 2:
+            elif len(cells) > 1 and 10 * min(cells.values()) >= max(cells.values()) > 1:
                 words.append(k)
         return words, numbers
 

@@ -427,6 +427,16 @@ LOGS = {
         load=range(900, 909),
         says='5 headings stand above 3 cells: they were matched from the left',
     ),
+    'no heading, a status in words': Log(
+        '2026-04-13T10:00:00Z,RUN,30\n2026-04-13T10:00:01Z,STOP,31\n'
+        '2026-04-13T10:00:02Z,RUN,32\n2026-04-13T10:00:03Z,STOP,33\n',
+        times=after(0, 1, 2, 3),
+        speed=[30, 31, 32, 33],
+        load=[30, 31, 32, 33],
+    ),
+    'names and states beside columns of numbers': Log(
+        'time,name,state,speed,load\n0,ME1,RUN,30,900\n1,ME1,RUN,31,901\n', times=since(0, 1)
+    ),
     'letters in a preamble at which no line ends': Log(
         'Made by\x0cLogger\u2028of\x85Works,1\ntime,speed,load\n0,30,900\n1,31,901\n2,32,902\n',
         times=since(0, 1, 2),
@@ -486,6 +496,7 @@ LOGS = {
 COLUMNS = {
     'no heading': ('#2', '#3'),
     'no heading, a line without a time': ('#2', '#3'),
+    'no heading, a status in words': ('#3', '#3'),
     'blanks': ('#2', '#3'),
     'comments': ('speed', 'load'),
     'long, one name after the other': ('n', 'F'),
