@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
+from shared import record
 
 from stickslip_monitor.bags.message_fields import FieldReader, compile_layout, parse_schema
 from stickslip_monitor.bags.reader import open_bag
@@ -354,6 +355,16 @@ def test_several_channels_of_one_topic(tmp_path: Path) -> None:
     assert bag.topics['/x'].count == 60
     assert series.value.tolist() == list(range(60))
     assert series.sequence.tolist() == list(range(60))
+
+
+def test_messages_are_numbered_over_all_stretches(tmp_path: Path) -> None:
+    """More messages than are handed on at a time: both topics in turns, as their times are."""
+    times = np.arange(40_000)
+    record(tmp_path / 'a.mcap', {'/x': (2 * times, times), '/y': (2 * times + 1, times)})
+    found = open_bag(tmp_path / 'a.mcap').read([Request('/x', 'data'), Request('/y', 'data')])
+    for first, series in enumerate(found.values()):
+        np.testing.assert_array_equal(series.sequence, 2 * times + first)
+        np.testing.assert_array_equal(series.value, times)
 
 
 def test_progress_reaches_the_total(tmp_path: Path) -> None:
