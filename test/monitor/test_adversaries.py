@@ -45,7 +45,7 @@ class Sent:
     load: Number = 1.0  # in shares of the nominal load
     level: Number | None = None
     period: float = 0.5  # of the speed
-    load_period: float = 0.25
+    load_period: float | None = None  # that of the speed
     level_period: float = 0.5
     spoilt: Spoil = list  # what becomes of the messages on their way
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Sent:
         """What comes, in the order of its arrival."""
         _, fold, nominal = BEARINGS[self.bearing]
         sent = every(Input.SPEED, self.period, self.end, scaled(self.share, fold))
-        sent += every(Input.LOAD, self.load_period, self.end, scaled(self.load, nominal))
+        sent += every(Input.LOAD, self.load_period or self.period, self.end, scaled(self.load, nominal))
         if self.level is not None:
             sent += every(Input.LEVEL, self.level_period, self.end, self.level)
         kept = [message for message in sent if not math.isnan(message.value)]
@@ -328,7 +328,6 @@ def _clocks() -> Iterable[Case]:
                 200.0,
                 ramps([0, 100, 101], [2.0, 2.0, 0.4]),
                 period=period,
-                load_period=period,
                 spoilt=lambda sent: (
                     sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
                 ),
@@ -345,7 +344,6 @@ def _clocks() -> Iterable[Case]:
                         160.0,
                         lambda t: 2.0 if t < 100.0 else 0.4,
                         period=period,
-                        load_period=period,
                         spoilt=together(
                             lambda sent: [m for m in sent if not 40.0 <= m.arrival < 50.0],
                             spoil,
@@ -358,7 +356,7 @@ def _clocks() -> Iterable[Case]:
         for step in (-3600.0, -120.0):
             yield Case(
                 f'values each {period} s, the clock set by {step} s at once',
-                Sent('table', 900.0, 0.4, period=period, load_period=period, spoilt=set_by(step, 25.0)),
+                Sent('table', 900.0, 0.4, period=period, spoilt=set_by(step, 25.0)),
                 Told(used=0.95, ends='stick_slip'),
             )
     for step in (-50.0, 0.0):
@@ -391,7 +389,6 @@ def _values() -> Iterable[Case]:
                 Sent(
                     bearing,
                     period=period,
-                    load_period=period,
                     spoilt=valued(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0),
                 ),
                 Told(onsets=(), seconds={'bistable': NEVER}),
@@ -405,7 +402,6 @@ def _values() -> Iterable[Case]:
                 600.0,
                 1.75,
                 period=0.2,
-                load_period=0.2,
                 level=lambda t: 90.0 + math.sin(t),
                 spoilt=valued(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0),
                 settings=MILLIMETRES | {'level__threshold': 40.0},
@@ -421,7 +417,6 @@ def _values() -> Iterable[Case]:
                     200.0,
                     lambda t: 2.0 if t > 40.0 else 0.4,
                     period=0.1,
-                    load_period=0.1,
                     spoilt=valued(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5),
                 ),
                 Told(onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0),
@@ -477,7 +472,7 @@ def _paces() -> Iterable[Case]:
     for period in (6.0, 30.0):
         yield Case(
             f'values slower than the time-out, each {period} s',
-            Sent('ship', 1800.0, 0.4, period=period, load_period=period),
+            Sent('ship', 1800.0, 0.4, period=period),
             Told(used=0.9, ends='stick_slip'),
         )
     for period in (1.0, 4.0):
@@ -512,7 +507,6 @@ def _paces() -> Iterable[Case]:
                 'ship',
                 last + 60.0,
                 period=0.1,
-                load_period=0.1,
                 spoilt=of(
                     Input.SPEED,
                     lambda _, m, a=apart, b=last: (
@@ -536,7 +530,7 @@ def _courses() -> Iterable[Case]:
         times = [begin + after for begin in _BEGINS for after in (0.0, 20.0, 50.0, 70.0)]
         yield Case(
             f'each of four episodes ends and is announced, {bearing}',
-            Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2, load_period=0.2),
+            Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2),
             Told(
                 onsets=tuple((begin, begin + 30.0) for begin in _BEGINS),
                 seconds={'stick_slip': (0.0, 4 * 70.0)},
@@ -713,7 +707,6 @@ def _level_episodes() -> Iterable[Case]:
                 end,
                 ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9]),
                 period=0.2,
-                load_period=0.2,
                 level=level,
                 level_period=0.25,
                 settings=DECIBELS,
@@ -727,7 +720,6 @@ def _level_episodes() -> Iterable[Case]:
             600.0,
             ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]),
             period=0.2,
-            load_period=0.2,
             level=lambda t: 1.0 + 0.01 * (round(2 * t) % 2),
             settings=MILLIMETRES | {'level__threshold': 40.0},
         ),
@@ -860,7 +852,6 @@ def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
         1000.0,
         lambda t: 1.5 if t < 60.0 else 0.5 if t < 900.0 else back,
         period=0.1,
-        load_period=0.1,
         spoilt=lambda sent: [m for m in sent if not left <= m.arrival < 960.0],
     )
     heard = Heard(case.config, case.messages())
@@ -870,7 +861,7 @@ def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
 
 def test_a_load_that_steps_is_one_onset_with_a_tolerance_too() -> None:
     """The probability follows the load by a lag of 4 s; growth does not."""
-    case = Sent('ship', 60.0, 0.5, period=0.1, load_period=0.1, load=lambda t: 0.0 if t < 12.0 else 1.0)
+    case = Sent('ship', 60.0, 0.5, period=0.1, load=lambda t: 0.0 if t < 12.0 else 1.0)
     believing = replace(case, settings={'tolerance__load': 0.02})
     found = [Heard(each.config, each.messages()) for each in (case, believing)]
     assert found[0].onsets == found[1].onsets

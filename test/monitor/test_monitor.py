@@ -81,6 +81,14 @@ def test_coast_down_and_recovery() -> None:
     ]
 
 
+def test_what_returns_within_a_minute_is_held_for_a_minute() -> None:
+    """A change of speed counts a point later, by the median of three; both conditions clear in 10 s."""
+    monitor, speeds = Monitor(configured()), [INSIDE, QUIET, INSIDE, QUIET, QUIET, QUIET, QUIET]
+    events = [e for k in range(700) for e in _point(monitor, k / 5, speeds[k // 100])]
+    cleared = [time for time, _, after in events if after == 'normal']
+    assert cleared == [pytest.approx(20.2 + 10.0), pytest.approx(60.2 + 60.0)]
+
+
 def test_lost_and_returned() -> None:
     monitor = Monitor(configured(speed__timeout=3.0, load__timeout=4.0))
     monitor.advance(0)
