@@ -209,13 +209,14 @@ def _targets(choices: tuple[Choice, ...]) -> str:
 
 def render_life() -> str:
     """The states and transitions of an alarm."""
-    lines = ['', '| state | ISA-18.2 | meaning |', '|---|---|---|']
-    lines += [f'| `{state}` | {state.letter} | {state.sentence} |' for state in AlarmState]
-    lines += [
+    states = ', '.join(f'`{state}` ({state.letter})' for state in AlarmState)
+    lines = [
+        '',
+        f'With their letters in ISA-18.2 the states are {states}.',
         '',
         '*Active*: the cause is there. *Suppressed*: it means nothing now. *Covered*: a worse'
         ' alarm stands for it.\n*Latching*: it latches and has been active. *Recur*:'
-        f' {Trigger.RECUR.sentence}.',
+        ' stick-slip began anew while its alarm was active.',
     ]
     lines += ['', '| in state | at | it becomes |', '|---|---|---|']
     rows: dict[tuple[Trigger, tuple[Choice, ...]], list[str]] = {}

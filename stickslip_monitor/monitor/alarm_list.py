@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any
 
 from stickslip_monitor.monitor.alarms import (
@@ -26,6 +25,7 @@ from stickslip_monitor.monitor.alarms import (
     kinds_of,
 )
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.severity import WordEnum
 from stickslip_monitor.monitor.verdict import Event, Verdict
 
 MONITOR, TIMER = 'monitor', 'timer'
@@ -41,7 +41,7 @@ FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
 """The flood of ISA-18.2: it begins and ends with so many alarms raised in that time."""
 
 
-class Action(str, Enum):
+class Action(WordEnum):
     """What a person can do; ``suppress`` says that the shaft is locked."""
 
     ACKNOWLEDGE = 'acknowledge'
@@ -53,9 +53,6 @@ class Action(str, Enum):
     UNSUPPRESS = 'unsuppress'
     REMOVE = 'remove'
     RESTORE = 'restore'
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class Flood:

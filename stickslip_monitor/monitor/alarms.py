@@ -16,7 +16,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.severity import LADDER, Condition, SentenceEnum
+from stickslip_monitor.monitor.severity import LADDER, Condition, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.verdict import Event
 
@@ -32,22 +32,18 @@ class Priority(IntEnum):
     ALARM = 3
 
 
-class AlarmKind(SentenceEnum):
+class AlarmKind(WordEnum):
     """What an alarm of a bearing is about."""
 
     priority: Priority
 
-    AMPLITUDE_LIMIT = 'amplitude_limit', Priority.ALARM, Condition.AMPLITUDE.sentence
-    STICK_SLIP = 'stick_slip', Priority.ALARM, Condition.STICK_SLIP.sentence
-    BISTABLE = 'bistable', Priority.WARNING, Condition.BISTABLE.sentence
-    MARGIN_LOW = 'margin_low', Priority.CAUTION, Condition.CAUTION.sentence
-    INPUT_LOST = 'input_lost', Priority.WARNING, Condition.INPUT_STALE.sentence
-    INPUT_IMPLAUSIBLE = (
-        'input_implausible',
-        Priority.CAUTION,
-        'An input keeps bringing values that cannot be.',
-    )
-    VIBRATION = 'vibration', Priority.WARNING, Condition.VIBRATION.sentence
+    AMPLITUDE_LIMIT = 'amplitude_limit', Priority.ALARM
+    STICK_SLIP = 'stick_slip', Priority.ALARM
+    BISTABLE = 'bistable', Priority.WARNING
+    MARGIN_LOW = 'margin_low', Priority.CAUTION
+    INPUT_LOST = 'input_lost', Priority.WARNING
+    INPUT_IMPLAUSIBLE = 'input_implausible', Priority.CAUTION
+    VIBRATION = 'vibration', Priority.WARNING
 
 
 RUNG_OF = {
@@ -194,35 +190,35 @@ class Causes:
         return True
 
 
-class AlarmState(SentenceEnum):
+class AlarmState(WordEnum):
     """Where an alarm is in its life, with its letter in ISA-18.2."""
 
     letter: str
 
-    NORMAL = 'normal', 'A', 'Not active, nothing to acknowledge.'
-    UNACKNOWLEDGED = 'unacknowledged', 'B', 'Active, not acknowledged.'
-    ACKNOWLEDGED = 'acknowledged', 'C', 'Active, acknowledged.'
-    RETURNED = ('returned_unacknowledged', 'D, E', 'Cleared, not acknowledged.')
-    LATCHED = 'latched', 'F', 'Cleared and acknowledged, waits for its reset.'
-    SHELVED = 'shelved', 'G', 'Shelved by a person until a set time.'
-    SUPPRESSED = 'suppressed', 'H', 'Suppressed by design: the condition has no meaning now.'
-    OUT_OF_SERVICE = 'out_of_service', 'I', 'Out of service until a person restores it.'
+    NORMAL = 'normal', 'A'  # not active, nothing to acknowledge
+    UNACKNOWLEDGED = 'unacknowledged', 'B'
+    ACKNOWLEDGED = 'acknowledged', 'C'
+    RETURNED = 'returned_unacknowledged', 'D, E'  # cleared, not acknowledged
+    LATCHED = 'latched', 'F'  # cleared and acknowledged, waits for its reset
+    SHELVED = 'shelved', 'G'  # by a person, until a set time
+    SUPPRESSED = 'suppressed', 'H'  # by design: the condition has no meaning now
+    OUT_OF_SERVICE = 'out_of_service', 'I'  # until a person restores it
 
 
-class Trigger(SentenceEnum):
-    """What can happen to an alarm."""
+class Trigger(WordEnum):
+    """What can happen to an alarm: its cause, a reason to suppress it, a person, or a timer."""
 
-    RAISE = 'raise', 'the condition became active'
-    RECUR = 'recur', 'stick-slip began anew while its alarm was active'
-    CLEAR = 'clear', 'the condition cleared'
-    SUPPRESS = 'suppress', 'a reason for suppression holds'
-    UNSUPPRESS = 'unsuppress', 'no reason for suppression holds any longer'
-    ACKNOWLEDGE = 'acknowledge', 'a person acknowledged it'
-    RESET = 'reset', 'a person reset the latch'
-    SHELVE = 'shelve', 'a person shelved it'
-    UNSHELVE = 'unshelve', 'a person unshelved it, or its time was up'
-    REMOVE = 'remove', 'a person took it out of service'
-    RESTORE = 'restore', 'a person returned it to service'
+    RAISE = 'raise'
+    RECUR = 'recur'  # stick-slip began anew while its alarm was active
+    CLEAR = 'clear'
+    SUPPRESS = 'suppress'  # a reason for suppression holds
+    UNSUPPRESS = 'unsuppress'
+    ACKNOWLEDGE = 'acknowledge'
+    RESET = 'reset'
+    SHELVE = 'shelve'
+    UNSHELVE = 'unshelve'  # by a person, or its time was up
+    REMOVE = 'remove'  # out of service
+    RESTORE = 'restore'
 
 
 class Facts(NamedTuple):

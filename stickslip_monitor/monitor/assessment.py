@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property, partial
 from typing import Any, Generic, TypeVar, overload
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks, restore
-from stickslip_monitor.monitor.severity import SentenceEnum
+from stickslip_monitor.monitor.severity import WordEnum
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
@@ -32,7 +31,7 @@ COVER = 1.01
 _FEW = 64
 
 
-class Regime(str, Enum):
+class Regime(WordEnum):
     """What can happen at an operating point, in rising order of trouble."""
 
     STABLE = 'stable'
@@ -40,14 +39,12 @@ class Regime(str, Enum):
     UNSTABLE = 'unstable'
     UNDETERMINED = 'undetermined'
 
-    def __str__(self) -> str:
-        return self.value
 
-
-class Outcome(SentenceEnum):
+class Outcome(WordEnum):
     """Why an assessment says what it says, with the regime that it means."""
 
     regime: Regime
+    sentence: str
 
     NO_CYCLE = (
         'no_cycle',

@@ -19,7 +19,7 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
-from stickslip_monitor.monitor.severity import SentenceEnum, Unknown
+from stickslip_monitor.monitor.severity import Unknown, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status
 
 ENOUGH = 12
@@ -34,8 +34,10 @@ _PENALTY = 2
 _LEAST_RPM = 3.0
 
 
-class SourceFaultKind(SentenceEnum):
-    """What is wrong with the source of an input; each member carries its sentence."""
+class SourceFaultKind(WordEnum):
+    """What is wrong with the source of an input."""
+
+    sentence: str
 
     TWO_LEVELS = (
         'two_levels',

@@ -9,19 +9,17 @@ from typing import TypeVar
 
 NOT_MONITORING = 'Not monitoring: the node is not active.'
 
-_SentenceEnum = TypeVar('_SentenceEnum', bound='SentenceEnum')
+_Word = TypeVar('_Word', bound='WordEnum')
 
 
-class SentenceEnum(str, Enum):
-    """A name; each member carries what its class declares, and then its sentence."""
+class WordEnum(str, Enum):
+    """A word; each member carries what its class declares, its sentence as a rule."""
 
-    sentence: str
-
-    def __new__(cls: type[_SentenceEnum], name: str, *facts: object) -> _SentenceEnum:
-        """Make a member from its name and its facts, the sentence last."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        for fact, value in zip([*get_annotations(cls), 'sentence'], facts, strict=True):
+    def __new__(cls: type[_Word], word: str, *facts: object) -> _Word:
+        """Make a member from its word and its facts."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        for fact, value in zip(get_annotations(cls), facts, strict=True):
             setattr(member, fact, value)
         return member
 
@@ -37,10 +35,11 @@ class Severity(IntEnum):
     ERROR = 2
 
 
-class Condition(SentenceEnum):
+class Condition(WordEnum):
     """What the alarm of a bearing says."""
 
     severity: Severity
+    sentence: str
 
     NORMAL = 'normal', Severity.OK, 'No stick-slip predicted.'
     VIBRATION = (
@@ -63,19 +62,21 @@ LADDER = CONDITIONS[:-1]
 """Those of the operating point, in rising order of trouble."""
 
 
-class Measured(SentenceEnum):
+class Measured(WordEnum):
     """What the level says of the lining."""
 
-    UNKNOWN = 'unknown', 'Vibration state unknown.'
-    QUIET = 'quiet', 'No vibration is measured.'
-    VIBRATING = 'vibrating', 'Vibration is measured.'
+    UNKNOWN = 'unknown'
+    QUIET = 'quiet'
+    VIBRATING = 'vibrating'
 
 
 MEASURED = tuple(Measured)
 
 
-class Unknown(SentenceEnum):
-    """Why the level says nothing; each member carries its clause."""
+class Unknown(WordEnum):
+    """Why the level says nothing, as a clause."""
+
+    sentence: str
 
     NOTHING = 'nothing', 'no level has come'
     LOST = 'lost', 'the level is lost'
