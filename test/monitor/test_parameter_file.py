@@ -23,6 +23,8 @@ AFT = """\
       load: {topic: /bearing/aft/load, unit: N}
 """
 WHOLE = '/**:\n  ros__parameters:\n' + AFT
+OTHERS = ('/stickslip', '/stickslip_monitor_2', '/stickslip_monitor/x')
+TEXTS = (('2_000', '2_000'), ('"2000"', '2000'), ('"2000,0"', '2000,0'))
 Write = Callable[[str | bytes], Path]
 
 
@@ -56,14 +58,6 @@ def test_a_file_says_what_the_same_values_say(write: Write) -> None:
 def test_sections_that_apply(write: Write, section: str) -> None:
     text = f'other_node:\n  ros__parameters: {{mass: 1}}\n{section}:\n  ros__parameters:\n{AFT}'
     assert load_config(write(text)).bearings[0].name == 'aft'
-
-
-@pytest.mark.parametrize('section', ['/stickslip', '/stickslip_monitor_2', '/stickslip_monitor/x'])
-def test_no_section_applies(write: Write, section: str) -> None:
-    path = write(f'{section}:\n  ros__parameters:\n{AFT}')
-    assert _refusal(path) == (
-        f" has no parameters for 'stickslip_monitor': its sections are {section}; use '/**'"
-    )
 
 
 def test_later_sections_override_single_values(write: Write) -> None:
@@ -110,56 +104,17 @@ def test_what_is_a_number(write: Write, text: str, value: Any) -> None:
     assert type(read) is type(value)
 
 
-@pytest.mark.parametrize(
-    ('line', 'sentence'),
-    [
-        ('friction: {static: 0,30}', "key '30' has no value: in braces a comma separates entries"),
-        ('scalle:', "key 'scalle' has no value"),
-        ('speed: [0, .02, .05]', 'a list mixes float and int, which ROS 2 refuses: write 0.0'),
-        ('names: [a, 1]', 'a list mixes int and str, which ROS 2 refuses'),
-    ],
-)
-def test_what_a_node_refuses_is_refused_with_its_line(write: Write, line: str, sentence: str) -> None:
-    # rcl: "No value at line" and "Sequence should be of same type", seen with rclpy 9.1.
-    refusal = _refusal(write(f'/**:\n  ros__parameters:\n    {line}\n'))
-    assert refusal.startswith(', line 3: ')
-    assert sentence in refusal
-
-
-def test_a_bearing_called_n_is_one_for_no_reader(write: Write) -> None:
-    text = WHOLE.replace('[aft]', '[n]').replace(' aft:', ' n:')
-    assert _refusal(write(text)) == ': bearings = [False] must be a list of texts'
-
-
-def test_one_parameter_in_two_spellings(write: Write) -> None:
-    path = write(WHOLE + '    aft.mass: 60.0\n')
-    assert _refusal(path) == ": 'aft.mass' is given twice, with dots and in a section: keep one"
-
-
-@pytest.mark.parametrize('written', ['2_000', '"2000"', '"2000,0"'])
-def test_a_number_read_as_a_text_has_its_remedy(write: Write, written: str) -> None:
-    refusal = _refusal(write(WHOLE.replace('mass: 50', f'mass: {written}')))
-    assert ' must be a finite number not below 1e-06 and not above 1e+07 kg: write 2000' in refusal
-
-
-@pytest.mark.parametrize(
-    ('content', 'line', 'key'),
-    [
-        (WHOLE + '      mass: 60\n', 12, 'mass'),
-        (WHOLE + WHOLE, 12, '/**'),
-        ('a: {b: 1, c: 2,\n  b: 3}\n', 2, 'b'),
-        ('1: a\n1: b\n', 2, '1'),
-    ],
-)
-def test_a_key_given_twice_is_refused_with_its_line(write: Write, content: str, line: int, key: str) -> None:
-    assert _refusal(write(content)) == f", line {line}: key '{key}' is given twice"
+NO_FILE = " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
+IN_NODE = '/**:\n  ros__parameters:\n    '
+NONE = "has no parameters for 'stickslip_monitor': its sections are"
+RANGE = 'must be a finite number not below 1e-06 and not above 1e+07 kg'
 
 
 @pytest.mark.parametrize(
     ('content', 'text'),
     [
-        ('', " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"),
-        ('- a\n- b\n', " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"),
+        ('', NO_FILE),
+        ('- a\n- b\n', NO_FILE),
         ('/**:\n  bearings: [aft]\n', ": section '/**' must hold 'ros__parameters:'"),
         ('/**:\n  ros__parameters:\n', ", line 2: key 'ros__parameters' has no value"),
         ('/**:\n\tros__parameters: {}\n', ", line 2: found character '\\t' that cannot start any"),
@@ -170,6 +125,28 @@ def test_a_key_given_twice_is_refused_with_its_line(write: Write, content: str, 
         ('[' * 5000, ' is nested too deeply'),
         ('a: \0\n', ' is not YAML: unacceptable character #x0000'),
         (b'a: \xff\xfe\x00\n', ' is not a text file: '),
+        (WHOLE + '      mass: 60\n', ", line 12: key 'mass' is given twice"),
+        (WHOLE + WHOLE, ", line 12: key '/**' is given twice"),
+        ('a: {b: 1, c: 2,\n  b: 3}\n', ", line 2: key 'b' is given twice"),
+        ('1: a\n1: b\n', ", line 2: key '1' is given twice"),
+        (WHOLE + '    aft.mass: 60.0\n', ": 'aft.mass' is given twice, with dots and in a section: keep one"),
+        (WHOLE.replace('mass: 50', 'mass: -1'), f': aft.mass = -1 {RANGE}'),
+        *((f'{name}:\n  ros__parameters:\n{AFT}', f" {NONE} {name}; use '/**'") for name in OTHERS),
+        # A bearing called n is a switch for no reader.
+        (WHOLE.replace('[aft]', '[n]').replace(' aft:', ' n:'), ': bearings = [False] must be a list of'),
+        # rcl: "No value at line" and "Sequence should be of same type", seen with rclpy 9.1.
+        (
+            IN_NODE + 'friction: {static: 0,30}',
+            ", line 3: key '30' has no value: in braces a comma separates",
+        ),
+        (IN_NODE + 'scalle:', ", line 3: key 'scalle' has no value"),
+        (
+            IN_NODE + 'speed: [0, .02, .05]',
+            ', line 3: a list mixes float and int, which ROS 2 refuses: write 0.0',
+        ),
+        (IN_NODE + 'names: [a, 1]', ', line 3: a list mixes int and str, which ROS 2 refuses'),
+        # A number that was read as a text.
+        *((WHOLE.replace('50', each), f': aft.mass = {read!r} {RANGE}: write 2000') for each, read in TEXTS),
     ],
 )
 def test_files_that_are_refused(write: Write, content: str | bytes, text: str) -> None:
@@ -179,11 +156,6 @@ def test_files_that_are_refused(write: Write, content: str | bytes, text: str) -
 def test_no_file_and_a_folder(tmp_path: Path) -> None:
     assert _refusal(tmp_path) == ': Is a directory'
     assert _refusal(tmp_path / 'none.yaml') == ': No such file or directory'
-
-
-def test_a_broken_rule_is_told_with_the_file(write: Write) -> None:
-    path = write(WHOLE.replace('mass: 50', 'mass: -1'))
-    assert _refusal(path) == ': aft.mass = -1 must be a finite number not below 1e-06 and not above 1e+07 kg'
 
 
 def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
