@@ -335,7 +335,7 @@ def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> parameters.L
         'load.offset': constant,
     }
     values = {**own, **beside, 'load.timeout': own['speed.timeout']}
-    return filled(parameters.LoadConfig, 'load.', values, field=speed.field, factor=factor)
+    return filled(parameters.LoadConfig, 'load.', values, field=speed.field, factor=factor, is_assumed=True)
 
 
 def _input(

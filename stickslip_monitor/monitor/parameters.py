@@ -223,11 +223,7 @@ class InputConfig:
     field: FieldPath = ('data',)
     factor: float = 1.0
     deadband: float = 0.0
-
-    @property
-    def is_assumed(self) -> bool:
-        """Whether no sensor measures it, and a constant stands for it."""
-        return False
+    is_assumed: bool = False  # no sensor measures it, and a constant stands for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,11 +247,6 @@ class LoadConfig(InputConfig):
         'Load that is assumed where nothing measures it, in the unit, in place of a topic.',
         within=(0.0, 1e9),
     )
-
-    @property
-    def is_assumed(self) -> bool:
-        """Whether no sensor measures it, and a constant stands for it."""
-        return not math.isnan(self.constant)
 
 
 @dataclass(frozen=True, slots=True)
