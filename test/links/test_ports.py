@@ -10,6 +10,7 @@ import os
 import pty
 import re
 import socket
+import termios
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -134,8 +135,15 @@ async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> Non
     ours, theirs = pty.openpty()
     device = tmp_path / 'tty'
     device.symlink_to(os.ttyname(theirs))
+    # Whoever had the line before left two stop bits and waits for the modem.
+    left = termios.tcgetattr(theirs)
+    left[2] |= termios.CSTOPB | termios.CRTSCTS
+    termios.tcsetattr(theirs, termios.TCSANOW, left)
     end = End(f'serial://{device}?baud=38400')
     await at_work(end.port)
+    own = termios.tcgetattr(theirs)
+    assert own[2] & (termios.CSTOPB | termios.CRTSCTS | termios.CSIZE) == termios.CS8
+    assert own[4:6] == [termios.B38400] * 2
     os.write(ours, f'{RPM}\r\n'.encode())
     await until(lambda: end.lines)
     end.port.send([RPM])

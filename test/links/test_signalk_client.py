@@ -141,6 +141,33 @@ async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -
         assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
 
 
+class _Sleeps:
+    """asyncio, with sleeps that are noted and take no time, until there were enough."""
+
+    def __init__(self) -> None:
+        self.waits: list[float] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(asyncio, name)
+
+    async def sleep(self, seconds: float) -> None:
+        self.waits.append(seconds)
+        if len(self.waits) == 6:
+            raise asyncio.CancelledError
+
+
+async def test_waits_grow_unless_a_connection_has_lived(
+    server: SmallServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ship, sleeps = Ship(server), _Sleeps()
+    await server.stop()
+    monkeypatch.setattr(signalk_client, 'asyncio', sleeps)
+    monkeypatch.setattr(signalk_client.random, 'uniform', lambda low, high: high)
+    with pytest.raises(asyncio.CancelledError):
+        await ship.client.run()
+    assert sleeps.waits == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0]
+
+
 async def test_a_frozen_server_is_noticed_by_its_silence(
     server: SmallServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

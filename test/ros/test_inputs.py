@@ -185,6 +185,12 @@ def test_of_a_flood_every_so_many_are_left_out_and_the_last_is_not() -> None:
     assert values[-1] == 1499.0
     assert len(values) <= MOST_WAITING
     assert len({b - a for a, b in pairwise(values)}) == 1
+    # What waits from the turn before is thinned with the rest, and counted.
+    for _ in range(2):
+        for number in range(600):
+            node.put('speed', Float64(data=float(number)))
+        inputs.fetch(False)
+    assert len(_heard(inputs)) + len(values) + lane.left_out == 2700
 
 
 def test_a_turn_ends_by_time_and_the_next_goes_on() -> None:

@@ -10,12 +10,16 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import kit
 import pytest
 import yaml
 from shared import Bus
+
+from stickslip_monitor import build_config
+from stickslip_monitor.monitor.signals import Input
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('aiohttp', reason="the extras 'dashboard' and 'links' are not installed")
@@ -138,6 +142,26 @@ def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(start: Any, open_page
     missing = [f'{port.space}/aft']
     peer.until(lambda: shown.state()['monitor']['missing'] == missing, 'which it is')
     assert other.up() == 1.0
+
+
+def test_of_two_bearings_on_one_shaft_the_speed_is_published_once() -> None:
+    from stickslip_monitor.ros.other_nodes import Bridge
+
+    sent: list[tuple[str, float]] = []
+
+    def create_publisher(kind: Any, topic: str, depth: int) -> Any:
+        return SimpleNamespace(publish=lambda message: sent.append((topic, message.data)))
+
+    values: dict[str, Any] = {'bearings': ['fore', 'aft']}
+    for name in values['bearings']:
+        own = {f'{name}.{key}': value for key, value in kit.PARAMETERS.items()}
+        values |= own | {f'{name}.load.topic': f'{name}/load'}
+    inputs = [(name, place) for name in values['bearings'] for place in (Input.SPEED, Input.LOAD)]
+    node: Any = SimpleNamespace(create_publisher=create_publisher)
+    bridge = Bridge(node, '/port/stickslip_monitor', build_config(values), inputs)
+    for name, place in inputs:
+        bridge.take(name, place, 60.0)
+    assert sent == [('/port/shaft/speed', 60.0), ('/port/fore/load', 60.0), ('/port/aft/load', 60.0)]
 
 
 @pytest.mark.slow

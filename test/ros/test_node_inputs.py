@@ -83,6 +83,7 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
 
     peer.until(left_out, 'the flood')
     peer.until(lambda: taken() + left_out() == before + count + MOST_WAITING + 500, 'every message counted')
+    peer.until(lambda: kit.status(diagnostics, 'the node')['level'] == b'\x01', 'a warning')
     assert int(kit.status(diagnostics)[key]) > before
 
 

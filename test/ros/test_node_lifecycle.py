@@ -10,6 +10,9 @@ from unittest.mock import Mock
 import kit
 import pytest
 
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ActionRequest
+
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
@@ -151,5 +154,8 @@ def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host:
     assert monitor.set(aft__alarm__on_delay=2.0) == [(True, '')]
     assert health.message == 'Monitoring.'
     assert monitor.set(aft__load__timeout=50.0) == [(True, '')]
+    # Who acknowledges one bearing has not seen what was changed of all.
+    monitor.node._running._act(ActionRequest(Action.ACKNOWLEDGE, 'Ada', 'aft'))
+    assert health.severity == 1
     monitor.peer.call(Trigger, monitor.name('acknowledge'))
     assert health.message == 'Monitoring.'
