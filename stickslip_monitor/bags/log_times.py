@@ -19,7 +19,7 @@ from stickslip_monitor.bags.recording import Request, Series, TimeSpans
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.
-_STEP_GAPS, _STEP_NS = 2.5, 10**9
+_STEP_GAPS, STEP_NS = 2.5, 10**9
 
 # How far behind the last message the next one is put [ns].
 _BEHIND_NS = 10**7
@@ -57,7 +57,7 @@ class StepClock:
 
     def __init__(self, gap_ns: int) -> None:
         self._gap_ns = gap_ns
-        self._limit_ns = min(max(_STEP_NS, round(_STEP_GAPS * gap_ns)), 1 << 60)
+        self._limit_ns = min(max(STEP_NS, round(_STEP_GAPS * gap_ns)), 1 << 60)
         self.latest_ns: int | None = None
         self._shift_ns = 0
         self.steps_ns: list[int] = []
@@ -138,7 +138,7 @@ class BlockSteps:
 
     def _is_early(self, names: Iterable[str], block: Block, ends: Mapping[str, int]) -> bool:
         start = block.start_ns + self._shift_ns
-        return any(start < ends.get(name, start) - _STEP_NS for name in names)
+        return any(start < ends.get(name, start) - STEP_NS for name in names)
 
     def _later(self, ends: Mapping[str, int]) -> dict[str, int]:
         return self._latest | {name: max(end, self._latest.get(name, end)) for name, end in ends.items()}
@@ -158,14 +158,14 @@ class BlockSteps:
         rows = {name: np.flatnonzero(topic == name) for name in np.unique(topic).tolist()}
         for name, own in rows.items():
             known = np.append(self._latest.get(name, time_ns[own[0]]), time_ns[own])
-            is_back[own] = time_ns[own] < np.maximum.accumulate(known)[:-1] - _STEP_NS
+            is_back[own] = time_ns[own] < np.maximum.accumulate(known)[:-1] - STEP_NS
         # Of one alone it is not known.
         if np.count_nonzero(is_back) + is_next > 1 and is_back.any():
             k = int(is_back.argmax())
             before, behind = time_ns[:k], time_ns[k:]
             spans = [*self._spans, *([(int(before.min()), int(before.max()))] if k else [])]
             had = np.mean(TimeSpans(spans).holds(time_ns[is_back])) > 0.5
-            goes_on = all((np.diff(time_ns[own[own >= k]]) >= -_STEP_NS).all() for own in rows.values())
+            goes_on = all((np.diff(time_ns[own[own >= k]]) >= -STEP_NS).all() for own in rows.values())
             # A clock that stands still was not set back.
             if not goes_on or not had or (behind.size > 1 and behind.max() == behind.min()):
                 return False

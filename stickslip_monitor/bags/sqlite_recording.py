@@ -23,7 +23,7 @@ import zstandard
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from stickslip_monitor.bags.log_times import LATEST_NS, StepClock
+from stickslip_monitor.bags.log_times import LATEST_NS, STEP_NS, StepClock
 from stickslip_monitor.bags.message_fields import FieldReader, MessageReading, TopicNumbers, definition_of
 from stickslip_monitor.bags.recording import (
     Findings,
@@ -46,6 +46,8 @@ _ERRORS = sqlite3.Error, MemoryError
 _DISORDER_NS = 10**9
 # Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
 _SKIP, _MOST_SKIPS = 64, 40
+# Of the messages of a recorder whose clock is set as many, or two of each topic, step back.
+_SELDOM = 0.01
 
 
 class _Row(NamedTuple):
@@ -81,6 +83,7 @@ class SqliteRecording(Recording):
         self._counts: Counter[str] = Counter()
         self._types: dict[str, tuple[str, str]] = {}
         self._kept = kept
+        self._unsorted: set[Path] = set()
         times = [time for file in files for time in self._look(file)]
         self.start_ns = min(times, default=None)
         self.end_ns = max(times, default=None)
@@ -155,6 +158,9 @@ class SqliteRecording(Recording):
                     if encoding == 'ros2msg' and text and isinstance(text, str):
                         self._texts.setdefault(kind, text)
             counts, times = self._count(file, database)
+            if self._is_unsorted(database, counts):
+                self._unsorted.add(file)
+                self._findings.note(f"file '{file.name}' is written in no order of time: sorted by time")
             for key, count in counts.items():
                 if key in names:
                     self._counts[names[key]] += count
@@ -185,6 +191,40 @@ class SqliteRecording(Recording):
                 known = [row[1] for row in rows if _is_time(row[1])]
                 times += [min(known), max(known)] if known else []
             return counts, [min(times), max(times)] if times else []
+
+    @staticmethod
+    def _is_unsorted(database: sqlite3.Connection, counts: Counter[int]) -> bool:
+        """Whether messages are in no order of time: topic by topic, or newest first.
+
+        Where the clock of a recorder was set, all topics step back, and seldom.
+        """
+        back = (
+            'SELECT count(*) FROM (SELECT timestamp - max(timestamp) OVER'
+            ' ({} ORDER BY rowid ROWS UNBOUNDED PRECEDING) AS step FROM messages NOT INDEXED'
+            f' WHERE timestamp BETWEEN 1 AND {LATEST_NS}) WHERE step < {-STEP_NS}'
+        )
+        try:
+            if not database.execute(back.format('')).fetchone()[0]:
+                return False
+            each = back.format('PARTITION BY topic_id').replace('max(timestamp)', 'lag(timestamp, 1, 0)')
+            seldom = max(_SELDOM * counts.total(), 2 * len(counts))
+            return not 0 < database.execute(each).fetchone()[0] <= seldom
+        except _ERRORS:
+            return False
+
+    def _by_time(
+        self, file: Path, database: sqlite3.Connection, where: str
+    ) -> Iterator[list[tuple[Any, ...]]]:
+        """Rows as of :meth:`_rows`, in the order of time."""
+        try:
+            found = database.execute(
+                f'SELECT rowid, timestamp, topic_id, data FROM messages WHERE {where}'
+                ' ORDER BY timestamp, rowid'
+            )
+            while batch := list(islice(found, _BATCH)):
+                yield batch
+        except _ERRORS as error:
+            self._findings.lose(f"file '{file.name}' is damaged ({error}): not read from there on")
 
     def _rows(
         self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
@@ -269,7 +309,12 @@ class SqliteRecording(Recording):
                 if not ids:
                     continue
                 where = f'topic_id IN ({",".join(map(str, ids))})'
-                for rows in self._rows(file, database, 'timestamp, topic_id, data', where):
+                found = (
+                    self._by_time(file, database, where)
+                    if file in self._unsorted
+                    else self._rows(file, database, 'timestamp, topic_id, data', where)
+                )
+                for rows in found:
                     batch = []
                     for _, time_ns, key, data in rows:
                         sound = _is_time(time_ns) and isinstance(data, bytes)

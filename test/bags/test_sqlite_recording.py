@@ -147,6 +147,19 @@ def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
     assert 'was set back once, by 7.99 s' in ' '.join(recording.warnings)
 
 
+@pytest.mark.parametrize('order', ['topic_id, timestamp', 'timestamp DESC'], ids=['by topic', 'newest first'])
+def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None:
+    """A converter may write topic by topic: no clock was set, and the inputs belong together."""
+    path = make(tmp_path / 'bag') / 'bag.db3'
+    with sqlite3.connect(path) as database:
+        rows = database.execute(f'SELECT topic_id, timestamp, data FROM messages ORDER BY {order}').fetchall()
+        database.execute('DELETE FROM messages')
+        database.executemany('INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)', rows)
+    database.close()
+    judge(tmp_path / 'bag')
+    assert any('is written in no order of time: sorted by time' in text for text in open_bag(path).warnings)
+
+
 def test_a_type_that_nobody_knows_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (file,) = make(tmp_path / 'bag').glob('*.db3')
     with sqlite3.connect(file) as database:
