@@ -25,7 +25,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
 from stickslip_monitor.physics.quadrature import friction_harmonic
 from stickslip_monitor.physics.roots import root_on_bracket
 
@@ -148,7 +148,7 @@ def _rises_to_limit(law: FrictionLaw, speed: FloatArray, at_limit: FloatArray) -
 
 def _panel_speeds(law: FrictionLaw, per_panel: int, most: int | None = None) -> FloatArray:
     """Speeds between the breakpoints of a law, of which the ``most`` are taken."""
-    breaks = np.array(law.breakpoints)
+    breaks = np.array(speed_scales(law))
     if most is not None and breaks.size > most:
         breaks = breaks[np.unique(np.linspace(0, breaks.size - 1, most).astype(np.intp))]
     edges = np.append(0.0, breaks)
@@ -193,11 +193,11 @@ def peak_curve(law: FrictionLaw) -> PeakCurve:
     """
     speeds = _table_speeds(law, _PANELS)
     peak, place = highest(law, speeds)
-    if len(law.breakpoints) > _PANELS:
+    if len(speed_scales(law)) > _PANELS:
         also, peaks_there, places_there = _outstanding(law)
         speeds, first = np.unique(np.append(speeds, also), return_index=True)
         peak, place = np.append(peak, peaks_there)[first], np.append(place, places_there)[first]
-    for _ in range(_FINER if len(law.breakpoints) >= _PANELS else 0):
+    for _ in range(_FINER if len(speed_scales(law)) >= _PANELS else 0):
         above = np.maximum.accumulate(peak[::-1])[::-1]
         bent = (_off_line(speeds, peak) > _BENT * peak[1:-1]) & (peak[1:-1] > _MATTERS * above[1:-1])
         rows = np.flatnonzero(np.append(bent, False) | np.append(False, bent)) + 1
@@ -252,7 +252,7 @@ def _outstanding(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
     Returns:
         These speeds, the highest ``rho``, and the amplitude coordinate where it stands.
     """
-    breaks, (steady, heights) = np.array(law.breakpoints), equilibrium_table(law)
+    breaks, (steady, heights) = np.array(speed_scales(law)), equilibrium_table(law)
     steepest = steady[1:-1][(heights[1:-1] >= heights[:-2]) & (heights[1:-1] >= heights[2:])]
     v = np.unique(np.concatenate([breaks, 0.5 * (breaks[1:] + breaks[:-1]), steepest]))
     peak, bound = -law.slope(v), _steepest_mean(law, v)
@@ -282,10 +282,10 @@ def _steepest_mean(law: FrictionLaw, speed: FloatArray) -> FloatArray:
 
 def _table_speeds(law: FrictionLaw, whole: int) -> FloatArray:
     """Speeds from zero to far past the last breakpoint; between all of up to so ``whole`` many."""
-    panels = min(len(law.breakpoints), _PANELS)
-    most = _PANELS if len(law.breakpoints) > whole else None
+    panels = min(len(speed_scales(law)), _PANELS)
+    most = _PANELS if len(speed_scales(law)) > whole else None
     per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
-    far = law.breakpoints[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
+    far = speed_scales(law)[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
     steady, heights = equilibrium_table(law)
     # No speed at which even steady sliding is unstable may fall between two of the table.
     steepest = steady[np.argmax(heights)]
@@ -328,7 +328,7 @@ def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:
 def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     """Highest speed at which the equilibrium loses its stability [m/s]; ``nan`` without one."""
     result = np.full_like(q, np.nan)
-    if not law.breakpoints:
+    if not speed_scales(law):
         return result
     speeds, heights = equilibrium_table(law)
     index = _last_above(heights, q)
@@ -349,7 +349,7 @@ def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
 
 def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     """Highest speed with a stick-slip cycle [m/s]; ``nan`` where no speed has one."""
-    if not law.breakpoints:
+    if not speed_scales(law):
         return np.full_like(q, np.nan)
     curve = peak_curve(law)
     index = _last_above(curve.peak, q)
@@ -544,7 +544,7 @@ def _excess(
 
     From the law's table where that leaves no doubt about the sign, else from the average itself.
     """
-    if not law.breakpoints:
+    if not speed_scales(law):
         above = surface_rows(law, speed) - q[:, None]
         return above, _turns(law, speed, above, *np.nonzero(_bent(above, 0.0)))
     above, doubt = _lines(law, speed)

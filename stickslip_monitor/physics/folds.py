@@ -27,11 +27,12 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.averaging_by_scan import peak_curve, slope_surface
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Stribeck, computes_as
+from stickslip_monitor.physics.friction import Stribeck, computes_as, speed_scales
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
+    RESTED,
     TURNED,
     Route,
     SlipField,
@@ -42,11 +43,15 @@ from stickslip_monitor.physics.orbits import (
 from stickslip_monitor.physics.roots import root_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
-# Rounds of a search, those without a value after which it is given up, and its widest step.
-_MOST_ROUNDS, _PATIENCE, _WIDEST = 25, 6, 0.7
-# Orbits that turn take 640 steps at most, measured up to 0.9 of critical damping. What is found by
-# contact alone is known to 1e-6.
-_MOST_STEPS, _HALVINGS = 800, 23
+# Rounds of a search, those after which every other one halves, its widest step, that towards where
+# margins are finite, and how far from its guess it goes without having passed what it looks for.
+_MOST_ROUNDS, _PATIENCE, _WIDEST, _OUTWARD, _FARTHEST = 40, 7, 0.7, 0.4, 3.0
+# Error of long steps at most, how close they lead, and how well slopes are known then: folds of a
+# table are wanted to no more.
+_COARSE, _ROUGHLY, _KNOWN = 1e-7, 1e-5, 0.03
+# Orbits that turn take 640 steps at most, measured up to 0.9 of critical damping, and long ones a
+# fourth of that.
+_MOST_STEPS, _MOST_LONG_STEPS = 800, 300
 # Times that the speeds of a curve are cut to where orbits turn.
 _CUTS = 2
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
@@ -57,8 +62,6 @@ _WEAKLY, _SLIGHT = 1.003, 1e-6
 # 8 octaves above it; a soft lining (50 kg, 3 Hz) has slip so stiff at 200 kN that it takes
 # minutes.
 _LARGE, _GIVES, _OCTAVES = 2e5, 0.1, 8
-# Octaves of a lining beyond critical damping: a mistake of units as a rule, and each takes a second.
-_OVERDAMPED = 2
 # Speeds of the scan for the onset; intervals of Chebyshev's speeds at first and at most; speeds
 # that are read from their series; of a law in pieces speeds of the curve, and of which each
 # so-many-th is solved.
@@ -68,16 +71,25 @@ _BELOW_ONSET = 0.5
 # Loads beyond the curve's that are solved one by one.
 _LARGER = 17
 # Last coefficients of a series that is long enough, and errors in ln N.
-_SHORT, _CLOSE, _CLOSE_IN_PIECES = 1e-9, 1e-9, 1e-6
+_SHORT, _CLOSE = 1e-9, 1e-10
 # Loads in units of the least at any higher speed, up to which a speed can be the last.
 _MATTERS = 1.5
+# Speeds at which contact is looked for at first, in units of the averaged fold from and up to, and
+# parts of what is left, and steps.
+_FROM, _UP_TO, _SPEEDS, _PARTS, _MOST_OF_CONTACT = 3e-3, 1.05, 160, 8, 4000
+# Loads of such a curve, and the change of ln V from one to the next that is a jump.
+_CONTACTS, _JUMPS = 49, 0.5
 # Error of a step where the margin is to be known to all digits that matter.
 _FINE = 1e-11
-# Exponent of the attraction after which nothing is left of where an orbit began.
-_ENOUGH = 40.0
+# Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
+# m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
+_ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
 _LARGEST_EXPONENT = 700.0
 # How fast ln N has to rise with ln V for a fold read from the curve to be improved by orbits.
 _RISES = 0.02
+
+
+_Margin = Callable[[FloatArray, IndexArray, float], FloatArray]
 
 
 class Grazing:
@@ -90,10 +102,8 @@ class Grazing:
         top = float(self.law.coefficient(ALMOST_REST))
         self.lasting = self.lasting_speed(law_in_use(self.law).hold - top, 0.0)
         self.in_pieces = len(law_in_use(self.law).kinks) > 0
-        # Of a step: the margin has to be known to a share of the change that it makes. A law in
-        # pieces is known to no more than so many digits between them.
-        self.error = min(max(1e-10 * self.rate, 1e-13), _FINE)
-        self.rough = min(max(1e-7 * self.rate, 1e-10), 1e-8) if self.in_pieces else self.error
+        # Of a step: the margin has to be known to a share of the change that it makes.
+        self.fine = min(max(1e-10 * self.rate, 1e-13), _FINE)
 
     def lasting_speed(self, drop: float, rise: Any) -> Any:
         """Speed over load [m/(s N)] at which a turn of the free vibration reaches the belt again.
@@ -117,57 +127,82 @@ class Grazing:
         """
         n = speed.size
         both = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
-        place, z = self._grazes(both.take(slice(n, None)))
-        nothing = np.zeros(n)
-        e, z = np.concatenate([nothing, place]), np.concatenate([nothing, z])
-        last, direction = np.repeat([2, 1], n), np.repeat([1.0, -1.0], n)
+        (e, z, settles), graze = self._slips(both.take(slice(n))), self._grazes(both.take(slice(n, None)))
+        e, z = np.concatenate([e, graze[0]]), np.concatenate([z, graze[1]])
+        last, direction = np.where(z[:n] > 1.0, 1, 2), np.repeat([1.0, -1.0], n)
+        most = _MOST_STEPS if error <= _FINE else _MOST_LONG_STEPS
+        most += 4 * len(law_in_use(self.law).kinks)  # a kink may take four
+        route = Route(np.concatenate([last, np.ones(n, int)]), error, direction, most=most)
         with np.errstate(all='ignore'):
-            orbits = follow(both, e, z, Route(last, error, direction, most=_MOST_STEPS))
+            orbits = follow(both, e, z, route)
             size = both.rest() - orbits.place
             result = np.log(size[:n] / size[n:])
-        turned = orbits.end == TURNED
-        result[~turned[n:]] = np.where(orbits.end[n:] == EXHAUSTED, np.inf, -np.inf)[~turned[n:]]
-        result[~turned[:n] | np.isnan(result)] = -np.inf
+        slips, grazes = orbits.end[:n], orbits.end[n:]
+        from_rest = (grazes == RESTED) | (grazes == EXHAUSTED)
+        result[grazes != TURNED] = np.where(from_rest, np.inf, -np.inf)[grazes != TURNED]
+        result[settles | (slips != TURNED) | np.isnan(result)] = -np.inf
         return result
 
-    def _grazes(self, field: SlipField) -> tuple[FloatArray, FloatArray]:
-        """Displacement and ``z`` from which orbits that graze are followed back in time.
+    def _slips(self, field: SlipField) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Displacement and ``z`` from which slip is followed, and where it comes to rest on its way."""
+        n = field.speed.size
+        if not np.max(field.damping + field.force * field.speed * self._course[1][-1], initial=0.0) > _HEAVY:
+            return np.zeros(n), np.zeros(n), np.zeros(n, bool)
+        e, z, end = self._drawn(field, ahead=True)
+        return e, z, (z > 0.0) & (end < 1.0 + 20.0 * _NEAR_REST)
 
-        Where a law is steep they lie on a slow manifold, which attracts all neighbours by ``exp``
-        of the integral of the growth rate: what comes after enough of that need not be followed.
+    def _grazes(self, field: SlipField) -> tuple[FloatArray, FloatArray]:
+        """Displacement and ``z`` from which orbits that graze are followed back in time."""
+        e, z, _ = self._drawn(field, ahead=False)
+        return np.where(z > 0.0, e, -field.offset), z
+
+    def _drawn(self, field: SlipField, ahead: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Where to begin on the slow manifold that draws orbits, and where it ends to draw.
+
+        Damping draws what slips behind the belt, and back in time a steep fall of friction what
+        grazes, by ``exp`` of the integral of the rate: what comes before enough of that need not be
+        followed.
+
+        Returns:
+            Displacement and ``z``, 0 where it draws too little, and the last ``z`` where it draws,
+            each of shape (n,).
         """
-        v, fall, squares = self._falls
-        growth = field.force * field.speed
-        least = (1.0 + field.damping) / growth
-        end = np.argmax(fall[None, :] < least[:, None], axis=1)
-        strength = field.force * growth
-        to = squares[end] - _ENOUGH / strength
-        start = np.where(to * strength > 0.5 * _ENOUGH, np.interp(to, squares, v), 0.0)
-        steep = growth * -np.asarray(self.law.slope(np.maximum(start, ALMOST_REST)))
-        start = np.where(steep > 3.0 * (1.0 + field.damping), start, 0.0)
-        z = start / field.speed
-        drop = field.force * field.drop(field.origin, field.top, start)
-        place = (z - 1.0) / (steep - field.damping) - field.offset + field.damping * z - drop
-        return np.where(start > 0.0, place, -field.offset), z
+        v, slope, mu = (column if ahead else column[::-1] for column in self._course)  # outward
+        every, towards = np.arange(field.speed.size), 1.0 if ahead else -1.0
+        z = v / field.speed[:, None]
+        away = towards * (z - 1.0)
+        rate = field.damping + (field.force * field.speed)[:, None] * slope
+        draws = (towards * rate > _DRAWS) & (away > _NEAR_REST)
+        first = np.argmax(draws, axis=1)
+        draws &= np.cumsum(~draws & (np.arange(v.size) > first[:, None]), axis=1) == 0
+        drawn = np.where(draws, rate * rate / np.where(draws, away, 1.0), 0.0)
+        parts = 0.5 * (drawn[:, 1:] + drawn[:, :-1]) * np.abs(np.diff(z, axis=1))
+        start = 1 + np.argmax(np.cumsum(parts, axis=1) > _ENOUGH, axis=1)
+        begin, pull = z[every, start], rate[every, start]
+        place = field.damping * z - field.force[:, None] * (law_in_use(self.law).hold - mu)
+        # What comes from outside must come past it, and slide no faster into another such stretch.
+        lowest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, start]
+        found = (start > 1) & (place[every, start] <= np.minimum(lowest, 0.0))
+        e = np.where(found, place[every, start] + (1.0 - begin) / pull, 0.0)
+        return e, np.where(found, begin, 0.0), z[every, first]
 
     @cached_property
-    def _falls(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Speeds, the fall of friction there, and the integral of its square up to there."""
+    def _course(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Speeds, and slope and coefficient of friction there."""
         breaks = _scales(self.bearing)
-        v = np.concatenate([[0.0], np.geomspace(1e-4 * breaks[0], 100.0 * breaks[-1], 600)])
-        fall = -np.asarray(self.law.slope(np.maximum(v, ALMOST_REST)))
-        fall[-1] = -np.inf
-        squares = np.maximum(fall, 0.0) ** 2
-        parts = 0.5 * (squares[1:] + squares[:-1]) * np.diff(v)
-        return v, fall, np.concatenate([[0.0], np.cumsum(parts)])
+        v = np.geomspace(1e-4 * breaks[0], 1e3 * breaks[-1], 700)
+        return v, np.asarray(self.law.slope(v)), np.asarray(self.law.coefficient(v))
 
     def by_averaging(self, speed: FloatArray) -> FloatArray:
         """The least load with a cycle that reaches the belt, by averaging; ``inf`` for none [N].
 
         Averaging sees no cycle of a law that falls at once, which a turn of the free vibration
-        tells.
+        tells. Beyond critical damping nothing turns, and slip reaches the belt where steady sliding
+        is unstable.
         """
-        if computes_as(self.law, Stribeck):
+        if self.bearing.damping_ratio >= 1.0:
+            fall = -np.asarray(self.law.slope(speed))
+        elif computes_as(self.law, Stribeck):
             fall = closed_form.peak_slope(self.law, speed)
         else:
             fall = slope_surface(self.law, np.ones_like(speed), speed)
@@ -175,41 +210,53 @@ class Grazing:
             per_load = np.maximum(fall, 0.0) / self.bearing.damping + self.lasting / speed
             return np.asarray(1.0 / per_load)
 
-    def loads(self, speed: FloatArray, guess: FloatArray, close: float) -> FloatArray:
-        """The loads that graze at speeds [N], from guesses, to an error in ``ln N``; ``nan``: not found."""
+    def loads(self, speed: FloatArray, guess: FloatArray, close: float, near: bool = False) -> FloatArray:
+        """The loads that graze at speeds [N], from guesses, to an error in ``ln N``; ``nan``: not found.
 
-        def margin(x: FloatArray, rows: IndexArray) -> FloatArray:
-            return self.margin(speed[rows], np.exp(x), self.rough)
-
-        return np.exp(_solved(margin, np.log(guess), np.full(guess.size, self.rate), close))
-
-    def speeds(
-        self, load: FloatArray, guess: FloatArray, close: float, error: float | None = None
-    ) -> FloatArray:
-        """The speeds that graze at loads [m/s], from guesses, to an error in ``ln V``.
-
-        ``nan`` where they are not found; ``error`` is that of a step, by default for all digits.
+        With ``near`` guesses are right to 1e-3.
         """
-        fine = error or self.error
+
+        def margin(x: FloatArray, rows: IndexArray, error: float) -> FloatArray:
+            return self.margin(speed[rows], np.exp(x), error)
+
+        return self._found(margin, np.log(guess), np.full(guess.size, self.rate), close, near)
+
+    def speeds(self, load: FloatArray, guess: FloatArray, close: float, near: bool = False) -> FloatArray:
+        """The speeds that graze at loads [m/s], as :meth:`loads`."""
         with np.errstate(all='ignore'):
             ratio = self.by_averaging(guess * 1.001) / self.by_averaging(guess)
             rise = np.log(ratio) / math.log(1.001)
         rate = -self.rate * np.where(rise > 1e-9, np.minimum(rise, 10.0), 1.0)
 
-        def margin(x: FloatArray, rows: IndexArray) -> FloatArray:
-            return self.margin(np.exp(x), load[rows], fine)
+        def margin(x: FloatArray, rows: IndexArray, error: float) -> FloatArray:
+            return self.margin(np.exp(x), load[rows], error)
 
-        return np.exp(_solved(margin, np.log(guess), rate, close))
+        return self._found(margin, np.log(guess), rate, close, near)
+
+    def _found(
+        self, margin: _Margin, x: FloatArray, rate: FloatArray, close: float, near: bool
+    ) -> FloatArray:
+        """Where margins vanish: by long steps first, then as close as is wanted."""
+        coarse = min(max(1e-5 * float(np.min(np.abs(rate), initial=1.0)), 1e-10), _COARSE)
+        if not near:
+            x, rate = _solved(lambda x, rows: margin(x, rows, coarse), x, rate, _ROUGHLY, 1.0)
+        if close < _ROUGHLY:
+            x, rate = _solved(lambda x, rows: margin(x, rows, self.fine), x, rate, close, _KNOWN)
+        return np.exp(x)
 
 
 def _scales(bearing: Bearing) -> list[float]:
     """The speeds at which a law changes; 1 m/s for one that is the same at all [m/s]."""
-    return [v for v in bearing.friction.breakpoints if v > 0.0] or [1.0]
+    return list(speed_scales(bearing.friction)) or [1.0]
 
 
 def _solved(
-    margin: Callable[[FloatArray, IndexArray], FloatArray], guess: FloatArray, rate: FloatArray, close: float
-) -> FloatArray:
+    margin: Callable[[FloatArray, IndexArray], FloatArray],
+    guess: FloatArray,
+    rate: FloatArray,
+    close: float,
+    known: float,
+) -> tuple[FloatArray, FloatArray]:
     """Where margins vanish, from guesses: secants within brackets, all at once.
 
     Args:
@@ -217,42 +264,45 @@ def _solved(
         guess: Shape (n,).
         rate: About the slope of the margins, all of one sign, shape (n,).
         close: How well a place is to be known.
+        known: How well, as a share, the slopes are known.
 
     Returns:
-        The places, ``nan`` where they were not found, shape (n,).
+        The places, ``nan`` where they were not found, and the slopes there, ``inf`` where margins jump,
+        each of shape (n,).
     """
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
     low, high, before, value_before = np.multiply.outer([-np.inf, np.inf, np.nan, np.nan], np.ones(n))
-    live, misses = np.arange(n), np.zeros(n, int)
-    for _ in range(_MOST_ROUNDS if n else 0):
+    live, last = np.flatnonzero(np.isfinite(x) & np.isfinite(slope)), np.full(n, known)
+    for k in range(_MOST_ROUNDS):
+        if not live.size:
+            break
         at = x[live]
         value = margin(at, live)
-        known, above = np.isfinite(value), sign * value > 0.0
+        above, finite = sign * value > 0.0, np.isfinite(value)
         high[live] = np.where(above, np.minimum(high[live], at), high[live])
         low[live] = np.where(above, low[live], np.maximum(low[live], at))
         with np.errstate(all='ignore'):
             secant = (value - value_before[live]) / (at - before[live])
             slope[live] = np.where(np.isfinite(secant) & (secant / rate[live] > 0.2), secant, slope[live])
-            move = np.where(known, -value / slope[live], np.where(above, -0.4, 0.4))
+            move = np.where(finite, -value / slope[live], np.where(above, -_OUTWARD, _OUTWARD))
             move = np.clip(move, -_WIDEST, _WIDEST)
-            new, both = at + move, np.isfinite(low[live]) & np.isfinite(high[live])
-            halved = both & ((new <= low[live]) | (new >= high[live]))
+            new, width = at + move, high[live] - low[live]
+            both = np.isfinite(width)
+            halved = both & ((new <= low[live]) | (new >= high[live]) | (k % 2 > 0 and k > _PATIENCE))
             new = np.where(halved, 0.5 * (low[live] + high[live]), new)
-            width = high[live] - low[live]
-        last = np.abs(at - before[live])
-        before[live], value_before[live], x[live] = at, value, new
         # A secant leaves about the product of its step with the one before.
-        left = np.abs(move) * np.where(last < 1.0, last, 1.0)
-        done = known & ~halved & ((left < close) | (value == 0.0)) | (both & known & (width < close))
-        misses[live] += ~known
-        lost = ~done & (misses[live] > _PATIENCE)
-        x[live[lost]] = np.nan
-        live = live[~done & ~lost]
-        if not live.size:
-            break
+        left = np.abs(move) * last[live]
+        done = finite & ~halved & ((left < close) | (value == 0.0)) | (both & (width < close))
+        jumps = both & ~finite & (width < _ROUGHLY)
+        slope[live[jumps]] = np.inf
+        before[live], value_before[live], x[live] = at, value, new
+        last[live] = np.minimum(np.abs(move), 1.0)
+        far = ~both & (np.abs(new - guess[live]) > _FARTHEST)
+        x[live[far]] = np.nan
+        live = live[~done & ~far & ~jumps]
     x[live] = np.nan
-    return x
+    return x, slope
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -263,8 +313,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         load: ``N`` > 0 and finite [N], shape (n,).
 
     Returns:
-        ``nan`` where it sticks at no speed, or damping so strong that the motion does not turn left
-        the last one unknown; ``inf`` where it sticks at every high speed; shape (n,).
+        ``nan`` where it sticks at no speed; ``inf`` where it sticks at every high speed; shape (n,).
     """
     law = bearing.friction
     loads, back = np.unique(load, return_inverse=True)
@@ -275,7 +324,9 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         out[falls & (np.asarray(averaging.fold_speed(bearing, loads)) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
     if rows.size:
-        solve = _read if law_in_use(law).kinks else _solve
+        heavy = bearing.damping_ratio >= 1.0
+        read = _by_contact if heavy else _read
+        solve = read if law_in_use(law).kinks else _solve
         out[rows] = solve(bearing, loads[rows])
     return out[back]
 
@@ -292,36 +343,12 @@ def _solve(bearing: Bearing, load: FloatArray) -> FloatArray:
         guess = np.fmax(averaged, coulomb)
         slight = load * law_in_use(law).fall < _WEAKLY * bearing.damping
         slight |= drop * load / bearing.momentum < _SLIGHT * averaged
+        heavy = bearing.damping + rise * load >= 2.0 * bearing.momentum
+        guess = np.where(heavy, np.fmax(np.asarray(averaging.hopf_speed(bearing, load)), coulomb), guess)
     out = np.where(slight, averaged, np.nan)
     rows = np.flatnonzero(~slight & (guess > 0.0) & (guess < np.inf))
     out[rows] = grazing.speeds(load[rows], guess[rows], 1e-10)
-    lost = rows[np.isnan(out[rows])]
-    out[lost] = _by_contact(bearing, load[lost], guess[lost])
     return out
-
-
-def _by_contact(bearing: Bearing, load: FloatArray, guess: FloatArray) -> FloatArray:
-    """The last speeds at which slip meets the belt, by bisection [m/s]; ``nan``: none about a guess.
-
-    For where a motion is damped so much that it does not turn twice.
-    """
-
-    def meets(speed: FloatArray, rows: IndexArray) -> BoolArray:
-        field, nothing = slip_field(bearing, speed, load[rows]), np.zeros(rows.size)
-        with np.errstate(all='ignore'):
-            end = follow(field, nothing, nothing, route).end
-        known[rows] &= end != EXHAUSTED
-        return np.asarray(end == LANDED)
-
-    route, known = Route(3, _FINE, contact=True, most=_MOST_STEPS), np.ones(load.size, bool)
-    low, high, every = guess * 0.01, guess * 2.0, np.arange(load.size)
-    known &= meets(low, every) & ~meets(high, every)
-    rows = np.flatnonzero(known)
-    for _ in range(_HALVINGS if rows.size else 0):
-        middle = np.sqrt(low[rows] * high[rows])
-        inside = meets(middle, rows)
-        low[rows], high[rows] = np.where(inside, middle, low[rows]), np.where(inside, high[rows], middle)
-    return np.where(known, np.sqrt(low * high), np.nan)
 
 
 def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -337,9 +364,41 @@ def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
         steep = rise / np.log(curve.speed[i + 1] / curve.speed[i]) > _RISES
     rows = np.flatnonzero(steep & (out > 0.0))
     if rows.size:
-        improved = grazing.speeds(load[rows], out[rows], _CLOSE)
+        improved = grazing.speeds(load[rows], out[rows], _CLOSE, near=True)
         near = np.abs(np.log(improved / out[rows])) < _RISES
         out[rows[near]] = improved[near]
+    return out
+
+
+def _lands(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
+    """Where slip from breakaway meets the belt, shape (n,)."""
+    field, nothing = slip_field(bearing, speed, load), np.zeros(speed.size)
+    with np.errstate(all='ignore'):
+        end = follow(
+            field, nothing, nothing, Route(3, _COARSE, contact=True, most=_MOST_OF_CONTACT, locate=False)
+        ).end
+    return np.asarray(end == LANDED)
+
+
+def _by_contact(bearing: Bearing, load: FloatArray) -> FloatArray:
+    """The last speeds at which slip meets the belt, of many, each time between two of them.
+
+    For much damping of a law in pieces: what is drawn to a slow manifold falls off it at some kink,
+    whatever averaging sees.
+    """
+    averaged = np.asarray(averaging.fold_speed(bearing, load))
+    rows = np.flatnonzero(averaged > 0.0)
+    low, high = averaged[rows] * _FROM, averaged[rows] * _UP_TO
+    out, number = np.full(load.size, np.nan), _SPEEDS
+    while rows.size and np.max(high / low) > 1.0 + _ROUGHLY:
+        speed = np.exp(np.linspace(np.log(low), np.log(high), number + 1, axis=1))
+        lands = _lands(bearing, speed.ravel(), np.repeat(load[rows], number + 1)).reshape(speed.shape)
+        last = number - np.argmax(lands[:, ::-1], axis=1)
+        some = lands.any(axis=1) & (last < number)
+        rows, last, speed = rows[some], last[some], speed[some]
+        every, number = np.arange(rows.size), _PARTS
+        low, high = speed[every, last], speed[every, last + 1]
+    out[rows] = low
     return out
 
 
@@ -376,7 +435,7 @@ class FoldCurve:
         """The last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
         speed = last_speeds(self.speed, self.exact, load, self.smooth)
         x, y = self.larger
-        rows = np.flatnonzero(load > self.exact[-1]) if x.size else np.zeros(0, int)
+        rows = np.flatnonzero(load > math.exp(x[0])) if x.size else np.zeros(0, int)
         if rows.size:
             cubics = hermite_cubics(x, y, (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y))
             level = np.log(load[rows])
@@ -418,7 +477,10 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     span = _range(grazing)
     if span is None:
         return None
-    return _curve_in_pieces(grazing, span) if grazing.in_pieces else _smooth_curve(grazing, span)
+    if not grazing.in_pieces:
+        return _smooth_curve(grazing, span)
+    heavy = bearing.damping_ratio >= 1.0
+    return (_heavily_damped_curve if heavy else _curve_in_pieces)(grazing, span)
 
 
 def _averaged_curve(bearing: Bearing) -> tuple[FloatArray, FloatArray]:
@@ -427,7 +489,7 @@ def _averaged_curve(bearing: Bearing) -> tuple[FloatArray, FloatArray]:
     speed = np.geomspace(1e-3 * breaks[0], 300.0 * breaks[-1], _SCAN)
     if computes_as(law, Stribeck):
         peak = closed_form.peak_slope(law, speed)
-    elif law.breakpoints:
+    elif speed_scales(law):
         speed, peak, *_ = peak_curve(law)
     else:
         peak = np.zeros(speed.size)
@@ -447,7 +509,7 @@ def _range(grazing: Grazing) -> _Range | None:
     onset = float(both[k])
     if not onset < np.inf:
         return None
-    octaves = _OCTAVES if bearing.damping_ratio < 1.0 else _OVERDAMPED
+    octaves = _OCTAVES
     if grazing.lasting == 0.0:
         if k == 0:  # the least at rest
             onset = bearing.damping / float(-law.slope(ALMOST_REST))
@@ -458,14 +520,13 @@ def _range(grazing: Grazing) -> _Range | None:
     limit = 1.0 / float(grazing.lasting_speed(max(fall, 1e-300), 0.0))
     below = np.flatnonzero(near <= top)
     high = float(scan[below[-1]]) if below.size else low
-    falls_on = bool(np.isfinite(near[-1]))
+    falls_on, rises = bool(np.isfinite(near[-1])), float(law.slope(scan[-1])) > 0.0
     if falls_on:
         high = max(high, top / limit)
-    if falls_on or not grazing.in_pieces:  # where a table rises again no load reaches further
-        last = 1.01 * float(grazing.speeds(np.array([top]), np.array([high]), 1e-3, 1e-8)[0])
-        last = last if last > 0.0 else high
-    else:
-        last = high
+    last = high
+    if falls_on or not (grazing.in_pieces or rises):  # where friction rises again no load reaches further
+        found = 1.01 * float(grazing.speeds(np.array([top]), np.array([high]), 1e-3)[0])
+        last = found if found > 0.0 else high
     scale = max(breaks[0], breaks[-1] / 50.0) if grazing.in_pieces else breaks[0]
     return _Range(scale, low, max(high, last) if grazing.in_pieces else last, onset, top, limit)
 
@@ -491,12 +552,9 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
         exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
     speeds, averaged, ends = known.places(share), _averaged_curve(grazing.bearing), (span.onset, span.top)
     larger = np.zeros((2, 0))
-    if exact[-1] < math.log(span.top):  # beyond critical damping they stay unknown
-        x, overdamped = (
-            np.linspace(exact[-1], math.log(span.top), _LARGER),
-            grazing.bearing.damping_ratio >= 1.0,
-        )
-        larger = np.stack([x, x * np.nan if overdamped else _solve(grazing.bearing, np.exp(x))])
+    if exact[-1] < math.log(span.top):
+        x = np.linspace(exact[-1], math.log(span.top), _LARGER)
+        larger = np.stack([x, _solve(grazing.bearing, np.exp(x))])
     return FoldCurve(speeds, *averaged, np.exp(exact), *ends, larger, smooth=True)
 
 
@@ -513,7 +571,7 @@ def _series(grazing: Grazing, span: _Range, cuts: int = _CUTS) -> tuple[FloatArr
             solved = np.log(grazing.loads(speed, _first_guess(grazing, span, speed), _CLOSE))
         else:
             guess = np.exp(np.polynomial.chebyshev.chebval(2.0 * share[1::2] - 1.0, series))
-            fresh = np.log(grazing.loads(speed[1::2], guess, _CLOSE))
+            fresh = np.log(grazing.loads(speed[1::2], guess, _CLOSE, near=True))
             solved = np.insert(solved, np.arange(1, solved.size), fresh)
         lost = np.flatnonzero(np.isnan(solved))
         if lost.size:
@@ -536,7 +594,7 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     matters = averaged <= _MATTERS * above
     rows = np.flatnonzero(matters & (np.arange(speed.size) % _EVERY == 0))
     guess = np.minimum(_first_guess(grazing, span, speed[rows]), averaged[rows])
-    ratio = np.log(grazing.loads(speed[rows], guess, _CLOSE_IN_PIECES) / averaged[rows])
+    ratio = np.log(grazing.loads(speed[rows], guess, _ROUGHLY) / averaged[rows])
     found = np.isfinite(ratio)
     exact = np.full(speed.size, np.inf)
     if np.count_nonzero(found) > 1:
@@ -551,6 +609,18 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     return FoldCurve(
         speed, *_averaged_curve(grazing.bearing), exact, span.onset, span.top, larger, smooth=False
     )
+
+
+def _heavily_damped_curve(grazing: Grazing, span: _Range) -> FoldCurve:
+    """Of a law in pieces beyond critical damping: over the load, unknown where it jumps."""
+    x = np.linspace(math.log(span.onset), math.log(span.top), _CONTACTS)
+    fold = _by_contact(grazing.bearing, np.exp(x))
+    speed, averaged = _averaged_curve(grazing.bearing)
+    with np.errstate(all='ignore'):
+        jumps = np.flatnonzero(np.abs(np.diff(np.log(fold))) > _JUMPS)
+    fold[jumps] = np.nan
+    none, larger = np.full(speed.size, np.inf), np.stack([x, fold])
+    return FoldCurve(speed, speed, averaged, none, span.onset, span.top, larger, smooth=False)
 
 
 def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, Protocol, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
@@ -46,13 +47,41 @@ class FrictionLaw(Protocol):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Speeds ``> 0`` at which a quadrature should be split, ascending [m/s]."""
+        """Speeds ``> 0`` between which the law is smooth, ascending [m/s]; see :func:`speed_scales`."""
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
         """Coefficient of friction at a relative speed [m/s], an array of its shape."""
 
     def slope(self, speed: ArrayLike) -> FloatArray:
         """Slope ``d mu / d|v|`` at a relative speed [m/s], an array of its shape [s/m]."""
+
+
+# Speeds at which a law is looked at for its scale [m/s], and the change of slope times speed that is
+# still one, as a share of the coefficient: what is left of Stribeck's law beyond its last breakpoint;
+# and the share of the greatest change from which the first panel counts.
+_SCALES, _STEADY, _BEGINS = np.geomspace(1e-6, 1e4, 51), 1e-12, 1e-2
+
+
+@lru_cache(maxsize=64)
+def speed_scales(law: FrictionLaw) -> tuple[float, ...]:
+    """Speeds ``> 0`` between which a law is looked at, ascending [m/s]; none for a constant one.
+
+    They are its breakpoints. For a law that names none they are sought where its slope changes, at
+    every other power of 2.5: without them a law would have no speed at which it falls.
+
+    >>> speed_scales(Stribeck(0.3, 0.1, 10.0)), speed_scales(Coulomb(0.3, 0.2))
+    ((0.1, 0.4, 1.2, 4.0), ())
+    """
+    named = tuple(v for v in law.breakpoints if v > 0.0)
+    slope = np.asarray(law.slope(_SCALES))
+    if named or not np.any(slope):
+        return named
+    change = np.abs(np.diff(slope)) * _SCALES[1:]
+    rows = np.flatnonzero(change > _STEADY * np.abs(law.coefficient(_SCALES[1:])))
+    if not rows.size:
+        return (1.0,)
+    first = np.flatnonzero(change > _BEGINS * np.max(change))[0]
+    return tuple(_SCALES[1:][first : rows[-1] + 2 : 2].tolist())
 
 
 _Law = TypeVar('_Law')

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,9 +40,9 @@ from stickslip_monitor.physics.slip_step import (
     until_kink,
 )
 
-# How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, or
-# at rest or, back in time, from far outside.
-EXHAUSTED, TURNED, LANDED, MISSED, LEFT = range(5)
+# How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, at
+# rest, or, back in time, from far outside.
+EXHAUSTED, TURNED, LANDED, MISSED, RESTED, LEFT = range(6)
 _LONGEST, _SHORTEST, _MOST_STEPS = 1.0, 1e-13, 20000
 # Share of the energy at the start below which an orbit has come to rest, and the growth of energy,
 # back in time, from which no orbit comes back; or way beyond the belt.
@@ -53,8 +53,10 @@ _SETTLED, _ESCAPED, _THROUGH = 1e-12, 1e12, 1e-3
 _AT_EDGE, _OVER_EDGES = 1e-6, 1e-11
 # Trials for the end of a step, and how well it is to be known in units of the error of a step.
 _TRIALS, _SAME = 60, 1e-2
-# Orbits up to which each is followed by itself: a step costs 0.012 ms then, one of arrays 0.3 ms.
-FEW = 24
+# Steps after which orbits are looked at that may have come to rest or left.
+_LOOK = 4
+# Orbits up to which each is followed by itself: a step costs 0.04 ms then, one of arrays 0.25 ms.
+FEW = 8
 # Rows of the state of orbits.
 _E, _Z, _RATE, _LENGTH, _TIME, _GAIN = range(6)
 
@@ -77,33 +79,45 @@ def _coefficients() -> tuple[FloatArray, FloatArray]:
 
 _REUSED = 5
 _A, _OUT = _coefficients()
-Drop = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+Drop = Callable[[FloatArray], FloatArray]
 
 
-def friction_drop(law: FrictionLaw) -> Drop:
-    """``mu(v) - mu(v + step)`` of sliding ahead, of arrays of ``v``, ``mu(v)`` and steps [m/s].
+def friction_drop(law: FrictionLaw, origin: FloatArray, speed: FloatArray) -> Drop:
+    """``mu(v) - mu(v + speed z)`` of sliding ahead as a function of ``z``, for arrays of ``v`` and speeds.
 
-    It is continued smoothly a little below ``v + step`` = 0, and for Stribeck's law free of
+    It is continued smoothly a little below ``v + speed z`` = 0, and for Stribeck's law free of
     cancellation.
     """
     if computes_as(law, Stribeck):
-        gap, decay, rise = law.static - law.kinetic, law.decay, law.viscous
+        size, scale, least = (
+            (law.kinetic - law.static) * np.exp(-law.decay * origin),
+            -law.decay * speed,
+            1.0 + law.decay * origin,
+        )
+        rise = law.viscous * speed
 
-        def closed(origin: FloatArray, top: FloatArray, step: FloatArray) -> FloatArray:
-            least: FloatArray | float = -1.0
-            fading: FloatArray | float = -gap
-            if origin.any():  # not so from breakaway
-                least, fading = -1.0 - decay * origin, -gap * np.exp(-decay * origin)
-            result: FloatArray = fading * np.expm1(-np.maximum(decay * step, least))
-            return result - rise * step if rise else result
+        def closed(z: FloatArray) -> FloatArray:
+            y = scale * z
+            np.minimum(y, least, out=y)
+            np.expm1(y, out=y)
+            y *= size
+            if law.viscous:
+                y -= rise * z
+            return y
 
         return closed
     begin = float(law.slope(ALMOST_REST))
     begin = begin if np.isfinite(begin) else 0.0
+    top = np.asarray(law.coefficient(np.maximum(origin, ALMOST_REST)))
 
-    def difference(origin: FloatArray, top: FloatArray, step: FloatArray) -> FloatArray:
-        v = origin + step
-        return top - law.coefficient(np.maximum(v, ALMOST_REST)) - begin * np.minimum(v, 0.0)
+    def difference(z: FloatArray) -> FloatArray:
+        v = speed * z
+        v += origin
+        below = np.minimum(v, 0.0)
+        below *= begin
+        y = top - law.coefficient(np.maximum(v, ALMOST_REST))
+        y -= below
+        return y
 
     return difference
 
@@ -119,35 +133,40 @@ class SlipField:
 
     Attributes:
         law: The friction law.
-        drop: Its :func:`friction_drop`.
         damping: ``2 zeta``.
         drift: 1 behind the belt, -1 ahead of it, 0 about steady sliding.
         speed: ``V`` > 0, shape (n,) [m/s].
         force: ``N/(m omega V)``.
         offset: What the belt holds beyond slow sliding.
         origin: Reference speed [m/s].
-        top: ``mu`` there.
+        drop: Its :func:`friction_drop`.
     """
 
     law: FrictionLaw
-    drop: Drop
     damping: float
     drift: float
     speed: FloatArray
     force: FloatArray
     offset: FloatArray
     origin: FloatArray
-    top: FloatArray
+    drop: Drop = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'drop', friction_drop(self.law, self.origin, self.speed))
 
     def take(self, rows: Any) -> SlipField:
         """That of some orbits."""
-        names = [f.name for f in fields(self)[4:]]
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        columns = self.speed, self.force, self.offset, self.origin
+        return SlipField(self.law, self.damping, self.drift, *(column[rows] for column in columns))
 
     def acceleration(self, e: FloatArray, z: FloatArray) -> FloatArray:
         """``z'``, the rate of the relative speed."""
-        drop = self.drop(self.origin, self.top, self.speed * z)
-        return e + self.offset - self.damping * z + self.force * drop
+        rate = self.drop(z)
+        rate *= self.force
+        rate += e
+        rate += self.offset
+        rate -= self.damping * z
+        return rate
 
     def friction_damping(self, z: FloatArray) -> FloatArray:
         """What friction adds to ``2 zeta`` for a small disturbance; negative where it falls."""
@@ -158,8 +177,7 @@ class SlipField:
         """Displacement of steady sliding."""
         if self.drift == 0.0:
             return np.zeros(self.speed.size)
-        drop = self.drop(self.origin, self.top, self.speed)
-        return self.damping - self.offset - self.force * drop
+        return self.damping - self.offset - self.force * self.drop(np.ones(self.speed.size))
 
     def ahead_of_belt(self) -> SlipField:
         """The same for the mirror image of a lining that overtook the belt."""
@@ -167,9 +185,7 @@ class SlipField:
 
     def about_steady_sliding(self) -> SlipField:
         """The same motion, with displacement and relative speed counted from steady sliding."""
-        top = np.asarray(self.law.coefficient(self.speed))
-        nothing = np.zeros(self.speed.size)
-        return replace(self, drift=0.0, offset=nothing, origin=self.speed, top=top)
+        return replace(self, drift=0.0, offset=np.zeros(self.speed.size), origin=self.speed)
 
 
 def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipField:
@@ -180,12 +196,10 @@ def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipFie
         speed: ``V`` > 0, shape (n,) [m/s].
         load: ``N`` > 0, shape (n,) [N].
     """
-    law, momentum = bearing.friction, math.sqrt(bearing.mass) * math.sqrt(bearing.stiffness)
+    use, momentum = law_in_use(bearing.friction), math.sqrt(bearing.mass) * math.sqrt(bearing.stiffness)
     force, damping = load / (momentum * speed), bearing.damping / momentum
-    top, hold = law_in_use(law).top, law_in_use(law).hold
-    nothing = np.zeros(speed.size)
-    held = force * (hold - top)
-    return SlipField(law, friction_drop(law), damping, 1.0, speed, force, held, nothing, nothing + top)
+    held = force * (use.hold - use.top)
+    return SlipField(bearing.friction, damping, 1.0, speed, force, held, np.zeros(speed.size))
 
 
 class Stepped(NamedTuple):
@@ -219,32 +233,34 @@ def orbit_steps(field: SlipField, begin: FloatArray, length: FloatArray, weigh: 
         weigh: Whether to integrate the divergence.
     """
     e0, z0, r0 = begin[:3]
-    n = e0.size
+    n, drift = e0.size, field.drift
     rates = np.empty((12, 2 * n))
-    rates[0, :n], rates[0, n:] = field.drift - z0, r0
-    start, h = np.concatenate([e0, z0]), np.concatenate([length, length])
-    flow = np.empty((12, n if weigh else 0))
-    if weigh:
-        flow[0] = field.friction_damping(z0)
+    np.subtract(drift, z0, out=rates[0, :n])
+    rates[0, n:] = r0
+    start, h = begin[:2].ravel(), np.concatenate([length, length])
+    flow = [field.friction_damping(z0)] if weigh else []
     for i in range(1, 12):
         first = 0 if i < _REUSED else 2
         if i == _REUSED:
-            rates[2], flow[2] = rates[0], flow[0]
+            rates[2] = rates[0]
         y = np.einsum('i,ij->j', _A[i, first:i], rates[first:i])
         y *= h
         y += start
-        rates[i, :n] = field.drift - y[n:]
-        rates[i, n:] = field.acceleration(y[:n], y[n:])
+        e, z = y[:n], y[n:]
+        np.subtract(drift, z, out=rates[i, :n])
+        rates[i, n:] = field.acceleration(e, z)
         if weigh:
-            flow[i] = field.friction_damping(y[n:])
+            flow.append(field.friction_damping(z))
     out = np.einsum('ki,ij->kj', _OUT[:, 2:], rates[2:])
     y = start + h * out[0]
     np.abs(out, out=out)
-    fifth, third = (np.maximum(row[:n], row[n:]) for row in out[1:])
+    fifth, third = np.maximum(out[1:, :n], out[1:, n:])
     error = np.abs(length) * fifth * fifth / (np.hypot(fifth, 0.1 * third) + ALMOST_REST)
-    gain = np.zeros(n)
-    if weigh:
-        gain = -length * (np.einsum('i,ij->j', _OUT[0, 2:], flow[2:]) + field.damping)
+    gain = (
+        -length * (np.einsum('i,ij->j', _OUT[0, 2:], np.stack([flow[0], *flow[3:]])) + field.damping)
+        if weigh
+        else np.zeros(n)
+    )
     return Stepped(y[:n], y[n:], field.acceleration(y[:n], y[n:]), error, gain)
 
 
@@ -276,7 +292,7 @@ class Orbits:
     """How orbits ended, each of shape (n,).
 
     Attributes:
-        end: ``EXHAUSTED``, ``TURNED``, ``LANDED``, ``MISSED`` or ``LEFT``.
+        end: ``EXHAUSTED``, ``TURNED``, ``LANDED``, ``MISSED``, ``RESTED`` or ``LEFT``.
         time: When.
         place: Displacement there.
         turns: Displacement at the first two turns, shape (2, n).
@@ -380,70 +396,79 @@ def _landing(
 
 
 def _fading(medium: Medium, direction: float, begun: float, now: float, z: float) -> int:
-    """``LEFT`` where a motion has come to rest or, back in time, has left for good."""
-    if direction > 0.0:
-        return LEFT if now < _SETTLED * begun else EXHAUSTED
+    """``RESTED`` where a motion has come to rest, ``LEFT`` where, back in time, it has left for good."""
+    if now < _SETTLED * begun:
+        return RESTED
     through = medium.origin + medium.speed * z < -_THROUGH * medium.speed
-    return LEFT if through or now > _ESCAPED * (1.0 + begun) else EXHAUSTED
-
-
-class _Events(NamedTuple):
-    """What happens in the next steps: a turn, contact with the belt, none any more."""
-
-    turns: BoolArray
-    meets: BoolArray
-    misses: BoolArray
+    return LEFT if direction < 0.0 and (through or now > _ESCAPED * (1.0 + begun)) else EXHAUSTED
 
 
 class _Run:
     """Orbits under way: the state of those that go on, and the steps in which events lie."""
 
     def __init__(self, field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> None:
-        n = e.size
+        n, nothing = e.size, np.zeros(e.size)
         self.whole = self.field = field
         self.route = route
         self.edges = np.array(law_in_use(field.law).kinks if route.error < _OVER_EDGES else ())
         self.last = np.broadcast_to(route.last, n)
         self.direction = np.broadcast_to(route.direction, n).astype(float)
-        self.live, self.stage = np.arange(n), np.zeros(n, int)
+        self.live, self.stage, self.steps = np.arange(n), np.zeros(n, int), 0
         rate = field.acceleration(e, z)
         stiffness = np.minimum(np.abs(field.friction_damping(z)), 1e6)
         length = self.direction * 0.1 / (1.0 + field.damping + stiffness)
-        nothing = np.zeros(n)
         self.state = np.stack([e, z, rate, length, nothing, nothing])
-        self.energy = self._energy(e, z)
+        ahead = np.where(z == field.drift, self.direction * rate, z - field.drift)
+        self.side = np.where(ahead < 0.0, -1.0, 1.0)
+        self.rest = field.rest()
+        self.energy = self._energy()
         self.end = np.zeros(n, int)
         self.turn, self.final = np.full((2, 6, n), np.nan), np.full((6, n), np.nan)
 
-    def _energy(self, e: FloatArray, z: FloatArray) -> FloatArray:
+    def _energy(self) -> FloatArray:
         """Twice the energy about steady sliding."""
-        energy: FloatArray = (e - self.field.rest()) ** 2 + (z - self.field.drift) ** 2
+        energy: FloatArray = (self.state[_E] - self.rest) ** 2 + (self.state[_Z] - self.field.drift) ** 2
         return energy
 
     def advance(self) -> None:
         """One step of every orbit that goes on, or a shorter one next time."""
-        e, z, rate, wanted = self.state[:_TIME].copy()
-        length = self._until_edge()
-        after = orbit_steps(self.field, self.state, length, self.route.weigh)
-        allowed = np.abs(e) + np.abs(z)
-        allowed += np.abs(length) * (abs(self.field.drift) + np.abs(rate))
-        allowed *= self.route.error
-        good = after.error <= allowed
-        events = self._events(after)
-        good &= ~(events.meets & events.turns)  # first to the turn, then to the belt
-        share = np.clip(0.9 * (allowed / (after.error + ALMOST_REST)) ** 0.125, 0.2, 5.0)
-        share = np.where(good, share, np.minimum(np.nan_to_num(share, nan=0.2), 0.5))
-        self.state[_LENGTH] = length
-        ended = self._record(events, good)
-        after_length = np.clip(length * share, -_LONGEST, _LONGEST)
-        # A step that was short for the edge's sake tells nothing of the next.
-        short = good & (np.abs(after_length) < np.abs(wanted)) & (length != wanted)
-        now = self.state.copy()
-        now[_TIME], now[_GAIN] = now[_TIME] + length, now[_GAIN] + after.gain
-        now[_E], now[_Z], now[_RATE] = after.e, after.z, after.rate
-        self.state = np.where(good, now, self.state)
-        self.state[_LENGTH] = np.where(short, wanted, after_length)
-        self._keep(ended, events)
+        state, drift = self.state, self.field.drift
+        wanted = state[_LENGTH]
+        length = self._until_edge() if self.edges.size else wanted
+        after = orbit_steps(self.field, state, length, self.route.weigh)
+        moved = np.abs(state[:_LENGTH])
+        moved[_RATE] = (moved[_RATE] + abs(drift)) * np.abs(length)
+        room = self.route.error * moved.sum(axis=0) / (after.error + ALMOST_REST)
+        turns = (self.side * (after.z - drift) <= 0.0) & (drift >= 0.0)
+        over = meets = self._meets(after, turns) if self.route.contact else None
+        good = room >= 1.0
+        if meets is not None:
+            past = (drift > 0.0) & (state[_E] > -self.field.offset)
+            good &= ~(meets & turns & ~past)  # first to the turn, then to the belt
+            over = meets = meets & good
+        turns &= good
+        ended = self._turned(turns, length) if turns.any() else None
+        if ended is not None:
+            over = ended if over is None else over | ended
+        if meets is not None and meets.any():
+            self._finish(np.flatnonzero(meets & past), length, MISSED)
+            self._finish(np.flatnonzero(meets & ~past), length, LANDED)
+        share = np.fmin(np.fmax(0.9 * room**0.125, 0.2), np.where(good, 5.0, 0.5))
+        following = np.fmax(np.fmin(length * share, _LONGEST), -_LONGEST)
+        if length is not wanted:  # a step that was short for an edge's sake tells nothing of the next
+            short = good & (length != wanted) & (np.abs(following) < np.abs(wanted))
+            following = np.where(short, wanted, following)
+        now = np.stack(
+            [after.e, after.z, after.rate, following, state[_TIME] + length, state[_GAIN] + after.gain]
+        )
+        state[:] = np.where(good, now, state)
+        state[_LENGTH] = following
+        self.steps += 1
+        if self.steps % _LOOK == 0:
+            lost = self._lost()
+            over = lost if over is None else over | lost
+        if over is not None and over.any():
+            self._keep(~over)
 
     def _until_edge(self) -> FloatArray:
         """Lengths of steps, cut where the relative speed comes to an edge of the law.
@@ -452,8 +477,6 @@ class _Run:
         little beyond the edge does no harm.
         """
         _, z, rate, length, _, _ = self.state
-        if not self.edges.size:
-            return length
         f, toward = self.field, np.sign(length)
         v = f.origin + f.speed * z
         bend = f.drift - z - (f.damping + f.friction_damping(z)) * rate
@@ -466,53 +489,53 @@ class _Run:
         until = np.minimum(_time_to_rise(heading, bend, up), _time_to_rise(-heading, -bend, down))
         return toward * np.minimum(np.abs(length), until)
 
-    def _events(self, after: Stepped) -> _Events:
-        z, drift = self.state[_Z], self.field.drift
-        turns = ((z - drift) * (after.z - drift) <= 0.0) & (z != drift) & (drift >= 0.0)
-        nothing = np.zeros(z.size, bool)
-        if not self.route.contact:
-            return _Events(turns, nothing, nothing)
-        hold = -self.field.offset
-        meets = (after.z < 0.0) | ((drift > 0.0) & (after.e > hold))
-        meets &= (self.stage + turns == 2) | (drift < 0.0)
-        misses = meets & (drift > 0.0) & (self.state[_E] > hold)
-        return _Events(turns, meets & ~misses, misses)
+    def _meets(self, after: Stepped, turns: BoolArray) -> BoolArray:
+        """Steps that pass the belt's speed, or the place at which the belt could just hold."""
+        behind = self.field.drift > 0.0
+        meets = (after.z < 0.0) | (behind & (after.e > -self.field.offset))
+        return meets & ((self.stage + turns == 2) | (not behind))
 
-    def _record(self, events: _Events, good: BoolArray) -> BoolArray:
-        """Keep the steps in which orbits turn or end; which of them have ended."""
-        turns, meets = good & events.turns, good & events.meets
+    def _turned(self, turns: BoolArray, length: FloatArray) -> BoolArray:
+        """Keep the steps in which orbits turn; which of them end there."""
         for k in (0, 1):
             rows = np.flatnonzero(turns & (self.stage == k))
-            if rows.size:
-                self.turn[k][:, self.live[rows]] = self.state[:, rows]
+            self.turn[k][:, self.live[rows]] = self._begun(rows, length)
         self.stage = self.stage + turns
-        ended = (turns & ~events.misses & (self.stage >= self.last) & (self.last > 0)) | meets
-        rows = np.flatnonzero(ended)
-        if rows.size:
-            self.final[:, self.live[rows]] = self.state[:, rows]
-            self.end[self.live[rows]] = np.where(meets[rows], LANDED, TURNED)
+        self.side = np.where(turns, -self.side, self.side)
+        ended = turns & (self.stage == self.last)
+        self._finish(np.flatnonzero(ended), length, TURNED)
         return ended
 
-    def _keep(self, ended: BoolArray, events: _Events) -> None:
-        """Go on with the orbits that have not ended."""
-        e, z, _, length, _, _ = self.state
-        missed = events.misses & ~ended
-        self.end[self.live[missed]] = MISSED
-        over = ended | missed | (np.abs(length) < _SHORTEST)
+    def _begun(self, rows: IndexArray, length: FloatArray) -> FloatArray:
+        begun = self.state[:, rows]
+        begun[_LENGTH] = length[rows]
+        return begun
+
+    def _finish(self, rows: IndexArray, length: FloatArray, end: int) -> None:
+        self.final[:, self.live[rows]] = self._begun(rows, length)
+        self.end[self.live[rows]] = end
+
+    def _lost(self) -> BoolArray:
+        """Orbits that have come to rest or, back in time, have left for good, or do not move on."""
         f = self.field
-        if f.drift >= 0.0:
-            energy, back = self._energy(e, z), self.direction < 0.0
-            left = back & (f.origin + f.speed * z < -_THROUGH * f.speed)
-            left |= back & (energy > _ESCAPED * (1.0 + self.energy))
-            left |= ~back & (energy < _SETTLED * self.energy)
-            self.end[self.live[left & ~over]] = LEFT
-            over |= left
-        if not over.any():
-            return
-        rows = np.flatnonzero(~over)
-        self.field, self.state = f.take(rows), self.state[:, rows]
+        stuck = np.abs(self.state[_LENGTH]) < _SHORTEST
+        if f.drift < 0.0:
+            return stuck
+        energy = self._energy()
+        left = energy > _ESCAPED * (1.0 + self.energy)
+        left |= f.origin + f.speed * self.state[_Z] < -_THROUGH * f.speed
+        left &= self.direction < 0.0
+        rested = energy < _SETTLED * self.energy
+        self.end[self.live[left]], self.end[self.live[rested]] = LEFT, RESTED
+        return stuck | left | rested
+
+    def _keep(self, keep: BoolArray) -> None:
+        """Go on with some orbits."""
+        rows = np.flatnonzero(keep & (self.end[self.live] == EXHAUSTED))
+        self.field, self.state = self.field.take(rows), self.state[:, rows]
         self.live, self.stage, self.last = self.live[rows], self.stage[rows], self.last[rows]
         self.direction, self.energy = self.direction[rows], self.energy[rows]
+        self.rest, self.side = self.rest[rows], self.side[rows]
 
     def orbits(self) -> Orbits:
         """Where the orbits turned and ended, found within the steps that were kept."""

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
 
 
 def gauss_rule(order: int) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +48,7 @@ def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray |
 @lru_cache(maxsize=64)
 def _levels(law: FrictionLaw) -> FloatArray:
     """Relative speeds at which the friction of a cycle is not smooth, ascending."""
-    breaks = law.breakpoints
+    breaks = speed_scales(law)
     return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])
 
 

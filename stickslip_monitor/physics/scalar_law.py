@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.physics.friction import FrictionLaw, computes_as
+from stickslip_monitor.physics.friction import FrictionLaw, computes_as, speed_scales
 
 # The smallest speed that is not rest [m/s].
 ALMOST_REST = 1e-300
@@ -177,7 +177,7 @@ def steepest_fall(law: FrictionLaw) -> float:
 
 def _largest(law: FrictionLaw, sign: float = 1.0) -> float:
     """The largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
-    breaks = [v for v in law.breakpoints if v > 0.0]
+    breaks = speed_scales(law)
     if not breaks:
         return 0.0
     edges = np.array([ALMOST_REST, *breaks, 4.0 * breaks[-1]])

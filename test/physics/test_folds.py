@@ -64,9 +64,9 @@ def test_a_fold_in_proportion_to_the_load_under_coulombs_law():
     np.testing.assert_allclose(fold / fold[0], [1.0, 100.0, 7e3], rtol=1e-10)
 
 
-# A steep law has its onset at 2 N, far below the loads that it carries; near grazing its orbits
-# part at once.
-@pytest.mark.parametrize(('decay', 'least', 'rounding'), [(10.0, 203.0, 1e-9), (1000.0, 3.0, 3e-6)])
+# The first is 1.5 % above its onset, where the fold rises 67 times as fast as the load. A steep law has
+# its onset at 2 N, far below the loads that it carries; near grazing its orbits part at once.
+@pytest.mark.parametrize(('decay', 'least', 'rounding'), [(10.0, 203.0, 1e-7), (1000.0, 3.0, 3e-6)])
 def test_the_table_over_the_load_is_the_exact_fold(decay, least, rounding):
     bearing = bench(Stribeck(0.3, 0.1, decay))
     load = np.array([least, 311.0, 1007.0, 9001.0])
@@ -116,7 +116,7 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
     monkeypatch.setattr(folds, 'follow', counted)
     bearing = bench(measured(count, noise, count))
     table = boundary_table(bearing)
-    assert 500 < followed < 800
+    assert 300 < followed < 800
     # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
     for load, rtol in (500.0, 1e-4), (3000.0, 1e-4), (9000.0, 1e-4), (150_000.0, 1e-3):
         np.testing.assert_allclose(table.exact(load), exact_fold_speed(bearing, load), rtol=rtol)
@@ -137,7 +137,7 @@ def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
     law = Tabulated(speed, [0.3, 0.26, 0.22, 0.17, 0.13, 0.11, 0.1])
     bearing = replace(bench(law), stiffness=2.0e4)
     table = boundary_table(bearing)
-    assert 20_000 < steps < 50_000
+    assert 5_000 < steps < 50_000
     assert table.exact(2000.0) == pytest.approx(exact_fold_speed(bearing, 2000.0), rel=1e-4)
 
 
