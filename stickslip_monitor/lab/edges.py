@@ -119,8 +119,7 @@ class End:
 class Passage:
     """Quiet up to an onset, or to the end of what is known: n bins."""
 
-    report: VibrationReport  # the quiet
-    time: float  # its end [s]
+    time: float  # the end of the quiet [s]
     speed: FloatArray  # of the surface, shape (n,) [m/s]
     load: FloatArray  # shape (n,) [N]
     step: FloatArray  # since the last bin, shape (n,) [s]
@@ -246,7 +245,7 @@ def _passage(
         return None
     step = np.minimum(np.diff(time, prepend=time[0]), 5.0)
     columns = track.speed[rows], track.load[rows], step
-    return Passage(report, b, *columns, began, report.tolerance, trust)
+    return Passage(b, *columns, began, report.tolerance, trust)
 
 
 def _pace(time: FloatArray, speed: FloatArray, at: float) -> float:

@@ -252,7 +252,6 @@ class Modes:
     low: float  # median of the quiet values [dB]
     high: float  # median of those in vibration [dB]
     threshold: float  # between them [dB]
-    between: float  # share of the values in the middle half between them
 
 
 def modes_of(levels: Sequence[LevelBins]) -> Modes:
@@ -287,7 +286,7 @@ def modes_of(levels: Sequence[LevelBins]) -> Modes:
             ' values)',
             tuple(levels),
         )
-    return Modes(low, high, 0.5 * (low + high), lost / x.size)
+    return Modes(low, high, 0.5 * (low + high))
 
 
 def level_reports(

@@ -135,8 +135,7 @@ def _fold_grid(
     bend = reference.fold(load + log_q) - reference.fold(np.array([load]))
     log_r = u[:, None] - bend
     inverse = np.linalg.inv(prior)
-    a, b = log_r, log_q
-    log_p = -0.5 * (inverse[0, 0] * a * a + 2.0 * inverse[0, 1] * a * b + inverse[1, 1] * b * b)
+    both = inverse[0, 0] * log_r**2 + 2.0 * inverse[0, 1] * log_r * log_q + inverse[1, 1] * log_q**2
     nodes = [len(SHARES) * len(LAGS) // 2] if quick else range(len(SHARES) * len(LAGS))
     scatter = np.array([_SCATTER[-2]]) if quick else _SCATTER
     common = np.zeros(1) if quick else _common_prior()
@@ -152,7 +151,7 @@ def _fold_grid(
         for end in ends:
             bias = spreads.load * math.sqrt(len(ends))
             total += log_end(end, reference, log_r, log_q, nodes, scatter, bias)
-    log_p = log_p + logsumexp(total, axis=(0, 1))
+    log_p = -0.5 * both + logsumexp(total, axis=(0, 1))
     weight = np.exp(log_p - log_p.max())
     return Grid(u, log_q, log_r, weight / weight.sum(), load)
 

@@ -79,7 +79,7 @@ def onset(rate: float, seconds: float, began: bool = True) -> Passage:
     time = np.arange(0.0, seconds + 3.25, 0.25)
     speed = math.log(5.0) / 10.0 - rate * RPM * time
     step = np.diff(time, prepend=time[0])
-    return Passage(REPORT, seconds, speed, np.full(time.size, 1000.0), step, began, 1.0, 0.99)
+    return Passage(seconds, speed, np.full(time.size, 1000.0), step, began, 1.0, 0.99)
 
 
 def at(passage: Passage, log_q: FloatArray) -> FloatArray:
