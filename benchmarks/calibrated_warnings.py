@@ -43,7 +43,6 @@ VARIANTS = {
 COLUMNS = {
     'false_per_100h': 'false in 100 h',
     'wrong_hours': 'hours wrongly in alarm',
-    'missed': 'missed',
     'lead_10s': 'lead of 10 s',
     'told': 'within 5 s',
 }
