@@ -356,7 +356,9 @@ def about(seconds: float) -> str:
         return f'{seconds:.0f} s'
     if seconds < 100.0:
         return f'{5.0 * round(seconds / 5.0):.0f} s'
-    return f'{seconds / 60.0:.1f} min'
+    if seconds < 7200.0:
+        return f'{seconds / 60.0:.1f} min'
+    return f'{seconds / 3600.0:.1f} h' if seconds < 172_800.0 else f'{seconds / 86_400.0:.0f} days'
 
 
 def _goal(config: BearingConfig, point: Assessment, speed: float) -> str:

@@ -10,14 +10,11 @@ from typing import Any
 
 import pytest
 import yaml
-from sending import SECOND, T0, configured
 from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.host import HostClock
-from stickslip_monitor.links.buses import BusInput, LiveMonitor, SourceAdmission
-from stickslip_monitor.monitor.session import NoLog
+from stickslip_monitor.links.buses import BusInput, SourceAdmission
 from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -184,39 +181,3 @@ def test_one_source_is_used_and_the_others_are_named(item: BusInput, label: str)
     chosen = SourceAdmission(replace(item, source='b', talker='b'), said.append)
     assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
     assert said[3:] == [f"{label}: source 'a' is left out: 'b' is chosen"]
-
-
-def test_what_was_not_heard_while_the_program_was_held_up_is_no_loss() -> None:
-    """Held up, or asleep, for longer than the time-out of the inputs; a silence of theirs is one."""
-    steady = [0]
-    clock = HostClock(lambda: steady[0], lambda: steady[0] + T0)
-    config, shown = configured(), Reasons()
-    live = LiveMonitor(config, shown, NoLog(), clock=clock)
-    live.begin()
-
-    def sail(seconds: float, *, sends: bool = True) -> None:
-        for _ in range(round(10 * seconds)):
-            steady[0] += SECOND // 10
-            for place, number in ((Input.SPEED, 60.0), (Input.LOAD, 1000.0)) if sends else ():
-                live.take('aft', place, number)
-            live.tick()
-
-    sail(10.0)
-    steady[0] += 8 * SECOND
-    sail(3.0)
-    assert shown.reasons == {'normal'}
-    sail(8.0, sends=False)
-    assert shown.reasons == {'normal', 'input_stale', 'input_lost'}
-
-
-class Reasons:
-    """A display that remembers the reasons and alarms that it was given."""
-
-    def __init__(self) -> None:
-        self.reasons: set[str] = set()
-
-    def take_record(self, record: dict[str, Any]) -> None:
-        self.reasons.add(record['reason'])
-
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        self.reasons |= {alarm['alarm'] for alarm in record['alarms'] if alarm['state'] != 'normal'}
