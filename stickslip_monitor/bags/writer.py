@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import itertools
 import os
@@ -335,6 +336,7 @@ STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
 NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {'std_msgs/msg/Float64': ('data',), **STAMPED_FIELDS}
 STAMP_END = (1 << 31) * 1_000_000_000
 _CDR = b'\x00\x01\x00\x00'
+_PADS = b'', bytes(3), bytes(2), bytes(1)
 
 
 def encode_float64s(values: ArrayLike) -> list[bytes]:
@@ -394,6 +396,7 @@ def encode_string(text: str) -> bytes:
     return _CDR + _text(text)
 
 
+@functools.lru_cache(1024)  # of diagnostics most are the same every second
 def _text(text: str) -> bytes:
     raw = text.encode() + b'\0'
     return struct.pack('<I', len(raw)) + raw
@@ -416,7 +419,8 @@ def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes
 
     def put(item: bytes) -> None:
         """Add a number of four bytes, or a text, which begins with one."""
-        body.extend(bytes(-len(body) % 4) + item)
+        body.extend(_PADS[len(body) % 4])
+        body.extend(item)
 
     put(_text(''))
     put(struct.pack('<I', len(statuses)))

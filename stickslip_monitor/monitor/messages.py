@@ -265,9 +265,10 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
     """The diagnostic status of a bearing, by a node of that full name without the leading slash."""
-    name = state.bearing.config.name
-    values = {key: _written(value) for key, value in diagnostic_values(state).items()}
-    return DiagnosticRecord(state.severity, f'{node}: {name}', hardware_id(node, name), state.message, values)
+    name, record = state.bearing.config.name, bearing_record(state)
+    values = {key: _written(value) for key, value in diagnostic_values(state, record).items()}
+    severity = Severity[record['severity']]
+    return DiagnosticRecord(severity, f'{node}: {name}', hardware_id(node, name), record['text'], values)
 
 
 def _written(value: str | float | None) -> str:
@@ -282,10 +283,9 @@ def hardware_id(node: str, bearing: str) -> str:
     return f'{space}/{bearing}' if space else bearing
 
 
-def diagnostic_values(state: BearingState) -> dict[str, str | float | None]:
-    """The key-value pairs of a bearing's diagnostic status: one number a key, unit in the key."""
-    bearing, record = state.bearing, bearing_record(state)
-    shown = ['reason']
+def diagnostic_values(state: BearingState, record: Mapping[str, Any]) -> dict[str, str | float | None]:
+    """The pairs of a bearing's diagnostic status, of its record: one number a key, unit in the key."""
+    bearing, shown = state.bearing, ['reason']
     if state.point is not None:
         shown += _OF_POINT if bearing.config.belief is None else (*_OF_POINT, *BELIEFS)
     if record['measured'] is not None:

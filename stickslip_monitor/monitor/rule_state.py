@@ -135,7 +135,7 @@ class State:
     @classmethod
     def of_row(cls, row: Any) -> State:
         """The memory that a row of :data:`STATE_TYPE` holds."""
-        return cls(*(row[name].tolist() for name in _NAMES))
+        return cls(*(part.tolist() if isinstance(part, np.ndarray) else part for part in row.item()))
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> State:
