@@ -242,6 +242,8 @@ def slope_table(law: FrictionLaw) -> SlopeTable:
     # What the straight line over two cells is off in their middle is far more than the line over
     # one of them is anywhere: a fourth where rho is smooth, twice as much at a kink.
     off = np.abs(rows[1::2] - 0.5 * (rows[:-1:2] + rows[2::2]))
+    # Where rho bends to and fro that may be nothing by chance, but not at the amplitudes beside it.
+    off[:, 1:-1] = np.maximum(off[:, 1:-1], np.maximum(off[:, :-2], off[:, 2:]))
     doubt = _DOUBT * np.repeat(off, 2, axis=0) + _NOISE * np.abs(rows).max(axis=1)[:-1, None]
     return SlopeTable(speeds, rows, np.vstack([doubt, doubt[-1:]]))
 

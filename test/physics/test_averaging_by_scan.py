@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from stickslip_monitor.physics import averaging_by_scan
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed
-from stickslip_monitor.physics.friction import Stretched, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
 # c/N [s/m] of kappa = 0.5, 0.2, 0.02, 0.002
@@ -181,6 +182,18 @@ def test_above_the_fold_of_a_measured_table_no_speed_has_a_cycle(
     for share in np.linspace(0.0, 1.0, 17):
         slope = averaging_by_scan.slope_surface(law, np.full(600, share), above)
         assert np.all(load * slope <= 400.0)
+
+
+def test_a_cycle_of_a_measured_table_balances(
+    harmonic_by_quad: Callable[[FrictionLaw, float, float], float],
+) -> None:
+    """By scipy's quadrature; a line between two speeds of the table had hidden a pair that is none."""
+    speed = np.append(0.0, np.geomspace(0.005, 1.0, 45))
+    scatter = 0.003 * np.random.default_rng(40).standard_normal(46)
+    law, v, q = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed) + scatter), 0.293812085, 0.083243209
+    found, _ = averaging_by_scan.cycles(law, np.array([v]), q, np.ones(1))
+    balance = [2.0 * harmonic_by_quad(law, v, a) / a for a in found[0].tolist()]
+    np.testing.assert_allclose(balance, q, rtol=1e-6)
 
 
 def test_the_highest_average_is_that_of_a_dense_scan_also_just_below_the_sliding_limit() -> None:
