@@ -241,7 +241,9 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
     bound = bag.bound(config)
     lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
     if len(lost) == len(bound.config.bearings):
-        raise BagError(next(text for (_, of), text in bound.absent.items() if of in QUANTITIES))
+        text = next(text for (_, of), text in bound.absent.items() if of in QUANTITIES)
+        # What is missing may lie behind a cut.
+        raise BagError('; '.join([text, *(cut.text for cut in bag.cuts)]))
     return bound
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import CONFIG, START
+from shared import CONFIG, ROOT, START
 
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.writer import BagWriter, encode_float64s, encode_stamped
@@ -215,6 +215,15 @@ def test_why_an_input_brings_nothing(
     assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(CONFIG)]) == 2
     said = ''.join(capsys.readouterr())
     assert sentence in said
+
+
+def test_a_topic_that_is_missing_in_a_cut_recording_is_said_with_the_cut(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(next((ROOT / 'bags' / 'coast_down').glob('*.mcap')).read_bytes()[:40_000])
+    assert main(['check', str(path), '--config', str(CONFIG)]) == 2
+    assert "file 'cut.mcap' is cut: " in capsys.readouterr().err
 
 
 def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
