@@ -301,7 +301,8 @@ def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> N
     record = checked(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [5.0] * 20, config)
     (bearing,) = record['bearings'].values()
     known = assess(load_config(config).bearings[0].bearing, 5.0 * math.pi * 0.1 / 60.0, 1000.0)
-    assert bearing['worst']['fold_margin']['value'] == pytest.approx(known.exact_fold_margin, rel=1e-9)
+    # Read off the table of the exact fold, which is right to 1e-8 (the fold itself to 1e-9).
+    assert bearing['worst']['fold_margin']['value'] == pytest.approx(known.exact_fold_margin, rel=1e-8)
     assert [text for own in bearing['inputs'].values() for text in own['questions']] == []
 
 
