@@ -28,6 +28,8 @@ from stickslip_monitor.drawing.canvas import (
     REGIME_COLOUR,
     REGIME_FILL,
     inline_svg,
+    new_figure,
+    regime_bands,
     save_figure,
     variable,
 )
@@ -70,6 +72,18 @@ def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(drawings
     used = set(re.findall(r'var\((--c[0-9a-f]{6})\)', drawings[0]))
     assert used <= {variable(colour) for colour in ON_DARK}
     assert {variable(INK), variable(PAPER), variable(CAUTION_FILL)} <= used
+
+
+def test_a_band_too_narrow_for_its_name_has_it_upright() -> None:
+    """A colour alone would tell nothing to whoever sees none."""
+    axes = new_figure().add_axes((0.0, 0.0, 1.0, 1.0))  # 900 pixels wide
+    axes.set_xlim(0.0, 900.0)
+    spans = [(0.0, 400.0, Regime.STABLE), (400.0, 430.0, Regime.BISTABLE), (430.0, 435.0, Regime.UNSTABLE)]
+    regime_bands([axes], spans)
+    assert [(text.get_text(), text.get_rotation()) for text in axes.texts] == [
+        ('stable', 0.0),
+        ('bistable', 90.0),
+    ]
 
 
 def test_every_regime_and_condition_has_a_colour_by_day_and_night() -> None:
