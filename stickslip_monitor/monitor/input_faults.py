@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
@@ -118,15 +118,20 @@ class SourceWatch:
         """:meth:`see` of values of shape (n,); what cannot be a jump costs nothing."""
         known = np.flatnonzero(np.isfinite(si))
         values = np.append(self._value, si[known])
-        with np.errstate(over='ignore'):
-            height = np.abs(np.diff(values))
-            seen = (height > 0.0) & (height >= _GAP * np.abs(values[1:]))
+        seen = _may_jump(values)
         found = []
         for k in np.flatnonzero(seen).tolist():
             self._value = float(values[k])
             found.append(self.see(int(arrival_ns[known[k]]), float(values[k + 1])))
         self._value = float(values[-1])
         return [fault for fault in found if fault is not None]
+
+    def see_steady(self, si: FloatArray) -> bool:
+        """Take finite values of shape (n,) at once, where none is evidence and none counts yet."""
+        if self._count or _may_jump(np.append(self._value, si)).any():
+            return False
+        self._value = float(si[-1]) if si.size else self._value
+        return True
 
     def standing(self, now_ns: int) -> SourceFault | None:
         """The fault that stands at a time of arrival [ns]."""
@@ -152,6 +157,24 @@ class SourceWatch:
         kind = SourceFaultKind.FEW_PULSES if pulses else SourceFaultKind.TWO_LEVELS
         self._fault = SourceFault(kind, self._since_ns, now_ns, levels)
         return self._fault
+
+
+def _may_jump(values: FloatArray) -> BoolArray:
+    """Whether each value but the first can be a jump from the one before."""
+    with np.errstate(over='ignore'):
+        height = np.abs(np.diff(values))
+        return np.asarray((height > 0.0) & (height >= _GAP * np.abs(values[1:])))
+
+
+def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]) -> str:
+    """The sentence on a speed or load whose valid values jump between two levels; empty for none.
+
+    Even where one of them is rare it may be the right one.
+    """
+    for quantity, fault in zip(QUANTITIES, standing, strict=False):
+        if fault is not None:
+            return f'On {config.inputs[quantity].topic}, {fault_text(fault, config.inputs[quantity])}.'
+    return ''
 
 
 MOSTLY = 1.0 / 3.0
@@ -363,15 +386,9 @@ class InputWatch:
         return track.source.standing(now_ns)
 
     def mixed(self, bearing: str, now_ns: int) -> str:
-        """The sentence on a speed or load whose valid values jump between two levels; empty for none.
-
-        Even where one of them is rare it may be the right one.
-        """
-        inputs = self._bearings[bearing].config.inputs
-        for name, track in zip(QUANTITIES, self._tracks[bearing], strict=False):
-            if (fault := track.source.standing(now_ns)) is not None:
-                return f'On {inputs[name].topic}, {fault_text(fault, inputs[name])}.'
-        return ''
+        """:func:`mixed_sentence` on a bearing as it is now."""
+        standing = (track.source.standing(now_ns) for track in self._tracks[bearing])
+        return mixed_sentence(self._bearings[bearing].config, standing)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """The inputs of a bearing by quantity."""

@@ -154,14 +154,14 @@ class InputCheck:
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns)
-        # A level that jumps between two values is what is looked for, and no fault.
-        is_level = self._place == LEVEL
-        si = np.full(series.value.size, np.nan) if is_level else self._si(series.value)
-        self._sources += self._watch.see_column(series.log_time_ns, si)
         self._counts += scan.counts[self._place]
-        refused, value = scan.status != Status.ACCEPTED, series.value
-        if refused.any():
-            value = stream.value[(stream.inputs == self._place) & ~refused]
+        valid, value, arrival_ns = scan.status == Status.ACCEPTED, series.value, series.log_time_ns
+        if not valid.all():
+            own = valid & (stream.inputs == self._place)
+            value, arrival_ns = stream.value[own], stream.arrival_ns[own]
+        # A level that jumps between two values is what is looked for, and no fault.
+        if self._place != LEVEL:
+            self._sources += self._watch.see_column(arrival_ns, self._si(value))
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 

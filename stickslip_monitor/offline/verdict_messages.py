@@ -28,6 +28,7 @@ from stickslip_monitor.bags.writer import (
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, assess
+from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
 from stickslip_monitor.monitor.messages import (
     POINT_NUMBERS,
     BearingState,
@@ -41,9 +42,10 @@ from stickslip_monitor.monitor.messages import (
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
-from stickslip_monitor.monitor.signals import Input, Status
+from stickslip_monitor.monitor.signals import QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import Heard, Stretch, StretchSink, is_long
 
@@ -244,6 +246,7 @@ class _Follower:
         self._scan = BearingScan(config, start_ns, long=long)
         self._bearing = BearingMonitor(config)
         self._counts = np.zeros((len(Input), len(Status)), np.int64)
+        self._sources = [SourceWatch(least_gap(config, place)) for place, _ in enumerate(QUANTITIES)]
         self._changed: set[int] = set()
         self._published_ns: int | None = None
 
@@ -296,10 +299,10 @@ class _Follower:
         ends = np.searchsorted(heard.stream.arrival_ns, ticks, 'right')
         found = list(self._scan.memories(heard.stream, ends.tolist()))
         points = self._assessed([point for _, point in found if point is not None])
-        counts = self._counted(heard, ends)
+        counts, mixed = self._counted(heard, ends), self._mixed(heard, ends, ticks)
         return [
-            self._status(state, None if point is None else next(points), count, time_ns)
-            for (state, point), count, time_ns in zip(found, counts, seen, strict=True)
+            self._status(state, None if point is None else next(points), count, why, time_ns)
+            for (state, point), count, why, time_ns in zip(found, counts, mixed, seen, strict=True)
         ]
 
     def _assessed(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
@@ -322,11 +325,38 @@ class _Follower:
         self._counts += np.bincount(kinds, minlength=own.shape[1]).reshape(self._counts.shape)
         return found
 
-    def _status(self, state: State, point: Assessment | None, counts: IntArray, time_ns: int) -> StatusFields:
+    def _mixed(self, heard: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:
+        """Why the verdicts after so many samples rest on two sources; empty where they do not."""
+        stream, valid = heard.stream, heard.scan.status == Status.ACCEPTED
+        standing = [
+            self._standing(place, stream, np.flatnonzero(valid & (stream.inputs == place)), ends, ticks)
+            for place, _ in enumerate(self._sources)
+        ]
+        return (mixed_sentence(self._config, faults) for faults in zip(*standing, strict=True))
+
+    def _standing(
+        self, place: int, stream: Stream, rows: IndexArray, ends: IndexArray, ticks: Sequence[int]
+    ) -> list[SourceFault | None]:
+        """The fault of an input's source at some times; rows are those of its valid values."""
+        watch, arrival_ns = self._sources[place], stream.arrival_ns[rows]
+        si = si_value(self._bearing.settings.live, place, stream.value[rows])
+        if watch.see_steady(si):
+            return [None] * len(ticks)
+        found, begin = [], 0
+        for end, tick in zip(np.searchsorted(rows, ends).tolist(), ticks, strict=True):
+            watch.see_column(arrival_ns[begin:end], si[begin:end])
+            found.append(watch.standing(tick))
+            begin = end
+        watch.see_column(arrival_ns[begin:], si[begin:])
+        return found
+
+    def _status(
+        self, state: State, point: Assessment | None, counts: IntArray, mixed: str, time_ns: int
+    ) -> StatusFields:
         bearing = copy.copy(self._bearing)
         bearing.state, bearing.counts = state, counts
         if point is not None:
             bearing.verdict = Verdict(self._config.name, state.now - state.shift, lambda: point)
         bearing.advance(time_ns)
-        record = diagnostic_record(NODE, BearingState(bearing))
+        record = diagnostic_record(NODE, BearingState(bearing, mixed=mixed))
         return StatusFields(record.level, record.name, record.message, record.hardware_id, record.values)

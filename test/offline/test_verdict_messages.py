@@ -261,6 +261,32 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
     assert open_bag(tmp_path / 'out.mcap').topics['/diagnostics'].count == 5
 
 
+def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> None:
+    """Two of 1000 and two of 20 rpm in turn for 10 s, then 60 rpm: as on the page of a running node."""
+    times, turn = START + np.arange(800) * 10**8, np.arange(800)
+    rpm = np.where(turn < 100, np.where(turn % 4 < 2, 20.0, 1000.0), 60.0)
+    record(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(800, 1000.0))})
+    config = config_of(**{'aft.load.type': 'std_msgs/msg/Float64', 'aft.load.field': 'data'})
+    write(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    said = [
+        (t - START, m) for topic, t, m in rosbags_messages(tmp_path / 'out.mcap') if topic == '/diagnostics'
+    ]
+    mixed = {t // NS for t, m in said if 'No verdict can be relied on.' in m.status[0].message}
+    assert mixed.issuperset(range(5, 70))
+    assert not mixed & {0, 1, 2, *range(71, 80)}
+    assert all(m.status[0].level == 0 for t, m in said if t >= 71 * NS)
+
+
+@pytest.mark.parametrize('number', [-999.25, 30e3])
+def test_what_is_refused_is_no_second_source(tmp_path: Path, number: float) -> None:
+    times = START + np.arange(300) * 10**8
+    rpm = np.where(np.arange(300) % 3, 60.0, number)
+    record(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(300, 1000.0))})
+    config = config_of(**{'aft.load.type': 'std_msgs/msg/Float64', 'aft.load.field': 'data'})
+    speed = check_recording(tmp_path / 'in', config).bearings['aft'].inputs[0]
+    assert (speed.used, speed.sources) == (200, ())
+
+
 def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
     from stickslip_monitor.bags.writer import encode_float64s, encode_stamped
 
