@@ -201,17 +201,18 @@ def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
     assert seconds == [START + s * NS for s in range(70)]
     for second in (0, 5, 12, 29, 31, 36, 45, 51, 52, 69):
         _, _, monitor = live(second)
-        expected = diagnostic_record('stickslip_monitor', BearingState(monitor.bearings['aft']))
+        state = BearingState(monitor.bearings['aft'])
+        expected = diagnostic_record('stickslip_monitor', state)
         message = arrays[START + second * NS]
         assert message.header.stamp.sec * NS + message.header.stamp.nanosec == START + second * NS
         (status,) = message.status
         assert (status.level, status.name, status.hardware_id) == (
-            expected.level,
+            state.severity,
             'stickslip_monitor: aft',
             'aft',
         )
         assert {pair.key: pair.value for pair in status.values} == expected.values
-        assert status.message == expected.message
+        assert status.message == state.message
 
 
 def test_blocks_of_a_few_messages_give_the_same_file_and_check(
