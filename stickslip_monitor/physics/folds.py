@@ -49,9 +49,9 @@ _MOST_ROUNDS, _PATIENCE, _WIDEST, _OUTWARD, _FARTHEST = 40, 7, 0.7, 0.4, 3.0
 # Error of long steps at most, how close they lead, and how well slopes are known then: folds of a
 # table are wanted to no more.
 _COARSE, _ROUGHLY, _KNOWN = 1e-7, 1e-5, 0.03
-# Orbits that turn take 640 steps at most, measured up to 0.9 of critical damping, and long ones a
-# fourth of that.
-_MOST_STEPS, _MOST_LONG_STEPS = 800, 300
+# Orbits that turn take 1,150 steps at most, measured up to 0.9 of critical damping, and long ones a
+# eighth of that.
+_MOST_STEPS, _MOST_LONG_STEPS = 1200, 300
 # Times that the speeds of a curve are cut to where orbits turn.
 _CUTS = 2
 # Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
@@ -80,7 +80,7 @@ _FROM, _UP_TO, _SPEEDS, _PARTS, _MOST_OF_CONTACT = 3e-3, 1.05, 160, 8, 4000
 # Loads of such a curve, and the change of ln V from one to the next that is a jump.
 _CONTACTS, _JUMPS = 49, 0.5
 # Error of a step where the margin is to be known to all digits that matter.
-_FINE = 1e-11
+_FINE, _FINEST = 1e-11, 1e-13
 # Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
 # m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
 _ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
@@ -103,7 +103,7 @@ class Grazing:
         self.lasting = self.lasting_speed(law_in_use(self.law).hold - top, 0.0)
         self.in_pieces = len(law_in_use(self.law).kinks) > 0
         # Of a step: the margin has to be known to a share of the change that it makes.
-        self.fine = min(max(1e-10 * self.rate, 1e-13), _FINE)
+        self.fine = min(max(1e-10 * self.rate, _FINEST), _FINE)
 
     def lasting_speed(self, drop: float, rise: Any) -> Any:
         """Speed over load [m/(s N)] at which a turn of the free vibration reaches the belt again.
@@ -229,7 +229,8 @@ class Grazing:
         rate = -self.rate * np.where(rise > 1e-9, np.minimum(rise, 10.0), 1.0)
 
         def margin(x: FloatArray, rows: IndexArray, error: float) -> FloatArray:
-            return self.margin(np.exp(x), load[rows], error)
+            # A fold by itself to 1e-12, where a curve is read to 1e-9.
+            return self.margin(np.exp(x), load[rows], error if error > self.fine else _FINEST)
 
         return self._found(margin, np.log(guess), rate, close, near)
 
