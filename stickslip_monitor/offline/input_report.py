@@ -36,6 +36,8 @@ COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
 _CROWD, _CROWD_RATE = 100, 1e4
 """So many messages, or more, of which as many would come in a second, have wrong times."""
+_STANDS = 10.0
+"""A run of messages with one time that is so many times the usual one shows a clock that stands."""
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
 APART = 100.0
@@ -90,10 +92,37 @@ class Gaps:
         passed = float(self._passed_ns) * 1e-9
         return self._regular / passed if passed > 0.0 else math.nan
 
-    @property
-    def is_crowded(self) -> bool:
-        """Whether messages have no time between them, or less than those of any sensor."""
-        return self._regular > _CROWD and self._regular > _CROWD_RATE * self._passed_ns * 1e-9
+
+class TimePassed:
+    """How much time passes by the log times of a topic, and whether it stands still on the way."""
+
+    def __init__(self) -> None:
+        self._last_ns, self._count, self._times, self._passed_ns = -1, 0, 0, 0
+        self._run = self._longest = 0
+
+    def take(self, log_time_ns: IntArray) -> None:
+        """Take some log times in order of arrival, shape (n,) [ns]."""
+        if not log_time_ns.size:
+            return
+        step = np.diff(log_time_ns, prepend=self._last_ns if self._count else log_time_ns[0] - 1)
+        self._passed_ns += int(np.maximum(step[int(not self._count) :], 0).sum())
+        moves = np.flatnonzero(step)
+        runs = np.diff(np.concatenate([[-self._run], moves, [step.size]]))
+        self._longest, self._run = max(self._longest, int(runs.max())), int(runs[-1])
+        self._count += step.size
+        self._times += moves.size
+        self._last_ns = int(log_time_ns[-1])
+
+    def fault(self, topic: str) -> str:
+        """Why messages say nothing for want of time between them; '' where they have it."""
+        remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
+        if self._count > _CROWD and self._count > _CROWD_RATE * self._passed_ns * 1e-9:
+            return f'{self._count} messages on {topic} have hardly any time between them: {remedy}'
+        if self._longest > _CROWD and self._longest * self._times > _STANDS * self._count:
+            return (
+                f'{self._longest} messages on {topic} in a row have one time: nothing is predicted from them'
+            )
+        return ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +143,7 @@ class InputReport:
     is_assumed: bool = False  # a constant that nothing measures
     values: str = 'none'  # the range of the valid ones, for a person
     without_value: int = 0  # messages that hold no number, or one that means "no value"
-
-    @property
-    def crowd(self) -> str:
-        """Why nothing can be predicted from messages without time between them; '' of others."""
-        return (
-            f'{self.messages} messages on {self.topic} have hardly any time between them: were they recorded'
-            ' without a clock (use_sim_time), or are their times in another unit?'
-            if self.gaps.is_crowded
-            else ''
-        )
+    crowd: str = ''  # why nothing comes of messages without time between them
 
     @property
     def complaints(self) -> list[str]:
@@ -142,7 +162,7 @@ class InputCheck:
         self._source = config.inputs[self.quantity]
         self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
-        self._gaps = Gaps(self._source.timeout_ns)
+        self._gaps, self._passed = Gaps(self._source.timeout_ns), TimePassed()
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
@@ -154,6 +174,7 @@ class InputCheck:
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns)
+        self._passed.take(series.log_time_ns)
         self._counts += scan.counts[self._place]
         valid, value, arrival_ns = scan.status == Status.ACCEPTED, series.value, series.log_time_ns
         if not valid.all():
@@ -213,6 +234,7 @@ class InputCheck:
             fault=clock or self._fault(),
             values=self._values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
+            crowd=self._passed.fault(self._source.topic),
         )
 
     def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:

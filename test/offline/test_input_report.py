@@ -24,7 +24,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import check_recording
 from stickslip_monitor.offline.check_records import to_json
-from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility
+from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility, TimePassed
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 
 NS = 10**9
@@ -292,6 +292,25 @@ def test_messages_without_time_between_them_are_no_quiet_voyage(
     record = checked(tmp_path / 'a.mcap', interval, [20.0] * 200)
     assert record['complete'] == complete
     assert complete != any('hardly any time between them' in text for text in record['warnings'])
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'told'),
+    [
+        (np.minimum(np.arange(700), 200), '500 messages on x in a row have one time'),
+        (np.arange(60_000) // 200, ''),
+        (np.arange(700), ''),
+        (np.full(700, 5), '700 messages on x have hardly any time between them'),
+    ],
+    ids=['a clock that stands from 200 s on', 'whole seconds at 200 Hz', 'seconds', 'no clock'],
+)
+def test_a_clock_that_stands_still(seconds: IntArray, told: str) -> None:
+    for size in (7, 100_000):
+        passed = TimePassed()
+        for begin in range(0, seconds.size, size):
+            passed.take(seconds[begin : begin + size] * NS)
+        assert passed.fault('x').startswith(told)
+        assert bool(passed.fault('x')) == bool(told)
 
 
 def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> None:
