@@ -27,9 +27,14 @@ _MOST_NAMED = 10
 # In the unit of an input, but named as another quantity: never guessed.
 _OTHERS = {
     # C663 is a turbocharger in the ISO 19848 names of DNV.
-    'speed': {'turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'wind'},
+    'speed': {
+        *('turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'alternator'),
+        *('wind', 'winch', 'thruster', 'setpoint', 'demand', 'command', 'order', 'target'),
+    },
     'load': {'thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'},
 }
+# What may turn the shaft by a gear.
+_GEARED = {'engine', 'motor', 'maschine'}
 # How local IDs of ISO 19848 name a quantity; they have no units.
 _LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
 
@@ -200,6 +205,8 @@ class ColumnBinding:
         if unit is None and column.has_unit:
             stated = parse_heading(column.heading).unit
             said += f": is that right? Its heading says '{stated}'"
+        if quantity == 'speed' and _GEARED & set(parse_heading(column.heading).name.split()):
+            said += ": is it the shaft's own, with no gear between?"
         timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)
         if timeout_ns <= source.timeout_ns:
             timeout_ns = source.timeout_ns

@@ -602,6 +602,21 @@ def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> N
     assert 'write aft_stern.load.column' in bound.absent['aft_stern', 'load']
 
 
+@pytest.mark.parametrize('heading', ['Bow thruster rpm', 'rpm setpoint', 'Alternator (1/min)'])
+def test_the_speed_of_something_else_is_not_the_shafts(heading: str, tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text(f'time,{heading},load [N]\n0,30,900\n1,31,901\n')
+    assert list(open_bag(path).bound(load_config(CONFIG)).absent) == [('aft_stern', 'speed')]
+
+
+def test_the_speed_of_an_engine_is_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,Engine speed [rpm],load [N]\n0,500,900\n1,500,901\n')
+    recording = open_bag(path)
+    assert not recording.bound(load_config(CONFIG)).absent
+    assert any(text.endswith("is it the shaft's own, with no gear between?") for text in recording.warnings)
+
+
 def test_the_end_of_a_log_of_many_short_lines_is_known(tmp_path: Path) -> None:
     """More lines than are looked at of a head, in fewer bytes than a head has."""
     path = tmp_path / 'voyage.csv'
