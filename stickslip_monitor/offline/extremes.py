@@ -22,6 +22,7 @@ from stickslip_monitor.monitor.verdict import Event
 
 _MOST = 600
 _HEAVIER = 1.1
+_MARGINS = 'hopf_margin', 'fold_margin'
 _STABLE, _BISTABLE, _UNSTABLE = map(REGIMES.index, (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE))
 _SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])
 
@@ -276,23 +277,28 @@ class Worst:
         # At rest nothing slides: its margin of -1 would be the worst of every voyage.
         turning = np.flatnonzero(scan.speed)
         size = np.abs(scan.speed[turning])
-        for name, boundary in (('hopf_margin', top.hopf_speed), ('fold_margin', top.stability_limit)):
-            if name not in self.found and turning.size:
-                self._take(name, scan, turning[[size.argmin()]])
-            known = self.found[name].value if name in self.found else math.inf
-            # Only a speed this low can have a lower margin; nan, and so none, without a boundary.
-            self._take(name, scan, turning[size <= COVER * (1.0 + known) * boundary])
+        if turning.size and len(self.found) < len(_MARGINS):
+            self._take(scan, turning[[size.argmin()]], *_MARGINS)
+        known = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
+        # Only a speed this low can have a lower margin; nan, and so none, without a boundary.
+        ends = zip(known, (top.hopf_speed, top.stability_limit), strict=True)
+        most = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
+        self._take(scan, turning[size <= most], *_MARGINS)
         # One that dies out beyond the fold has no amplitude any more.
         rows = np.flatnonzero(scan.sticking & ((codes == _BISTABLE) | (codes == _UNSTABLE)))
         if rows.size:
             rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
-            self._take('amplitude', scan, rows, -1)
+            self._take(scan, rows, 'amplitude')
 
-    def _take(self, name: str, scan: Scan, rows: IndexArray, sign: int = 1) -> None:
-        """Take some rows; the least value is the worst, with the other sign the greatest."""
+    def _take(self, scan: Scan, rows: IndexArray, *names: str) -> None:
+        """Take some rows; the least margin is the worst, and the greatest amplitude."""
         if not rows.size:
             return
         points = scan.assessed(rows)
+        for name in names:
+            self._keep(name, scan.time_ns[rows], points, -1 if name == 'amplitude' else 1)
+
+    def _keep(self, name: str, time_ns: IntArray, points: Assessments, sign: int) -> None:
         values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
         if name == 'fold_margin':
             # Of Coulomb's law averaging has no fold, and the exact model has one.
@@ -301,5 +307,4 @@ class Worst:
         least = sign * self.found[name].value if name in self.found else math.inf
         if badness.min(initial=math.inf) < least:
             i = int(badness.argmin())
-            time_ns, value = int(scan.time_ns[rows[i]]), float(values[i])
-            self.found[name] = Extreme(time_ns, value, points.at(i))
+            self.found[name] = Extreme(int(time_ns[i]), float(values[i]), points.at(i))
