@@ -82,20 +82,32 @@ def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
-    """The numbers of deltas, one delta a line; None for a line that is none."""
+    """The numbers of deltas, one delta a line; None for a line that is none.
+
+    Other vessels' are passed over. The second source of a path is a name of its own: a server may
+    hand on an engine's gateway and a simulation under one path.
+    """
+    own, first = '', dict[str, str]()
     for line in lines:
         if not line.strip():
             continue
         try:
-            found = list(_delta(json.loads(line[line.index('{') :])))
+            delta = json.loads(line[line.index('{') :])
+            if 'updates' not in delta and 'self' in delta:  # the server's first word
+                own = delta['self'].removeprefix('vessels.')
+                continue
+            context = delta.get('context', 'self').removeprefix('vessels.')
+            own = own or context
+            found = list(_delta(delta, first)) if context in (own, 'self') else []
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
             yield from found
 
 
-def _delta(delta: Any) -> Iterator[Row]:
+def _delta(delta: Any, first: dict[str, str]) -> Iterator[Row]:
     for update in delta['updates']:
+        source = str(update.get('$source', ''))
         for item in update.get('values', ()):
             value = item['value']
             if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
@@ -103,7 +115,8 @@ def _delta(delta: Any) -> Iterator[Row]:
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')
                 text = 'null' if value is None else repr(value)
-                yield when, path, text, _UNITS.get(path.rpartition('.')[2], '')
+                name = path if first.setdefault(path, source) == source else f'{path} from {source}'
+                yield when, name, text, _UNITS.get(path.rpartition('.')[2], '')
 
 
 # What Signal K gives the values of some paths in.

@@ -602,6 +602,32 @@ def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> N
     assert 'write aft_stern.load.column' in bound.absent['aft_stern', 'load']
 
 
+def test_of_signal_k_one_source_of_the_own_vessel_counts(tmp_path: Path) -> None:
+    """As live: another vessel's speed, or a simulator's, mixed with the own one hides stick-slip."""
+    lines = []
+    for second in range(3):
+        for context, source, value in (
+            ('urn:mrn:imo:mmsi:2', 'ais', 9.0),
+            ('urn:mrn:imo:mmsi:1', 'n2k', 0.5),
+            ('urn:mrn:imo:mmsi:1', 'sim', 2.0),
+        ):
+            item = f'{{"path": "propulsion.port.revolutions", "value": {value}}}'
+            lines.append(
+                f'{{"context": "vessels.{context}", "updates": [{{"$source": "{source}",'
+                f' "timestamp": "2026-04-13T10:00:0{second}Z", "values": [{item}]}}]}}\n'
+            )
+    hello = '{"name": "s", "self": "vessels.urn:mrn:imo:mmsi:1"}\n'
+    path = tmp_path / 'voyage.log'
+    path.write_text(hello + ''.join(lines))
+    recording = open_bag(path)
+    assert [column.heading for column in recording.all_columns] == [  # type: ignore[attr-defined]
+        'propulsion.port.revolutions',
+        'propulsion.port.revolutions from sim',
+    ]
+    request = Request('propulsion.port.revolutions', 'data')
+    assert recording.read([request])[request].value.tolist() == [0.5] * 3
+
+
 @pytest.mark.parametrize('heading', ['Bow thruster rpm', 'rpm setpoint', 'Alternator (1/min)'])
 def test_the_speed_of_something_else_is_not_the_shafts(heading: str, tmp_path: Path) -> None:
     path = tmp_path / 'voyage.csv'
