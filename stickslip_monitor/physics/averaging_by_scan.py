@@ -321,6 +321,11 @@ def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray
     return load_for(-law.slope(speed), damping)
 
 
+def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
+    """The averaged negative slope at the sliding limit, ``rho`` at ``a = V`` [s/m]."""
+    return slope_surface(law, np.ones_like(speed), speed)
+
+
 def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:
     """Index of the last height that exceeds ``q``; -1 where none does."""
     from_right = np.maximum.accumulate(heights[::-1])[::-1]

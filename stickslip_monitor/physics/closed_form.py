@@ -238,6 +238,10 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     return _fall(law) * 2.0 * i1e(v) / v - law.viscous
 
 
+cusp_slope = peak_slope
+"""The averaged negative slope at the sliding limit [s/m]."""
+
+
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
     """Where a stable cycle exists, given the fold speed."""
     return speed < fold

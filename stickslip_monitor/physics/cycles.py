@@ -31,10 +31,8 @@ from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, flatten, mapped, restore
 from stickslip_monitor.physics.averaging import averaged
-from stickslip_monitor.physics.averaging_by_scan import slope_surface
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import exact_fold
-from stickslip_monitor.physics.friction import Stribeck, computes_as
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
@@ -395,14 +393,12 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
     """
     law, size = bearing.friction, np.abs(speed)
     result = np.zeros(size.shape, bool)
-    if computes_as(law, Stribeck):
-        return result
     with np.errstate(all='ignore'):
         rows = np.flatnonzero((load > 0.0) & (size > 0.0) & np.isfinite(size + load))
         peak = np.asarray(averaged(law).peak_slope(law, size[rows]))
         near = load[rows] * peak > _LESS * bearing.damping
         rows, peak = rows[near], peak[near]
-        cusp = slope_surface(law, np.ones(rows.size), size[rows])
+        cusp = averaged(law).cusp_slope(law, size[rows])
         result[rows] = cusp < (1.0 - _SAME) * peak
     return result
 

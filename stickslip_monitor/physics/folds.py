@@ -25,7 +25,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import averaging, closed_form
-from stickslip_monitor.physics.averaging_by_scan import peak_curve, slope_surface
+from stickslip_monitor.physics.averaging_by_scan import peak_curve
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck, computes_as, speed_scales
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
@@ -86,6 +86,8 @@ _ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
 _LARGEST_EXPONENT = 700.0
 # How fast ln N has to rise with ln V for a fold read from the curve to be improved by orbits.
 _RISES = 0.02
+# Share of the steepest fall from which a law falls most at rest: the bound is a rounding above it.
+_AS_STEEP = 1.0 - 1e-9
 
 
 _Margin = Callable[[FloatArray, IndexArray, float], FloatArray]
@@ -196,10 +198,8 @@ class Grazing:
         """
         if self.bearing.damping_ratio >= 1.0:
             fall = -np.asarray(self.law.slope(speed))
-        elif computes_as(self.law, Stribeck):
-            fall = closed_form.peak_slope(self.law, speed)
         else:
-            fall = slope_surface(self.law, np.ones_like(speed), speed)
+            fall = averaging.averaged(self.law).cusp_slope(self.law, speed)
         with np.errstate(all='ignore'):
             per_load = np.maximum(fall, 0.0) / self.bearing.damping + self.lasting / speed
             return np.asarray(1.0 / per_load)
@@ -632,8 +632,8 @@ def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
         0 where there are cycles down to rest, or none at any speed, shape (n,) [m/s].
     """
     out = np.zeros(load.size)
-    if computes_as(bearing.friction, Stribeck):  # falls most at rest
-        return out
+    if not -float(bearing.friction.slope(ALMOST_REST)) < law_in_use(bearing.friction).fall * _AS_STEEP:
+        return out  # it falls most at rest
     speed, least = _averaged_curve(bearing)
     slow = speed <= _scales(bearing)[-1]
     speed, least = speed[slow], np.minimum.accumulate(least[slow])
