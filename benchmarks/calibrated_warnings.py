@@ -71,8 +71,7 @@ def variants_of(config: BearingConfig, true: BearingConfig, seed: int) -> dict[s
     belief = Belief.from_tolerance(config.bearing, HANDBOOK)
     found, calibrated = calibration_of(seed), config
     if found is not None:
-        speed = math.hypot(found.floor, config.tolerance.speed)
-        known = Belief(found.bearing, found.covariance, speed, 0.0, found.loads, calibrated=True)
+        known = replace(found.belief, speed=math.hypot(found.floor, config.tolerance.speed))
         calibrated = replace(config, bearing=found.bearing, belief=known)
     handbook = replace(config, tolerance=HANDBOOK, belief=belief)
     return dict(zip(VARIANTS, (config, handbook, calibrated, true), strict=True))

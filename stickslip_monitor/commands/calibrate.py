@@ -116,7 +116,7 @@ def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
         f' {plural(found.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
     )
     out.print(_boundary_table(config, found))
-    spread = np.sqrt(np.diag(found.covariance))
+    spread = np.sqrt(np.diag(found.belief.covariance))
     out.print(
         f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{spread[0]:.0%}), loads divided'
         f' by {math.exp(log_q):.3g} (+-{spread[1]:.0%}), as one known far better than either'

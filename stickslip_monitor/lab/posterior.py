@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -106,7 +107,14 @@ class Spreads:
     forget: float = 0.0  # of ln q, given anew before each recording
 
 
-def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Grid:
+class Posterior(NamedTuple):
+    """What the evidence leaves of a prior."""
+
+    by_ends: Grid
+    by_all: Grid  # by the onsets too
+
+
+def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Posterior:
     """The posterior of both factors, from a prior about 0 with a covariance of ``(ln r, ln q)``."""
     low, high = edges.loads
     load = 0.5 * (math.log(low) + math.log(high))
@@ -118,7 +126,7 @@ def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spread
     found = grid(u, quick=True)
     known = np.flatnonzero(found.weight.max(axis=1) > found.weight.max() * math.exp(-_DEPTH))
     fold = grid(np.linspace(u[known[0]] - _ROOM, u[known[-1]] + _ROOM, _FINE))
-    return _with_onsets(fold, edges, reference, spreads)
+    return Posterior(fold, _with_onsets(fold, edges, reference, spreads))
 
 
 def _fold_grid(

@@ -92,10 +92,10 @@ def require_same_sensors(
                 )
 
 
-def belief_of(
+def calibrated(
     path: str | Path, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
-) -> Belief:
-    """The bearing that a calibration has found, with its uncertainty and what is uncertain of the sensors.
+) -> tuple[Bearing, Belief]:
+    """The bearing by which alarms go after a calibration, and what is believed of it and its sensors.
 
     Mass, stiffness and diameter are those that are configured.
 
@@ -103,10 +103,9 @@ def belief_of(
         ConfigurationError: The object is incomplete.
     """
     try:
-        own = document['parameters']
-        make, names = LAWS[own['friction.law']]
-        given = {name: own[f'friction.{name}'] for name in names if f'friction.{name}' in own}
-        found = replace(bearing, damping=float(own['damping']), friction=make(**given))
+        found = _with_law(bearing, document['parameters'])
+        # Files of 0.3.0 have one bearing for both.
+        believed = _with_law(bearing, document.get('believed', document['parameters']))
         covariance = np.array(document['covariance'], dtype=float)
         np.linalg.cholesky(covariance)
         low, high = (float(load) for load in document['loads'])
@@ -128,7 +127,14 @@ def belief_of(
             ' above 0 and rising'
         )
     speed = math.hypot(floor, tolerance.speed, tolerance.scatter)
-    return Belief(found, covariance, speed, tolerance.load, (low, high), calibrated=True)
+    return found, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
+
+
+def _with_law(bearing: Bearing, own: Mapping[str, Any]) -> Bearing:
+    """A bearing with the damping and the law of a calibration."""
+    make, names = LAWS[own['friction.law']]
+    given = {name: own[f'friction.{name}'] for name in names if f'friction.{name}' in own}
+    return replace(bearing, damping=float(own['damping']), friction=make(**given))
 
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
@@ -272,7 +278,7 @@ def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
 def _believed(
     name: str, bearing: Bearing, own: Mapping[str, Any], tolerance: Tolerance
 ) -> tuple[Bearing, Belief | None]:
-    """How uncertain the boundaries are, and the bearing in the middle of that.
+    """The bearing by which alarms go, and how uncertain its boundaries are.
 
     The belief is ``None`` where all is taken for exact.
     """
@@ -285,8 +291,7 @@ def _believed(
         document = load_calibration(path)
         sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
         require_same_sensors(path, document, name, sensors)
-        belief = belief_of(path, document, bearing, tolerance)
-        return belief.bearing, belief
+        return calibrated(path, document, bearing, tolerance)
     except PhysicsError as error:
         raise ConfigurationError(f'{name}: {error}') from error
 

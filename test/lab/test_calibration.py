@@ -49,10 +49,10 @@ def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> N
     assert any('all evidence is at 1000 to 1000 N' in text for text in found.remarks)
 
 
-def test_the_bearing_that_is_used_has_grown_three_e_folds_at_the_onsets() -> None:
+def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() -> None:
     """``G = (c/2m) ((e^(b t) - 1)/b - t)`` on a ramp, t after the Hopf speed, ``b = beta dV/dt``."""
     found = of([passage(k, rate) for k, rate in enumerate(RATES)])
-    bearing, law = found.bearing, found.bearing.friction
+    bearing, law = found.belief.bearing, found.belief.bearing.friction
     assert isinstance(law, Stribeck)
     hopf = hopf_speed(bearing, 1000.0) / RPM
     rate = np.array(RATES)

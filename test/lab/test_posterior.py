@@ -33,7 +33,7 @@ def fold(speed_factor: float) -> float:
 
 
 def test_without_an_end_the_prior_is_left() -> None:
-    found = infer(edges(), REFERENCE, PRIOR, Spreads())
+    found = infer(edges(), REFERENCE, PRIOR, Spreads()).by_ends
     slope = REFERENCE.slope(math.log(1000.0))
     by = np.array([1.0, slope])
     assert found.middle == pytest.approx((0.0, 0.0), abs=0.04)
@@ -45,7 +45,7 @@ def test_without_an_end_the_prior_is_left() -> None:
 def test_ends_are_averaged_as_normal_numbers_are() -> None:
     # Four ends 10 % above: the fold is there, within the prior's scatter of 2 % of the load and
     # the bias of the load of 3 % between recordings, by the slope of the fold, over sqrt(4).
-    found = infer(edges(*[fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03))
+    found = infer(edges(*[fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).by_ends
     assert found.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
     wanted = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
     assert math.sqrt(found.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
@@ -53,7 +53,7 @@ def test_ends_are_averaged_as_normal_numbers_are() -> None:
 
 def test_what_agrees_with_the_configuration_changes_nothing() -> None:
     """The prior's best is at (0, 0), and ends at the configured fold do not move it off there."""
-    found = infer(edges(*[fold(1.0)] * 5), REFERENCE, PRIOR, Spreads())
+    found = infer(edges(*[fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).by_ends
     assert found.middle == pytest.approx((0.0, 0.0), abs=0.01)
 
 
@@ -61,7 +61,7 @@ def test_a_bound_pushes_the_fold_up() -> None:
     own = edges(fold(1.0))
     bound = End(REPORT, 'bag 9', 9.0, np.array([[fold(1.3), 1000.0]]), 0.0)
     only = Edges([bound], [], own.tracks)
-    found = infer(only, REFERENCE, PRIOR, Spreads())
+    found = infer(only, REFERENCE, PRIOR, Spreads()).by_ends
     low = float(found.quantiles(np.tile(found.u[:, None], found.log_q.size), [0.05])[0])
     assert low > math.log(1.2)
 
@@ -69,7 +69,8 @@ def test_a_bound_pushes_the_fold_up() -> None:
 def test_forgetting_follows_the_newest_ends() -> None:
     speeds = [fold(1.0)] * 4 + [fold(1.1)] * 2
     kept, followed = (
-        infer(edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).middle[0] for forget in (0.0, 0.1)
+        infer(edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).by_ends.middle[0]
+        for forget in (0.0, 0.1)
     )
     assert kept < 0.06 < 0.08 < followed
 

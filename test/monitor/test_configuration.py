@@ -17,7 +17,7 @@ from sending import configured, points
 from stickslip_monitor import Monitor, fold_speed
 from stickslip_monitor.errors import ConfigurationError, StickslipError
 from stickslip_monitor.monitor.configuration import (
-    belief_of,
+    calibrated,
     load_calibration,
     questions,
     require_same_sensors,
@@ -71,7 +71,7 @@ def test_a_damaged_result_is_refused_in_a_sentence(tmp_path: Path) -> None:
         with contextlib.suppress(StickslipError):
             document = load_calibration(path)
             require_same_sensors(path, document, 'aft', SENSORS)
-            belief_of(path, document, BEARING, EXACT)
+            calibrated(path, document, BEARING, EXACT)
             read += 1
     assert 0 < read < 150
 
@@ -104,6 +104,19 @@ def test_a_calibration_takes_the_place_of_tolerances(result: str) -> None:
     assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.723, rel=1e-4)
     # So regime and margins are those of its middle.
     assert fold_speed(aft.bearing, 1000.0) / RPM == pytest.approx(40.723091, rel=1e-6)
+
+
+def test_what_onsets_tell_moves_what_is_believed_and_no_alarm(result: str) -> None:
+    law = {f'friction.{name}': value for name, value in (LAW | {'decay': 2.0 * LAW['decay']}).items()}
+    Path(result).write_text(json.dumps(RESULT | {'believed': {'damping': 400.0} | law}))
+    aft = configured(damping=900.0, calibration=result).bearing('aft')
+    assert aft.belief is not None
+    # A law of twice the decay has all boundaries at half the speed, by the scale of v in mu(v).
+    ratio = aft.belief.fold_speed(1000.0, 0.5) / fold_speed(aft.bearing, 1000.0)
+    assert ratio == pytest.approx(
+        fold_speed(aft.belief.bearing, 1000.0) / fold_speed(BEARING, 1000.0), rel=1e-3
+    )
+    assert 0.4 < ratio < 0.9
 
 
 def test_a_calibrated_bearing_alarms_as_if_it_were_configured(result: str) -> None:
