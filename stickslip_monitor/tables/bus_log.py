@@ -84,7 +84,8 @@ def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     """The numbers of deltas, one delta a line; None for a line that is none.
 
-    Other vessels' are passed over. The second source of a path is a name of its own: a server may
+    Other vessels' are passed over: the own one is that of the server's first word, or else the first
+    with more than others send by AIS. The second source of a path is a name of its own: a server may
     hand on an engine's gateway and a simulation under one path.
     """
     own, first = '', dict[str, str]()
@@ -97,12 +98,17 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
                 own = delta['self'].removeprefix('vessels.')
                 continue
             context = delta.get('context', 'self').removeprefix('vessels.')
-            own = own or context
+            own = own or (context if _is_own(delta) else '')
             found = list(_delta(delta, first)) if context in (own, 'self') else []
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
             yield from found
+
+
+def _is_own(delta: Any) -> bool:
+    paths = (item['path'] for update in delta['updates'] for item in update.get('values', ()))
+    return any(not path.startswith(_BY_AIS) for path in paths if path)
 
 
 def _delta(delta: Any, first: dict[str, str]) -> Iterator[Row]:
@@ -119,6 +125,7 @@ def _delta(delta: Any, first: dict[str, str]) -> Iterator[Row]:
                 yield when, name, text, _UNITS.get(path.rpartition('.')[2], '')
 
 
+_BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'
 # What Signal K gives the values of some paths in.
 _UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
 BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | None]]] = {

@@ -47,7 +47,7 @@ _TIME = re.compile(_CLOCK + _ZONE)
 # Of the year 2116: two later times would have no sum of 64 bits [ns].
 _MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
-_NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
+NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
 # Numbers since a date by their size: the least, the unit [ns], what makes it 1970, and their name.
 # Those of .NET, Windows and LabVIEW would be dates of 1990, 1974 and 2092 if they were since 1970.
@@ -79,8 +79,10 @@ _DAYS_SINCE = (
     (20_000, 80_000, -25_569, 'days of a spreadsheet'),
     (713_960, 773_960, -719_529, 'days of MATLAB'),
 )
-# Without a heading that says so: numbers so close would be 500 and more a second [s].
-_PARTS_OF_DAYS = 2e-3
+# Without a heading that says so: as seconds these numbers would be 10,000 and more a second [s], or
+# they are lines each so many seconds. A rate of acquisition is none of these: 1,000 a second would
+# be one in 86.4 s.
+_PARTS_OF_DAYS, _EVERY = 1e-4, (10, 12, 15, 20, 30, 60, 120)
 _MOST_ROWS = 500
 # Less than the share of the cells of a column that are times.
 _MOSTLY = 0.5
@@ -130,7 +132,7 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
         counts = [sum(k < len(row) and is_kind(row[k]) for row in rows) for k in range(width)]
         return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
-    named = [k for k, (words, _) in enumerate(table.headings) if _NAMED.search(words)]
+    named = [k for k, (words, _) in enumerate(table.headings) if NAMED.search(words)]
     stamps = which(is_stamp)
     # InfluxDB has the limits of the query beside the time.
     stamps.sort(key=lambda k: (table.names[k] != '_time', k not in named, k))
@@ -181,15 +183,26 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named:
         read = scaled_reader(factor, zero, table.decimal)
         return Clock((k,), read, (f"times in '{heading}' are {said}",))
 
-    for least, factor, zero, name in _SINCE:
+    # A stated unit in which they are no date since 1973: since the start.
+    is_elapsed = unit in _UNITS and size * _UNITS[unit] < _SINCE[-1][0] * SECOND
+    for least, factor, zero, name in () if is_elapsed else _SINCE:
         if size >= least:
             return clock(factor, name, zero)
-    gaps = np.abs(np.diff(values))
-    is_close = gaps.any() and float(np.median(gaps[gaps > 0])) < _PARTS_OF_DAYS
+    is_close = _are_parts_of_days(values)
     for least, most, zero, name in _DAYS_SINCE:
         if not unit and least < size < most and (is_close or re.search(r'date|datum|time ?stamp', words)):
             return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
     return clock(_UNITS.get(unit, SECOND), f'{unit if unit in _UNITS else "s"} since the start')
+
+
+def _are_parts_of_days(values: Sequence[float]) -> bool:
+    """Whether numbers are so close that they are rather days than seconds."""
+    gaps = np.abs(np.diff(values))
+    if not gaps.any():
+        return False
+    gap = float(np.median(gaps[gaps > 0]))
+    # Of days of five decimals a gap is known to 5 %.
+    return gap < _PARTS_OF_DAYS or any(abs(gap * 86_400 / every - 1.0) < 0.05 for every in _EVERY)
 
 
 def _number(cell: str, decimal: str) -> float:

@@ -10,6 +10,7 @@ import contextlib
 import csv
 import gzip
 import io
+import itertools
 import re
 import zlib
 from collections import Counter
@@ -21,7 +22,7 @@ from typing import IO, Any, NamedTuple
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
-from stickslip_monitor.tables.clock import Cells, TableColumns, is_day, is_stamp, is_time
+from stickslip_monitor.tables.clock import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
 
 # What is looked at of a file: its head, its tail, and lines of the head [bytes, bytes, lines].
 _HEAD, _TAIL, _MOST_LINES = 1 << 18, 1 << 14, 2000
@@ -67,8 +68,8 @@ _SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+\-
 _COMMA = re.compile(r'[+\-\u2212]?\d*,\d+(?:[eE][+-]?\d+)?')
 _POINTS = re.compile(r'[+\-\u2212]?[1-9]\d{0,2}(?:\.\d{3})+')
 _WITH_UNIT = re.compile(r'[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
-# 'rpm x10': whether the numbers are ten times too small or too large is not said.
-_FACTOR = re.compile(r'[x×*]\s?10+\b|\b10+\s?[x×*]')
+# 'rpm x10': whether the numbers are ten times too small or too large is not said. 'Aux 10' is none.
+_FACTOR = re.compile(r'(?:(?<![^\W\d_])x|[×*])\s?10+\b|\b10+\s?(?:x\b|[×*])')
 _SWAP = str.maketrans(',.', '.,')
 
 
@@ -270,9 +271,7 @@ def _table(
         )
     above, below = rows[:first], rows[first:]
     heading, units = _headings(above, width)
-    if len(heading) == width - 1 and sum(len(row) == width and row[-1] != '' for row in below) > 0.5 * len(
-        below
-    ):
+    if len(heading) == width - 1 and _has_row_names(heading, [row for row in below if len(row) == width]):
         # R numbers its rows, and does not name the column of these.
         heading, units = ['', *heading], ['', *units]
     heading = heading and [*heading, *[''] * (width - len(heading))]
@@ -429,6 +428,22 @@ def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]
     units, names = _row_of_units(named)
     pad = [''] * width
     return list(names), [*units, *pad]
+
+
+def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
+    """Whether the first cells of rows are names or numbers of the rows, and no column of a time."""
+    if sum(row[-1] != '' for row in rows) <= 0.5 * len(rows):
+        return False
+    numbers = [parse_number(row[0]) for row in rows]
+    if not any(_is_sound(row[0]) for row in rows):
+        return any(row[0] for row in rows)
+    steps = [b - a for a, b in itertools.pairwise(n for n in numbers if n is not None)]
+    if min(steps, default=0.0) <= 0.0 or steps.count(1.0) <= 0.5 * len(steps) or None in numbers:
+        return False
+    # Whole seconds count as rows do: then what is headed as the time has to rise too.
+    second = [parse_number(row[1]) for row in rows]
+    known = [n for n in second if n is not None]
+    return not NAMED.search(parse_heading(heading[0]).name) or known == sorted(known)
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:

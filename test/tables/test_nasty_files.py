@@ -121,6 +121,19 @@ LOGS = {
         times=[ns(T0) + 7200 * 10**9, ns(T0) + 7_201_000_002_240],
         says='days of a spreadsheet',
     ),
+    'a line a minute in days': Log(
+        'Time,speed,load\n46125.5,30,900\n46125.500694444,31,901\n',
+        times=[ns(T0) + 7200 * 10**9, ns(T0) + 7_259_999_961_600],
+        says='days of a spreadsheet',
+    ),
+    'seconds of the day, 1000 lines each': Log(
+        't,speed,load\n36000.000,30,900\n36000.001,31,901\n', times=since(36_000, 36_000.001)
+    ),
+    'microseconds since the start, after some minutes': Log(
+        'time [us],speed,load\n150000000,30,900\n150010000,31,901\n',
+        times=since(150, 150.01),
+        says='us since the start',
+    ),
     # datenum('1970-01-01') is 719529.
     'days of MATLAB': Log(
         'datenum,speed,load\n740085.5,30,900\n740085.75,31,901\n',
@@ -417,6 +430,15 @@ LOGS = {
     'R: rows have numbers, and these no heading': Log(
         '"time" "speed" "load"\n"1" 0 30 900\n"2" 1 31 901\n', times=since(0, 1)
     ),
+    'words without a heading behind the last cell': Log(
+        'time,speed,load\n0,30,900,ok\n10,31,901,ok\n', times=since(0, 10)
+    ),
+    'such words behind whole seconds': Log(
+        'time,speed,load\n0,31,901,ok\n1,30,900,ok\n', times=since(0, 1), speed=[31, 30], load=[901, 900]
+    ),
+    'a number in the heading that is no factor': Log(
+        'time,Aux 10 shaft [rpm],Max 10 min load [kN]\n0,30,0.9\n1,31,0.901\n', times=since(0, 1)
+    ),
     'a delimiter behind the last cell of each row': Log(
         'time,speed,load\n0,30,900,\n1,31,901,\n', times=since(0, 1)
     ),
@@ -602,12 +624,26 @@ def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> N
     assert 'write aft_stern.load.column' in bound.absent['aft_stern', 'load']
 
 
-def test_of_signal_k_one_source_of_the_own_vessel_counts(tmp_path: Path) -> None:
+OTHER_VESSEL = (
+    '{"context": "vessels.urn:mrn:imo:mmsi:3", "updates": [{"$source": "ais", "timestamp":'
+    ' "2026-04-13T10:00:00Z", "values": [{"path": "navigation.speedOverGround", "value": 5.0}]}]}\n'
+)
+"""What a log may begin with that was cut from a longer one."""
+
+
+@pytest.mark.parametrize(
+    ('first', 'others'),
+    [('{"name": "s", "self": "vessels.urn:mrn:imo:mmsi:1"}\n', ['urn:mrn:imo:mmsi:2']), (OTHER_VESSEL, [])],
+    ids=['hello', 'cut'],
+)
+def test_of_signal_k_one_source_of_the_own_vessel_counts(
+    first: str, others: list[str], tmp_path: Path
+) -> None:
     """As live: another vessel's speed, or a simulator's, mixed with the own one hides stick-slip."""
     lines = []
     for second in range(3):
         for context, source, value in (
-            ('urn:mrn:imo:mmsi:2', 'ais', 9.0),
+            *((other, 'ais', 9.0) for other in others),
             ('urn:mrn:imo:mmsi:1', 'n2k', 0.5),
             ('urn:mrn:imo:mmsi:1', 'sim', 2.0),
         ):
@@ -616,9 +652,8 @@ def test_of_signal_k_one_source_of_the_own_vessel_counts(tmp_path: Path) -> None
                 f'{{"context": "vessels.{context}", "updates": [{{"$source": "{source}",'
                 f' "timestamp": "2026-04-13T10:00:0{second}Z", "values": [{item}]}}]}}\n'
             )
-    hello = '{"name": "s", "self": "vessels.urn:mrn:imo:mmsi:1"}\n'
     path = tmp_path / 'voyage.log'
-    path.write_text(hello + ''.join(lines))
+    path.write_text(first + ''.join(lines))
     recording = open_bag(path)
     assert [column.heading for column in recording.all_columns] == [  # type: ignore[attr-defined]
         'propulsion.port.revolutions',
