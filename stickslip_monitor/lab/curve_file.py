@@ -21,7 +21,11 @@ NAMES = {
     'coefficient': 'coefficient mu μ µ cof friction reibwert reibungszahl reibungskoeffizient',
     'speed': 'speed velocity v n geschwindigkeit gleitgeschwindigkeit drehzahl',
 }
-"""The words that a heading is recognised by: it is the first quantity of which it has one."""
+"""The words that a heading is recognised by: it is the first quantity of which it has one, with no
+word of another quantity."""
+_OTHERS = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reibkraft'}
+# Beside the words of a coefficient: 'load error', 'weight loss' and 'speed std' are none of it.
+_BESIDE = {'standard', 'of', 'the', 'measurement'}
 
 _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
 _UNITS = {unit.lower(): unit for unit in (*SPEED_UNITS, *_LINEAR)}
@@ -125,8 +129,12 @@ def _split(heading: str) -> tuple[list[str], str]:
 
 def _quantity(words: Iterable[str]) -> str:
     """The quantity that a heading of some words is of; '' for none."""
-    known = (name for name, own in NAMES.items() if not set(own.split()).isdisjoint(words))
-    return next(known, '')
+    found = set(words)
+    name = next((name for name, own in NAMES.items() if found & {*own.split()}), '')
+    if name in ('std', 'weight'):
+        known = f'{NAMES[name]} {NAMES["coefficient"]}'.split()
+        return name if found <= {*known} | _BESIDE else ''
+    return '' if found & _OTHERS else name
 
 
 def _speed_unit(text: str) -> str | None:
@@ -158,6 +166,9 @@ def _index(where: str, cells: list[str], quantity: str, asked: str | None) -> in
     split = [_split(cell) for cell in cells]
     if asked is None:
         found = [k for k, (words, _) in enumerate(split) if _quantity(words) == quantity]
+        # 'speed' before 'speed setpoint'.
+        plain = [k for k in found if {*split[k][0]} <= {*NAMES[quantity].split()}]
+        found = plain or found
         if not found and quantity == 'speed':
             found = [k for k, (words, unit) in enumerate(split) if not words and unit]
     else:

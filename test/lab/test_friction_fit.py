@@ -461,6 +461,22 @@ def test_a_heading_that_has_or_ends_in_a_unit(write: Write, content: str, speed:
     assert curve.coefficient.tolist() == pytest.approx([0.25])
 
 
+@pytest.mark.parametrize(
+    'others',
+    [
+        'temperature deviation,load error',
+        'load W [N],weight loss [mg]',
+        'friction force,friction torque [Nm]',
+        'speed setpoint [m/s],speed std [m/s]',
+    ],
+)
+def test_a_column_of_another_quantity_is_no_part_of_the_curve(write: Write, others: str) -> None:
+    """As the spread or the weight of the points it would bend the fit without a word."""
+    curve = read_curve(write(f'speed [m/s],{others},mu\n0.5,7,8,0.25\n0.6,9,3,0.24\n'))
+    assert (curve.speed.tolist(), curve.coefficient.tolist()) == ([0.5, 0.6], [0.25, 0.24])
+    assert curve.std.tolist() == [1.0, 1.0]
+
+
 def test_a_unit_of_the_coefficient_that_is_none(write: Write) -> None:
     with pytest.raises(FitError, match=r"unit 'n' must be %, or none"):
         read_curve(write('speed,friction [N]\n0.1,300\n'))
