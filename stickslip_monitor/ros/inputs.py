@@ -233,8 +233,8 @@ class Sender:
     """Who sends on a topic, by what came from it."""
 
     number: int  # of its latest message
-    first_ns: int  # when its first came [ns]
-    last_ns: int  # when its latest came [ns]
+    first: int  # its first among the messages of the topic
+    last: int  # its latest among them
 
 
 class Lane:
@@ -262,6 +262,7 @@ class Lane:
         self._class = message_type(kind)
         self.senders: dict[bytes, Sender] = {}
         self.undecodable = False
+        self._came = 0
         # Senders that have sent nothing since the node was held up.
         self._excused: set[bytes] = set()
 
@@ -298,7 +299,7 @@ class Lane:
                     return
                 data, info = taken
                 came_ns = info.get('received_timestamp') or time.time_ns()
-                self._count_missing(info, came_ns, late)
+                self._count_missing(info, late)
                 yield Waiting(came_ns, came_ns if arrival is None else arrival(came_ns), self, data)
 
     def decoded(self, data: bytes) -> Any:
@@ -315,11 +316,11 @@ class Lane:
 
         It has sent since the newest sender began, or the middleware does not say who sends.
         """
-        begun = max((one.first_ns for one in self.senders.values()), default=0)
+        begun = max((one.first for one in self.senders.values()), default=0)
         own = self.senders.get(publisher)
-        return not begun or (own is not None and own.last_ns >= begun)
+        return not begun or (own is not None and own.last >= begun)
 
-    def _count_missing(self, info: Any, came_ns: int, late: bool) -> None:
+    def _count_missing(self, info: Any, late: bool) -> None:
         """Count what lies between a message and the one before of its publisher.
 
         What is missing since the node was held up was not lost on the way. Some ROS 2 have no
@@ -329,9 +330,11 @@ class Lane:
         if publisher is None or number is None:
             return
         name = publisher['data']
-        sender = self.senders.get(name) or Sender(number, came_ns, came_ns)
+        # Counted, as a clock that is set back would hide who sends.
+        self._came += 1
+        sender = self.senders.get(name) or Sender(number, self._came, self._came)
         missing = max(0, number - sender.number - 1)
-        sender.number, sender.last_ns = number, came_ns
+        sender.number, sender.last = number, self._came
         self.senders[name] = sender
         if len(self.senders) > _PUBLISHERS_KNOWN:
             del self.senders[next(iter(self.senders))]
@@ -363,6 +366,9 @@ class RosGraph(Graph):
         name = self._given.get(topic, topic)
         asked, lane = self._quality(name), self.lanes.get(topic)
         infos = self._node.get_publishers_info_by_topic(name)
+        if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
+            # Some middleware names senders otherwise than publishers.
+            lane = None
         return tuple(_publisher(info, asked, lane) for info in infos)
 
     def is_undecodable(self, topic: str) -> bool:

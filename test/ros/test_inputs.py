@@ -27,6 +27,7 @@ from stickslip_monitor.monitor.session import Moment
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from geometry_msgs.msg import Vector3Stamped
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, MagneticField
 from std_msgs.msg import Byte, Float64, Float64MultiArray, Header
@@ -68,11 +69,11 @@ class _Node:
         handle.take_message = lambda *_: waiting.popleft() if waiting else None  # type: ignore[attr-defined]
         return SimpleNamespace(handle=handle)
 
-    def put(self, topic: str, message: Any, number: int | None = None) -> None:
+    def put(self, topic: str, message: Any, number: int | None = None, sender: bytes = b'sender') -> None:
         """A message comes; encoded ones as they are."""
         data = message if isinstance(message, bytes) else serialize_message(message)
         self.sent += 1
-        info = {'received_timestamp': self.now, 'publisher_gid': {'data': b'sender'}}
+        info = {'received_timestamp': self.now, 'publisher_gid': {'data': sender}}
         info['publication_sequence_number'] = self.sent if number is None else number
         self.queues[topic].append((data, info))
 
@@ -214,6 +215,37 @@ def test_messages_that_cannot_be_decoded_are_known() -> None:
     assert graph.is_undecodable('load')
     assert lane.decoded(serialize_message(Float64MultiArray(data=[2.0]))).data[0] == 2.0
     assert not graph.is_undecodable('load')
+
+
+@pytest.mark.parametrize(
+    ('sent_by', 'sends'),
+    [((b'a', b'b'), [False, True]), ((b'a', b'b', b'a'), [True, True]), ((b'x', b'y'), [True, True])],
+    ids=['came back', 'two', 'named otherwise'],
+)
+def test_who_sends_is_told_by_the_order_of_messages(sent_by: tuple[bytes, ...], sends: list[bool]) -> None:
+    """Values of two publishers are mixed though the clock was set back, or names do not match."""
+    node: Any = _Node()
+    infos = [
+        SimpleNamespace(
+            endpoint_gid=[*name],
+            node_name='plc',
+            node_namespace='/',
+            topic_type='',
+            qos_profile=QoSProfile(depth=1),
+        )
+        for name in (b'a', b'b')
+    ]
+    node.get_publishers_info_by_topic = lambda topic: infos
+    node.get_subscriptions_info_by_topic = lambda topic: []
+    node.get_name, node.get_namespace = (lambda: 'monitor'), (lambda: '/')
+    graph, lane = RosGraph(node, []), Lane(node, 'speed', 'std_msgs/msg/Float64')
+    graph.lanes['speed'] = lane
+    lane.subscribe()
+    for k, name in enumerate(sent_by):
+        node.now = BEGIN - k * 10**12
+        node.put('speed', Float64(data=1.0), sender=name)
+    assert len([*lane.fetch(None, False)]) == len(sent_by)
+    assert [each.sends for each in graph.publishers('speed')] == sends
 
 
 TOPICS = ('speed', 'load/fore', 'load/aft')
