@@ -160,6 +160,16 @@ def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None
     assert any('is written in no order of time: sorted by time' in text for text in open_bag(path).warnings)
 
 
+def test_what_is_played_in_a_loop_is_not_sorted(tmp_path: Path) -> None:
+    """Ten rounds of 25 messages in 2.5 s: sorted, the values of all rounds would be mixed."""
+    path = make(tmp_path / 'bag') / 'bag.db3'
+    with sqlite3.connect(path) as database:
+        database.execute(f'DELETE FROM messages WHERE (timestamp - {START}) % 100000000')
+        database.execute(f'UPDATE messages SET timestamp = {START} + (timestamp - {START}) % 2500000000')
+    database.close()
+    assert open_bag(path).read([SPEED])[SPEED].value.tolist() == list(range(0, COUNT, 10))
+
+
 def test_a_type_that_nobody_knows_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (file,) = make(tmp_path / 'bag').glob('*.db3')
     with sqlite3.connect(file) as database:
