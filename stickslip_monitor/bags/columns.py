@@ -177,7 +177,9 @@ class ColumnBinding:
         of_topic = [
             c for c in able if topic and c.heading.strip('/') in (topic, f'{topic}/{source.field_text}')
         ]
-        others = _OTHERS.get(quantity, set())
+        # The bearing may be that of a thruster.
+        called = parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()
+        others = _OTHERS.get(quantity, set()) - {*called}
         able = [c for c in able if not others & set(parse_heading(c.heading).name.split())]
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]

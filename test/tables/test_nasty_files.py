@@ -670,6 +670,13 @@ def test_the_speed_of_something_else_is_not_the_shafts(heading: str, tmp_path: P
     assert list(open_bag(path).bound(load_config(CONFIG)).absent) == [('aft_stern', 'speed')]
 
 
+def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
+    path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
+    path.write_text('time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n')
+    config.write_text(CONFIG.read_text().replace('aft_stern', 'stern_thruster'))
+    assert not open_bag(path).bound(load_config(config)).absent
+
+
 def test_the_speed_of_an_engine_is_asked_about(tmp_path: Path) -> None:
     path = tmp_path / 'voyage.csv'
     path.write_text('time,Engine speed [rpm],load [N]\n0,500,900\n1,500,901\n')
