@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.physics.boundary_table import known_table
 
 _MOST = 600
 _HEAVIER = 1.1
@@ -242,12 +244,15 @@ class Extreme:
 def heaviest(scan: Scan, known: Assessments | None) -> Assessments:
     """A point at least as heavy as some, that known or one of these, if not much heavier.
 
-    No boundary of these is higher than its boundaries, which rise with the load.
+    No boundary of these is higher than its boundaries. They rise with the load but for the exact fold,
+    which may fall again: here it is the highest of any load up to this.
     """
     most = scan.load.max()
     if known is not None and most <= known.load[0] <= _HEAVIER * most:
         return known
-    return scan.assessed(np.array([scan.load.argmax()]))
+    top = scan.assessed(np.array([scan.load.argmax()]))
+    highest: Any = known_table(top.bearing).highest_exact(top.load)
+    return replace(top, exact_fold_speed=highest)
 
 
 def regime_codes(scan: Scan, top: Assessments) -> NDArray[np.int8]:

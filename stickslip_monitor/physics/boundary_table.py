@@ -57,6 +57,13 @@ class BoundaryTable:
         """The exact fold, as the averaged one."""
         return self._read(1, load)
 
+    def highest_exact(self, load: FloatArray) -> FloatArray:
+        """The highest exact fold at any load up to each, shape (n,); ``nan`` where its own is [m/s]."""
+        with np.errstate(all='ignore'):
+            known = np.exp(self.first + self.step * np.arange(len(self.pieces[1]) + 1))
+            highest = np.fmax.accumulate(np.append(0.0, self.exact(known)))
+            return np.maximum(self.exact(load), highest[np.searchsorted(known, load)])
+
     def _read(self, which: int, load: FloatArray) -> FloatArray:
         place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
         pieces = self.pieces[which]
