@@ -97,8 +97,9 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             if 'updates' not in delta and 'self' in delta:  # the server's first word
                 own = delta['self'].removeprefix('vessels.')
                 continue
-            context = delta.get('context', 'self').removeprefix('vessels.')
-            own = own or (context if _is_own(delta) else '')
+            kind, _, name = delta.get('context', 'self').partition('.')
+            context = name if kind == 'vessels' else kind
+            own = own or (name if kind == 'vessels' and _is_own(delta) else '')
             found = list(_delta(delta, first)) if context in (own, 'self') else []
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
@@ -107,6 +108,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
 
 def _is_own(delta: Any) -> bool:
+    """Whether a vessel says of itself what none says by AIS."""
     paths = (item['path'] for update in delta['updates'] for item in update.get('values', ()))
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 

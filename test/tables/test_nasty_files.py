@@ -624,16 +624,18 @@ def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> N
     assert 'write aft_stern.load.column' in bound.absent['aft_stern', 'load']
 
 
-OTHER_VESSEL = (
+OTHERS_FIRST = (
     '{"context": "vessels.urn:mrn:imo:mmsi:3", "updates": [{"$source": "ais", "timestamp":'
     ' "2026-04-13T10:00:00Z", "values": [{"path": "navigation.speedOverGround", "value": 5.0}]}]}\n'
+    '{"context": "meteo.urn:mrn:imo:mmsi:4", "updates": [{"timestamp": "2026-04-13T10:00:00Z", "values":'
+    ' [{"path": "environment.water.temperature", "value": 280.0}]}]}\n'
 )
 """What a log may begin with that was cut from a longer one."""
 
 
 @pytest.mark.parametrize(
     ('first', 'others'),
-    [('{"name": "s", "self": "vessels.urn:mrn:imo:mmsi:1"}\n', ['urn:mrn:imo:mmsi:2']), (OTHER_VESSEL, [])],
+    [('{"name": "s", "self": "vessels.urn:mrn:imo:mmsi:1"}\n', ['urn:mrn:imo:mmsi:2']), (OTHERS_FIRST, [])],
     ids=['hello', 'cut'],
 )
 def test_of_signal_k_one_source_of_the_own_vessel_counts(
