@@ -122,9 +122,9 @@ def _split(heading: str) -> tuple[list[str], str]:
     words, unit = name.replace('_', ' ').lower().split(), next(filter(None, units), '').strip()
     if not unit and words and (_speed_unit(words[-1]) or words[-1] == '%'):
         return words[:-1], words[-1]  # 'velocity m/s', and a heading that is nothing but a unit
-    return words, '' if _quantity(
-        [unit.lower()]
-    ) == 'coefficient' else unit  # 'Coefficient of friction (COF)'
+    if _quantity([unit.lower()]) == 'coefficient':
+        unit = ''  # 'Coefficient of friction (COF)'
+    return words, unit
 
 
 def _quantity(words: Iterable[str]) -> str:

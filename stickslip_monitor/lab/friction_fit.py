@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.errors import FitError
 from stickslip_monitor.lab.curve_file import FrictionCurve
-from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.probability import Belief
 
@@ -428,8 +428,8 @@ def _questions(curve: FrictionCurve) -> list[str]:
         )
     fastest = float(curve.speed.max(initial=0.0))
     if fastest > _UNUSUAL_SPEED:
-        others = {'m/s': 'is it in rpm (--speed-unit rpm)', 'mm/s': 'is its unit right'}
-        other = others.get(curve.unit, 'is the diameter in metres')
+        other = 'is the diameter in metres' if curve.unit in SPEED_UNITS else 'is its unit right'
+        other = 'is it in rpm (--speed-unit rpm)' if curve.unit == 'm/s' else other
         found.append(f'a sliding speed of {fastest:.3g} m/s is unusual: {other}?')
     return found
 

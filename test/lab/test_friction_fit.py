@@ -546,6 +546,8 @@ def test_numbers_that_look_like_another_unit_get_a_question() -> None:
     assert rpm.endswith('is it in rpm (--speed-unit rpm)?')
     (diameter,) = fit_stribeck(replace(curve_of(1000.0 * v, mu), unit='rpm')).warnings
     assert diameter.endswith('is the diameter in metres?')
+    (unit,) = fit_stribeck(replace(curve_of(1000.0 * v, mu), unit='cm/s')).warnings
+    assert unit.endswith('is its unit right?')
     # A refusal asks too: the unit may be its cause.
     with pytest.raises(FitError, match=r'is it in percent, 30 for 0\.30\?'):
         fit_stribeck(curve_of(v, np.full(30, 30.0)))
