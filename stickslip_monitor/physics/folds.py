@@ -30,6 +30,7 @@ from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck, computes_as, speed_scales
 from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 from stickslip_monitor.physics.orbits import (
+    EXHAUSTED,
     LANDED,
     RESTED,
     TURNED,
@@ -139,8 +140,13 @@ class Grazing:
             size = both.rest() - orbits.place
             result = np.log(size[:n] / size[n:])
         slips, grazes = orbits.end[:n], orbits.end[n:]
+        unclear = (slips == EXHAUSTED) | (grazes == EXHAUSTED)
+        unclear |= (slips == TURNED) & (grazes == TURNED) & np.isnan(result)
         result[grazes != TURNED] = np.where(grazes == RESTED, np.inf, -np.inf)[grazes != TURNED]
         result[(slips != TURNED) | np.isnan(result)] = -np.inf
+        if error > self.fine and unclear.any():
+            # Long steps do not see how an orbit comes to rest: that would pass for a jump.
+            result[unclear] = self.margin(speed[unclear], load[unclear], self.fine)
         return result
 
     def _slips(self, field: SlipField) -> tuple[FloatArray, FloatArray]:
