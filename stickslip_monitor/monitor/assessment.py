@@ -24,7 +24,7 @@ from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.probability import Belief
 
 TABLE_ERROR = 1e-6
-"""More than the error of a table of Stribeck's averaged fold, which is 1e-8 at most."""
+"""So near a tabulated averaged fold it is solved: more than a smooth law's table is off."""
 COVER = 1.01
 """So far beyond all boundaries none of eight laws has a cycle (nor at 1.0001): more than a table's error."""
 # Points from which on a table of the exact fold pays.

@@ -5,7 +5,8 @@ Each boundary is a piecewise polynomial in ``ln N`` from the least load at which
 exists. Above the last one the exact fold is in proportion to the load, as Coulomb's law has it, the
 limit of every law for large loads, and the averaged one grows by the power of the load by which it
 does there. A smooth law is a cubic spline, right to 1e-7, near
-the onset of one with an exponent to 2e-4; one in pieces (a measured table) is interpolated
+the onset of one with an exponent to 2e-4, and by lines to 2e-6 where its exact fold is not in
+proportion to the last loads; one in pieces (a measured table) is interpolated
 linearly in many more points, right to 1e-4 where it is smooth and to 2e-3 where it is noisy, but
 where its fold jumps or begins, between two loads a percent apart.
 """
@@ -153,10 +154,12 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     octaves = math.log2(curve.top / curve.onset)
     points = round(octaves * (_SMOOTH if curve.smooth else _BROKEN)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
+    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0  # beyond it is not in proportion
+    if ends:  # in a step of its own: the line to what is unknown is no fold
+        grid = np.append(grid, grid[-1] + grid[1])
     load = np.exp(math.log(curve.onset) + grid)
     exact = curve.exact_fold(load)
-    if curve.larger.size or bearing.damping_ratio >= 1.0:  # beyond it is not in proportion
-        exact[-1] = np.nan
+    exact[-1] = np.nan if ends else exact[-1]
     closed = averaging.averaged(law) is closed_form
     averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.

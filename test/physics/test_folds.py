@@ -232,3 +232,14 @@ def test_a_lining_that_sticks_at_no_speed_has_no_exact_fold(law, damping, load):
     kind = exact_cycle(bearing, np.geomspace(1e-3, 1.0, 120), load).kind
     assert set(kind.tolist()) == {CycleKind.PURE_SLIP, CycleKind.NONE}
     assert np.isnan(exact_fold_speed(bearing, load))
+
+
+def test_the_table_of_a_law_that_rises_again_is_its_exact_fold_up_to_the_last_load():
+    """Friction that rises with the speed: beyond its last load, 19.8 kN, the table knows no exact fold."""
+    bearing = Bearing(520.0, 420.0, 9.3e4, Stribeck(0.586, 0.121, 23.5, 0.0355), 0.1)
+    curve = folds.fold_curve(bearing)
+    assert curve is not None
+    load = curve.top * np.array([0.98, 0.995, 0.999])
+    table = boundary_table(bearing).exact(load)
+    np.testing.assert_allclose(table, exact_fold_speed(bearing, load), rtol=1e-5)
+    assert np.isnan(boundary_table(bearing).exact(curve.top * np.array([1.01, 2.0]))).all()
