@@ -131,7 +131,7 @@ def averaged_growth(last: Any, step: float) -> float:
     """Growth of the logarithm of the averaged fold in a step from the last point of a table on.
 
     Two thirds of the logarithm of the load where friction falls at slow speeds only, nothing where it
-    rises beyond: up to 8 times the last load that has the fold to 0.2 % and to 7 %.
+    rises beyond. Up to 8 times the last load that has the fold to 0.5 %, and to 40 % where it rises.
     """
     speed = last[0] + last[1] + last[2] + last[3]
     if not 0.0 < speed < math.inf:
