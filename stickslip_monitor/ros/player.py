@@ -22,6 +22,8 @@ from stickslip_monitor.ros.other_nodes import without_log_files
 
 CLOCK_PERIOD = 0.02
 _SETTLE = 0.5
+# How long a subscriber on a busy machine may take for what is left in the queue [s].
+_PATIENCE = 10.0
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -90,8 +92,10 @@ class Player:
                 progress(time_ns)
             self._publish(self._publishers[topic], data)
             played += 1
-        for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=1.0))
+        for topic, publisher in self._publishers.items():
+            if not publisher.wait_for_all_acked(Duration(seconds=_PATIENCE)):
+                text = f'{topic}: a subscriber has not acknowledged all messages within {_PATIENCE:g} s'
+                self.node.get_logger().warning(text)
         return played
 
     def _run_clock(self, begin: float, first: int, target: int, rate: float) -> None:
