@@ -152,7 +152,7 @@ class Causes:
     def recall(self, kinds: Set[AlarmKind], now_ns: int) -> None:
         """Let causes hold until it can be known whether they are still there."""
         alarm = self.config.alarm
-        self.recalled = kinds
+        self.recalled = self.recalled | kinds
         self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
 
     def take_point(self, now_ns: int, *, resting: bool) -> bool:

@@ -6,8 +6,18 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
+from sending import configured
 
-from stickslip_monitor.monitor.alarms import ALWAYS, TABLE, AlarmState, Facts, Trigger, follow
+from stickslip_monitor.monitor.alarms import (
+    ALWAYS,
+    TABLE,
+    AlarmKind,
+    AlarmState,
+    Causes,
+    Facts,
+    Trigger,
+    follow,
+)
 
 EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
 CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)
@@ -74,3 +84,11 @@ def test_the_published_transitions() -> None:
 def test_what_comes_back_with_its_cause_is_given_again(state: AlarmState, trigger: Trigger) -> None:
     assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
     assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
+
+
+def test_what_waits_for_the_end_of_a_mix_takes_nothing_from_what_was_remembered() -> None:
+    causes = Causes(configured().bearings[0], {AlarmKind.INPUT_LOST})
+    causes.recall({AlarmKind.STICK_SLIP}, 0)
+    assert causes.recalled == {AlarmKind.INPUT_LOST, AlarmKind.STICK_SLIP}
+    causes.advance(3600 * 10**9)
+    assert not causes.recalled
