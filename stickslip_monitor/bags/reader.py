@@ -8,6 +8,7 @@ import itertools
 import os
 import re
 import tempfile
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -64,7 +65,7 @@ def open_bag(path: str | Path) -> Recording:
     Raises:
         BagError: There is no recording, or it is of no kind that is read.
     """
-    path = Path(path)
+    path = as_it_is_kept(Path(path))
     if not path.exists():
         raise BagError(f"bag '{path}' does not exist{near_name(path)}")
     findings = Findings()
@@ -190,7 +191,7 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
         opening them says why.
     """
     found: dict[Path, Path] = {}
-    for path in map(Path, paths):
+    for path in map(as_it_is_kept, map(Path, paths)):
         for bag in _within(path) or [path]:
             found.setdefault(Path(os.path.realpath(bag)), bag)
     return list(found.values())
@@ -332,7 +333,23 @@ def is_log(name: str) -> bool:
 def stem_of(name: str) -> str:
     """The name of the recording that a file is numbered as a part of; empty for none."""
     part = _PART.fullmatch(name)
-    return part['stem'] if part else ''
+    return composed(part['stem']) if part else ''
+
+
+def composed(name: str) -> str:
+    """A name with composed letters: systems differ in how they keep one name."""
+    return unicodedata.normalize('NFC', name)
+
+
+def as_it_is_kept(path: Path) -> Path:
+    """The path of a file or folder whose name is kept with other letters of the same look."""
+    try:
+        if path.exists():
+            return path
+        same = [p for p in path.parent.iterdir() if composed(p.name) == composed(path.name)]
+    except OSError:
+        return path
+    return same[0] if same else path
 
 
 def natural(name: str) -> list[tuple[int, str]]:
@@ -385,8 +402,9 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
 
 def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> Metadata:
     """The files that metadata list, and those behind them that bear the same name."""
-    found = [name for name in metadata.names if name in there]
-    missing = [name for name in metadata.names if name not in there]
+    known = {composed(name): name for name in there}
+    found = [known[name] for name in map(composed, metadata.names) if name in known]
+    missing = [name for name in metadata.names if composed(name) not in known]
     for name in missing[:MOST_NAMED]:
         findings.lose(f"file '{name}' is listed in {METADATA_NAME} but missing")
     if len(missing) > MOST_NAMED:

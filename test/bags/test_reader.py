@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import sqlite3
 import struct
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -65,6 +67,17 @@ def test_files_are_read_in_the_order_of_the_metadata(tmp_path: Path) -> None:
     assert [m.log_time_ns for m in bag.messages()] == [1, 7, 7, 8, 8, 9]
     assert (bag.start_ns, bag.end_ns, bag.message_count, bag.warnings) == (1, 9, 6, ())
     assert bag.topics == {'/x': TopicInfo('/x', FLOAT64, 6, 'cdr', '')}
+
+
+@pytest.mark.parametrize(('said', 'kept'), [('NFC', 'NFD'), ('NFD', 'NFC')])
+def test_composed_and_decomposed_names_are_one_name(tmp_path: Path, said: Any, kept: Any) -> None:
+    """As macOS keeps names, and as a recorder or a person writes them."""
+    name, other = unicodedata.normalize(kept, 'Jörmungandr'), unicodedata.normalize(said, 'Jörmungandr')
+    files = {f'{name}_0.mcap': [1, 2], f'{name}_1.mcap': [3]}
+    write_folder(tmp_path / name, files, relative_file_paths=[f'{other}_0.mcap', f'{other}_1.mcap'])
+    assert read_values(tmp_path / other) == [1, 2, 3]
+    assert open_bag(tmp_path / other).warnings == ()
+    assert find_bags([tmp_path / other]) == [tmp_path / name]
 
 
 def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
