@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -116,10 +115,9 @@ def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
         f' {plural(found.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
     )
     out.print(_boundary_table(config, found))
-    spread = np.sqrt(np.diag(found.belief.covariance))
     out.print(
-        f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{spread[0]:.0%}), loads divided'
-        f' by {math.exp(log_q):.3g} (+-{spread[1]:.0%}), as one known far better than either'
+        f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{found.spread[0]:.0%}), loads divided'
+        f' by {math.exp(log_q):.3g} (+-{found.spread[1]:.0%}), as one known far better than either'
     )
     for text in found.remarks:
         out.print(escape(text))

@@ -130,6 +130,18 @@ class Calibration:
         there, here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
         return u - float(there - here), log_q
 
+    def _covariance(self, grid: Grid) -> FloatArray:
+        """Covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
+        _, log_q = grid.middle
+        by = np.array([[1.0, -self.reference.slope(grid.load + log_q)], [0.0, 1.0]])
+        found: FloatArray = by @ grid.covariance @ by.T
+        return found
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviations of :attr:`factors`, shape (2,)."""
+        return np.asarray(np.sqrt(np.diag(self._covariance(self.posterior.by_ends))))
+
     def _moved(self, factors: tuple[float, float]) -> Bearing:
         return moved(self.reference.bearing, *map(math.exp, factors))
 
@@ -151,11 +163,8 @@ class Calibration:
     def belief(self) -> Belief:
         """The boundaries themselves by all evidence, without what single passages scatter."""
         grid = self.posterior.by_all
-        factors = self._middle(grid)
-        # To first order about the middle.
-        by = np.array([[1.0, -self.reference.slope(grid.load + factors[1])], [0.0, 1.0]])
-        covariance = by @ grid.covariance @ by.T
-        return Belief(self._moved(factors), covariance, self.floor, 0.0, self.loads, True)
+        middle = self._moved(self._middle(grid))
+        return Belief(middle, self._covariance(grid), self.floor, 0.0, self.loads, True)
 
     @cached_property
     def before(self) -> Belief:
