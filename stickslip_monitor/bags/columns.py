@@ -48,12 +48,14 @@ class LogColumn:
         place: Of the column that holds its numbers.
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
+        status: The place of the column that says whether its numbers count, if there is one.
     """
 
     heading: str
     place: int
     name: str | None = None
     unit: str | None = None
+    status: int | None = None
 
     @property
     def has_unit(self) -> bool:

@@ -35,7 +35,7 @@ from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.tables.dialect import parse_heading, parse_number, with_unit
-from stickslip_monitor.tables.table import Rows, open_table, some_cells, texts_of
+from stickslip_monitor.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 
 _NAME = re.compile(
     r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
@@ -43,9 +43,17 @@ _NAME = re.compile(
 )
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
+# Columns that say of the numbers of another whether they count, and what those say that do not.
+_STATUS = {'status', 'quality', 'qual', 'q', 'validity', 'valid', 'good'}
+_BAD = re.compile(
+    r'\s*(?:bad|invalid|uncertain|questionable|false|fail|fault|err|stale|not |comm|timeout)', re.I
+)
+# Codes of OPC from which a number is good.
+_OPC_GOOD, _OPC_MOST = 192, 255
 _MOST_WORDS, _MOST_KINDS = 6, 200
-# Lines that share a time so coarse [ns], or the only one: their times were rounded away.
-_MOST_ALIKE, _COARSE_NS = 100, 10 * 10**9
+# Lines that share a time so coarse [ns], or the only one: their times were rounded away. A value before
+# and one behind a change share theirs rightly.
+_MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
 # Numbers that are handed on at a time of a table that was sorted.
 _STRETCH = 1 << 16
 
@@ -134,7 +142,7 @@ class TableRecording(Recording):
         if self._names is None:
             for k, heading in enumerate(table.names):
                 if k not in table.clock.columns:
-                    yield LogColumn(heading, k, unit=table.units[k])
+                    yield LogColumn(heading, k, unit=table.units[k], status=self._status_of(k))
             return
         name, value = self._names
         units = [k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)]
@@ -143,7 +151,25 @@ class TableRecording(Recording):
             seen.setdefault(row[name], row[units[0]] if units and len(row) > units[0] else '')
         for own, unit in seen.items():
             heading, known = with_unit(own, unit)
-            yield LogColumn(heading, value, own, known)
+            yield LogColumn(heading, value, own, known, self._status_of(value))
+
+    def _status_of(self, column: int) -> int | None:
+        """The column that says whether the numbers of another count: called so, or so and behind it."""
+        names = [parse_heading(name).name.split() for name in self.table.names]
+        for k, words in enumerate(names):
+            rest = [word for word in words if word not in _STATUS]
+            is_behind = words != ['q'] and (k == column + 1 or self._names is not None)
+            if k != column and rest != words and (rest == names[column] or (not rest and is_behind)):
+                return k if self.least_good(k) is not None else None
+        return None
+
+    def least_good(self, status: int) -> float | None:
+        """The least number by which a column says that others count; None where it is not known."""
+        codes = [parse_number(str(row[status])) for row in self.table.head if len(row) > status]
+        if any(_OPC_GOOD <= (code or 0) <= _OPC_MOST for code in codes):
+            return _OPC_GOOD
+        is_yes_or_no = {'valid', 'good'} & {*parse_heading(self.table.names[status]).name.split()}
+        return 1.0 if is_yes_or_no else -np.inf if None in codes else None
 
     def _all_rows(self, name: int) -> Iterator[Sequence[Any]]:
         """Rows that have every name, with one row of each at least."""
@@ -192,6 +218,10 @@ class TableRecording(Recording):
         self.by_topic = binding.columns
         for text in binding.said:
             self._findings.note(text)
+        for column in dict.fromkeys(own.column for own in self.by_topic.values()):
+            if column.status is not None:
+                named = self.table.names[column.status]
+                self._findings.note(f"numbers of '{column.heading}' count where '{named}' says so")
         return bound
 
     def _interval(self, column: LogColumn) -> float:
@@ -272,6 +302,10 @@ class TableReading:
         self._names, self._is_sorted, self._progress = names, is_sorted, progress
         self._gap_ns, self._rows = gap_ns, 0
         self._last_ns, self._distinct = -1, 0
+        places = self._names or [own.column.place for own in columns.values()]
+        statuses = {k for own in columns.values() if (k := own.column.status) is not None}
+        self._wanted = [*places, *statuses]
+        self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
@@ -315,7 +349,7 @@ class TableReading:
     def _parts(self) -> Iterator[Part]:
         """The numbers of the columns, block by block."""
         recording, done = self._recording, 0
-        wanted = list(self._names or (own.column.place for own in self._columns.values()))
+        wanted = self._wanted
         for rows in recording.table.blocks(wanted, recording.lose, recording.note):
             yield self._of_rows(rows)
             done += rows.time_ns.size
@@ -325,19 +359,33 @@ class TableReading:
     def _of_rows(self, rows: Rows) -> Part:
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
-        for k, (topic, own) in enumerate(self._columns.items()):
-            cells, where = rows.columns[k if self._names is None else 1], None
+        for topic, own in self._columns.items():
+            cells, where = rows.columns[self._wanted.index(own.column.place)], None
+            status = own.column.status
+            marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
             if own.column.name is not None:
                 names = texts_of(rows.columns[0])
                 named = np.array([text == own.column.name for text in names], np.bool_)
                 cells, where = some_cells(cells, named), np.flatnonzero(named)
+                marks = some_cells(marks, named) if marks else marks
             found = self._recording.table.numbers(cells)
+            if status is not None:
+                self._leave_out(found, marks, self._least_good[status])
             self._take_words(topic, found.words)
             at = np.flatnonzero(found.is_there)
             row = at if where is None else where[at]
             keep = rows.is_timed[row]
             part.numbers[topic] = number[row[keep]], own.sent(found.value[at[keep]])
         return part
+
+    @staticmethod
+    def _leave_out(found: Numbers, marks: Sequence[str], least_good: float) -> None:
+        """Take the numbers that do not count for the words that say so."""
+        for k, mark in enumerate(marks):
+            number = parse_number(mark)
+            if found.is_there[k] and (_BAD.match(mark) if number is None else number < least_good):
+                found.value[k] = np.nan
+                found.words[mark.strip()[:20]] += 1
 
     def _take_words(self, topic: str, words: Counter[str]) -> None:
         own = self._words[topic]

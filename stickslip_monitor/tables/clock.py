@@ -40,7 +40,12 @@ _DATES = (
     r'(?P<name>[A-Za-zä]{3})[a-z]*[- ](?P<d>\d\d?)[- ,]+(?P<Y>\d{4})',
     r'(?P<Y>\d{4})(?P<m>\d\d)(?P<d>\d\d)',
 )
-_STAMPS = [re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES]
+# ISO 8601 without separators, and names of files and exports: 20260504T060000Z, 20260504_060000.
+_COMPACT = _DATES[-1] + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?'
+_STAMPS = [
+    *(re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES),
+    re.compile(_COMPACT + _ZONE),
+]
 # Eight digits alone may be a number.
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
@@ -48,6 +53,7 @@ _TIME = re.compile(_CLOCK + _ZONE)
 _MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
 NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
+_IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
 # Numbers since a date by their size: the least, the unit [ns], what makes it 1970, and their name.
 # Those of .NET, Windows and LabVIEW would be dates of 1990, 1974 and 2092 if they were since 1970.
@@ -84,6 +90,7 @@ _DAYS_SINCE = (
 # be one in 86.4 s.
 _PARTS_OF_DAYS, _EVERY = 1e-4, (10, 12, 15, 20, 30, 60, 120)
 _MOST_ROWS = 500
+_MOST_SHOWN = 60
 # Less than the share of the cells of a column that are times.
 _MOSTLY = 0.5
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
@@ -134,8 +141,10 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
 
     named = [k for k, (words, _) in enumerate(table.headings) if NAMED.search(words)]
     stamps = which(is_stamp)
-    # InfluxDB has the limits of the query beside the time.
-    stamps.sort(key=lambda k: (table.names[k] != '_time', k not in named, k))
+    # InfluxDB has the limits of the query beside the time, ships the time of the zone they are in.
+    stamps.sort(
+        key=lambda k: (table.names[k] != '_time', not _IN_UTC.search(table.names[k]), k not in named, k)
+    )
     days, times = which(is_day), which(is_time)
     if stamps or (days and times):
         return _of_stamps(table, rows, (stamps[0],) if stamps else (days[0], times[0]))
@@ -146,8 +155,10 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
         if (found := _of_numbers(table, rows, k, is_named=k in named)) is not None:
             return found
     listed = ', '.join(f"'{name}'" for name in table.names[:10])
+    shown = next((row[k] for row in rows for k in (*named, 0) if row[k].strip()), '')
     raise BagError(
-        f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time'"
+        f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
+        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}'"
     )
 
 
@@ -277,7 +288,7 @@ class StampLayout:
         first, second = ('b', 'a') if self._day_first else ('a', 'b')
         month = _MONTH.get(part['name'].lower(), 0) if 'name' in part else int(part.get('m') or part[first])
         year, day, hour = int(part['Y']), int(part.get('d') or part[second]), int(part['H'])
-        if part['half']:
+        if part.get('half'):
             hour = hour % 12 + 12 * (part['half'][0] in 'pP')
         minute, second_ = int(part['M']), int(part['S'] or 0)
         if hour > 24 or minute > 59 or second_ > 60:
@@ -296,7 +307,7 @@ class StampLayout:
         match = self._pattern.fullmatch(texts[0]) if texts else None
         if (
             match is None
-            or match['half']
+            or match.groupdict().get('half')
             or 'name' in match.groupdict()
             or set(map(len, texts)) != {len(match[0])}
         ):

@@ -42,9 +42,9 @@ _JQ = (
     " (.DataSet[] | [.TimeStamp] + .Value) | @csv'"
 )
 _SPELLINGS = {
-    'rpm': 'rpm r/min 1/min rev/min min-1 min^-1 u/min',
+    'rpm': 'rpm r.p.m. r/min 1/min rev/min min-1 min^-1 min⁻¹ u/min tr/min',
     'rad/s': 'rad/s',
-    'Hz': 'hz 1/s s-1',
+    'Hz': 'hz 1/s s-1 s⁻¹ rev/s r/s rps',
     'm/s': 'm/s ms-1',
     'N': 'n',
     'kN': 'kn',

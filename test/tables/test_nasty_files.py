@@ -163,6 +163,47 @@ LOGS = {
         load=[900] + [901] * 600,
         lost='601 lines have 1 time between them',
     ),
+    'seconds in a column of their own': Log(
+        'date,time,s,speed,load\n' + ''.join(f'2026-04-13,10:0{k // 5},{k % 5},30,900\n' for k in range(10)),
+        times=after(*[0] * 5, *[60] * 5),
+        speed=[30] * 10,
+        load=[900] * 10,
+        lost='10 lines have 2 times between them',
+    ),
+    'before and behind a change': Log(
+        'time,speed,load\n0,30,900\n60,30,900\n60,31,901\n120,31,901\n120,32,902\n',
+        times=since(0, 60, 60, 120, 120),
+        speed=[30, 30, 31, 31, 32],
+        load=[900, 900, 901, 901, 902],
+    ),
+    'words of quality': Log(
+        'time,speed [rpm],speed.Status,load [N],load.Status\n2026-04-13T10:00:00Z,30,Bad,900,Good\n'
+        '2026-04-13T10:00:01Z,31,Good,901,Uncertain\n',
+        speed=[NAN, 31],
+        load=[900, NAN],
+        says="numbers of 'speed [rpm]' count where 'speed.Status' says so",
+    ),
+    'codes of OPC, one value a line': Log(
+        'time,tag,value,quality\n2026-04-13T10:00:00Z,speed,30,192\n2026-04-13T10:00:00Z,load,900,192\n'
+        '2026-04-13T10:00:01Z,speed,31,0\n2026-04-13T10:00:01Z,load,901,216\n',
+        speed=[30, NAN],
+    ),
+    'a flag of validity': Log(
+        'time,speed,valid,load\n2026-04-13T10:00:00Z,30,0,900\n2026-04-13T10:00:01Z,31,1,901\n',
+        speed=[NAN, 31],
+    ),
+    'a flow Q beside': Log(
+        'time,speed,Q,load\n2026-04-13T10:00:00Z,30,100,900\n2026-04-13T10:00:01Z,31,200,901\n'
+    ),
+    'ISO 8601 without separators': Log('time,speed,load\n20260413T100000Z,30,900\n20260413T100001Z,31,901\n'),
+    'fourteen digits': Log('time,speed,load\n20260413100000,30,900\n20260413100001,31,901\n'),
+    'local time beside that of UTC': Log(
+        'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,2026-04-13 10:00:00,30,900\n'
+        '2026-04-13 18:00:01,2026-04-13 10:00:01,31,901\n'
+    ),
+    'revolutions in a second, in superscript': Log(
+        'time,n [s⁻¹],load\n2026-04-13T10:00:00Z,0.5,900\n2026-04-13T10:00:01Z,0.55,901\n', speed=[30, 33]
+    ),
     'a minus of a Swedish locale': Log(
         'time;speed;load\n0;\u221230,5;900\n1;31;901\n', times=since(0, 1), speed=[-30.5, 31]
     ),
