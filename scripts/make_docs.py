@@ -36,8 +36,8 @@ GROUPS = (
     (
         'friction',
         'Friction',
-        'A law takes the parameters that it needs: `stribeck` static, kinetic and decay (and'
-        ' viscous if wanted); `coulomb` static and kinetic; `tabulated` speed and coefficient.',
+        'What each law takes: `stribeck` static, kinetic, decay (and viscous, exponent); `coulomb` static,'
+        ' kinetic; `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
     ),
     (
         'tolerance',

@@ -181,6 +181,7 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     names = bearing_names(values)
     notes = _retired(values, names)
     bearings = tuple(_build_bearing(name, values) for name in names)
+    notes += [note for name in names for note in _unused(name, values)]
     notes += [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
     return filled(
         MonitorConfig,
@@ -315,6 +316,22 @@ def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
     return law
 
 
+def _unused(name: str, values: Mapping[str, Any]) -> Iterator[str]:
+    """A sentence on each parameter of friction that the law does not take.
+
+    One at its default is passed over: over ROS all of them are declared.
+    """
+    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in parameters.FRICTION_PARAMETERS}
+    law = own.pop('friction.law')
+    taken = [f'friction.{key}' for key in LAWS[law][1]]
+    for row in parameters.FRICTION_PARAMETERS[1:]:
+        if row.name not in taken and not row.is_default(own[row.name]):
+            yield (
+                f'{name}.{row.name} = {own[row.name]!r} has no effect: the law {law} takes'
+                f' {", ".join(taken)}; is friction.law right?'
+            )
+
+
 def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> parameters.LoadConfig:
     """The input of the load, or the constant that stands for it, which comes with the speed."""
     constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
@@ -382,11 +399,10 @@ def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> parameter
     """The input of measured vibration; ``None`` where there is none."""
     if not own['level.topic'] and not own['level.column']:
         for row in parameters.INPUT_PARAMETERS['level']:
-            value = own[row.name]
-            if value != row.default and value == value:
+            if not row.is_default(own[row.name]):
                 raise ConfigurationError(
                     f"parameter '{name}.level.topic' is missing, and {name}.{row.name} ="
-                    f' {value!r} is given: name the topic of the measured vibration'
+                    f' {own[row.name]!r} is given: name the topic of the measured vibration'
                 )
         return None
     level = _input(parameters.LevelConfig, name, 'level', own, 1.0)

@@ -64,6 +64,10 @@ class Parameter:
         """Whether it may be left without a value: its default is none."""
         return self.default == () or (isinstance(self.default, float) and math.isnan(self.default))
 
+    def is_default(self, value: Any) -> bool:
+        """Whether a checked value is the default, none included."""
+        return bool(value == self.default or value != value)
+
     def rule(self) -> str:
         """The rule a value must keep, in words that follow 'must be'."""
         if self.choices:

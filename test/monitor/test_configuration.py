@@ -211,3 +211,22 @@ def test_a_retired_parameter_has_no_effect_and_a_sentence() -> None:
     """A file of the last version is not refused for it."""
     (note,) = configured(alarm__trend_window='whatever').notes
     assert note.startswith('aft.alarm.trend_window has no effect and will be refused in a later version')
+
+
+@pytest.mark.parametrize(
+    ('law', 'parameter', 'value', 'has_no_effect'),
+    [
+        ({'law': 'coulomb'}, 'decay', 10.0, True),
+        ({'law': 'coulomb'}, 'speed', [0.0, 1.0], True),
+        ({'law': 'tabulated', 'speed': [0.0, 0.2], 'coefficient': [0.3, 0.2]}, 'viscous', 0.1, True),
+        ({'law': 'coulomb'}, 'viscous', 0.0, False),  # as all that are declared over ROS are given
+        ({'law': 'coulomb'}, 'coefficient', [], False),
+        ({'law': 'stribeck'}, 'viscous', 0.1, False),
+    ],
+)
+def test_what_a_law_does_not_take_is_named(law: Any, parameter: str, value: Any, has_no_effect: bool) -> None:
+    own = law | {parameter: value}
+    config = configured('aft', {f'friction.{key}': value for key, value in own.items()})
+    named = [note for note in config.notes if note.startswith(f'aft.friction.{parameter} = ')]
+    assert bool(named) == has_no_effect
+    assert all(f'has no effect: the law {law["law"]} takes ' in note for note in named)
