@@ -31,8 +31,11 @@ def bus_log_of(lines: Sequence[str]) -> str:
 
 
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
-    """The numbers of sentences of a log; None for a damaged one, or a number without a time."""
-    when = ''
+    """The numbers of sentences of a log; None for a damaged one, or a number without a time.
+
+    As with Signal K, a second talker of a number has a name of its own.
+    """
+    when, first = '', dict[str, str]()
     for line in lines:
         found = _SENTENCE.search(line)
         if found is None:
@@ -46,7 +49,8 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             continue
         fields = text.split(',')
         when = _time_before(line[: found.start()]) or _zda(kind, fields) or when
-        for name, value, unit in _numbers(kind, fields):
+        for number, value, unit in _numbers(kind, fields):
+            name = _name_of(number, talker, first)
             yield (when, name, value, unit) if when else None
 
 
@@ -74,8 +78,9 @@ def _zda(kind: str, fields: Sequence[str]) -> str:
 def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Names, values and units of a sentence of speeds or of transducers."""
     if kind == 'RPM' and len(fields) > 2:
-        is_valid = fields[-1] == 'A' or len(fields) < 5
-        yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'status V', 'rpm'
+        # As the live link reads it: some ships leave the pitch out, none the status.
+        is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
+        yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'not valid', 'rpm'
     elif kind == 'XDR':
         for at in range(0, len(fields) - 3, 4):
             yield fields[at + 3], fields[at + 1], fields[at + 2] if fields[at] == 'N' else ''
@@ -123,8 +128,12 @@ def _delta(delta: Any, first: dict[str, str]) -> Iterator[Row]:
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')
                 text = 'null' if value is None else repr(value)
-                name = path if first.setdefault(path, source) == source else f'{path} from {source}'
-                yield when, name, text, _UNITS.get(path.rpartition('.')[2], '')
+                yield when, _name_of(path, source, first), text, _UNITS.get(path.rpartition('.')[2], '')
+
+
+def _name_of(name: str, source: str, first: dict[str, str]) -> str:
+    """What a number of a source is called: that of the first by its name alone."""
+    return name if first.setdefault(name, source) == source else f'{name} from {source}'
 
 
 _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'

@@ -340,6 +340,17 @@ LOGS = {
         '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n',
         speed=[30, NAN],
     ),
+    'NMEA 0183: without the pitch, and without a status': Log(
+        '2026-04-13T10:00:00Z $IIRPM,S,1,30.0,A*71\n'
+        '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
+        '2026-04-13T10:00:01Z $IIRPM,S,1,31.0,V*67\n'
+        '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n'
+        '2026-04-13T10:00:02Z $IIRPM,S,1,32.0*1E\n'
+        '2026-04-13T10:00:02Z $IIXDR,N,902.0,N,LOAD*6D\n',
+        times=after(0, 1, 2),
+        speed=[30, NAN, NAN],
+        load=[900, 901, 902],
+    ),
     'Signal K': Log(
         '{"updates":[{"timestamp":"2026-04-13T10:00:00.000Z","values":['
         '{"path":"propulsion.port.revolutions","value":0.5},'
@@ -704,6 +715,22 @@ def test_of_signal_k_one_source_of_the_own_vessel_counts(
     ]
     request = Request('propulsion.port.revolutions', 'data')
     assert recording.read([request])[request].value.tolist() == [0.5] * 3
+
+
+def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.log'
+    path.write_text(
+        '2026-04-13T10:00:00Z $IIRPM,S,1,30.0,,A*5D\n'
+        '2026-04-13T10:00:00Z $ERRPM,S,1,99.0,,A*49\n'
+        '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
+        '2026-04-13T10:00:01Z $ERRPM,S,1,99.0,,A*49\n'
+        '2026-04-13T10:00:01Z $IIRPM,S,1,31.0,,A*5C\n'
+        '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n'
+    )
+    recording = open_bag(path)
+    request = Request('RPM S 1', 'data')
+    assert recording.read([request])[request].value.tolist() == [30, 31]
+    assert 'RPM S 1 from ER' in recording.topics
 
 
 @pytest.mark.parametrize('heading', ['Bow thruster rpm', 'rpm setpoint', 'Alternator (1/min)'])
