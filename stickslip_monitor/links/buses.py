@@ -33,6 +33,8 @@ from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 SECTION = '/stickslip_links'
 SIGNALK, NMEA = 'signalk', 'nmea'
+UNITS = {Input.SPEED: 'Hz', Input.LOAD: 'N'}
+"""Of the inputs, as Signal K has them."""
 _PATH = re.compile(r'[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)+')
 _PORTS = {'udp': 'udp://127.0.0.1:10110', 'tcp': 'tcp://127.0.0.1:10110', 'serial': 'serial:///'}
 _NOTHING_SENT = 'false without signalk.prefix: nothing is sent that somebody could act on'
@@ -242,7 +244,7 @@ def _input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str,
     timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
     item = filled(BusInput, '', own, bearing=bearing.name, place=place, timeout=timeout)
     if item.bus == SIGNALK:
-        _check_unit(bearing, load, name, 'N' if load else 'Hz', 'Signal K')
+        _check_unit(bearing, load, name, UNITS[place], 'Signal K')
         _require(_PATH.fullmatch(own['path']), f'{name}.path', own['path'], 'a Signal K path, without *')
         return item
     sentence, kinds, kind = ('XDR', 'N', 'N, a force') if load else ('RPM', 'SE', _SHAFT)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
-from stickslip_monitor.links.buses import BusInputs
+from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
@@ -57,11 +57,13 @@ def _seconds(stamp: object) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
 
 
-def _values(frame: object, own: str) -> Iterator[tuple[Update, str, str, Any]]:
-    """Update, source, path and value of each value of our own vessel in a delta."""
-    if isinstance(frame, dict) and frame.get('context', own) == own:
+def _values(frame: object, own: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
+    """Update, source, path and value of each value, or meta datum, of our own vessel in a delta."""
+    # Some servers greet without the word vessels.
+    ours = own, f'vessels.{own}', 'vessels.self'
+    if isinstance(frame, dict) and frame.get('context', own) in ours:
         for update in _dicts(frame.get('updates')):
-            for item in _dicts(update.get('values')):
+            for item in _dicts(update.get(kind)):
                 if isinstance(item.get('path'), str):
                     yield update, str(update.get('$source', '')), item['path'], item.get('value')
 
@@ -75,6 +77,10 @@ class SignalKInputs(BusInputs):
 
     _own = ''
     _server_ahead = 0.0
+
+    def __init__(self, inputs: Iterable[BusInput], log: Callable[[str], object]) -> None:
+        super().__init__(inputs, log)
+        self._foreign: dict[str, str] = {}  # paths in another unit than Signal K's own, and this
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
         """A connection begins: what comes first of each source may be old."""
@@ -90,6 +96,7 @@ class SignalKInputs(BusInputs):
 
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
         """Bearing, input, number (NaN for what is none) and stamp [ns] of every sample."""
+        self._take_units(frame)
         for update, source, path, value in _values(frame, self._own):
             groups = [pair for pair in self.groups if pair[0][0].path == path]
             stamp = _seconds(update.get('timestamp'))
@@ -99,7 +106,22 @@ class SignalKInputs(BusInputs):
             for items, admission in groups:
                 self.brought(items[0], now)
                 for item in items if admission.admits(source, now) else ():
-                    yield item.bearing, item.place, _number(value), stamp_ns
+                    number = math.nan if path in self._foreign else _number(value)
+                    yield item.bearing, item.place, number, stamp_ns
+
+    def _take_units(self, frame: object) -> None:
+        """Mark the paths whose meta data say another unit than that in which they are read."""
+        own = {items[0].path: items[0] for items, _ in self.groups}
+        for _, _, path, meta in _values(frame, self._own, 'meta'):
+            unit = meta.get('units') if isinstance(meta, dict) else None
+            if path not in own or not isinstance(unit, str) or not unit:
+                continue
+            if unit == UNITS[own[path].place]:
+                self._foreign.pop(path, None)
+            elif self._foreign.get(path) != unit:
+                self._foreign[path] = unit
+                need = UNITS[own[path].place]
+                self.log(f"{own[path].label}: its unit is '{unit}', and it is read in {need}: not used")
 
     def _fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
         """Whether a value is none that the server had kept from before the connection."""

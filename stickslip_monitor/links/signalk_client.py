@@ -153,7 +153,7 @@ class SignalKClient:
             return 'the server closed the connection'
 
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
-        url = f'{self._link.url}/signalk/v1/stream?subscribe=none'
+        url = f'{self._link.url}/signalk/v1/stream?subscribe=none&sendMeta=all'
         try:
             return await asyncio.wait_for(
                 session.ws_connect(

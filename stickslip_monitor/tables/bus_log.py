@@ -93,7 +93,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     with more than others send by AIS. The second source of a path is a name of its own: a server may
     hand on an engine's gateway and a simulation under one path.
     """
-    own, first = '', dict[str, str]()
+    own, first, units = '', dict[str, str](), dict[str, str]()
     for line in lines:
         if not line.strip():
             continue
@@ -105,7 +105,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             kind, _, name = delta.get('context', 'self').partition('.')
             context = name if kind == 'vessels' else kind
             own = own or (name if kind == 'vessels' and _is_own(delta) else '')
-            found = list(_delta(delta, first)) if context in (own, 'self') else []
+            found = list(_delta(delta, first, units)) if context in (own, 'self') else []
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
@@ -118,8 +118,9 @@ def _is_own(delta: Any) -> bool:
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 
 
-def _delta(delta: Any, first: dict[str, str]) -> Iterator[Row]:
+def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
     for update in delta['updates']:
+        units |= {m['path']: m['value']['units'] for m in update.get('meta', ()) if 'units' in m['value']}
         source = str(update.get('$source', ''))
         for item in update.get('values', ()):
             value = item['value']
@@ -128,7 +129,8 @@ def _delta(delta: Any, first: dict[str, str]) -> Iterator[Row]:
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')
                 text = 'null' if value is None else repr(value)
-                yield when, _name_of(path, source, first), text, _UNITS.get(path.rpartition('.')[2], '')
+                unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
+                yield when, _name_of(path, source, first), text, unit
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:

@@ -66,6 +66,28 @@ def test_what_is_no_number_is_no_rest(value: Any, expected: float) -> None:
     assert Reader().take(delta(value)) == pytest.approx([expected], nan_ok=True)
 
 
+def meta(unit: str) -> dict[str, Any]:
+    """What the server says of the path, as version 2.23 sends it with sendMeta=all."""
+    return {'context': SHIP, 'updates': [{'meta': [{'path': PATH, 'value': {'units': unit}}]}]}
+
+
+def test_a_number_in_another_unit_than_that_of_signal_k_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+    reader = Reader()
+    reader.take(meta('rpm'))
+    reader.take(meta('rpm'))
+    assert math.isnan(reader.take(delta(74.6))[0])
+    assert capsys.readouterr().out == f"Signal K {PATH}: its unit is 'rpm', and it is read in Hz: not used\n"
+    reader.take(meta('Hz'))
+    assert reader.take(delta(1.2433)) == [1.2433]
+
+
+@pytest.mark.parametrize('context', [SHIP, 'vessels.self'])
+def test_a_server_that_greets_without_the_word_vessels_is_heard(context: str) -> None:
+    reader = Reader()
+    reader.inputs.greet(HELLO | {'self': SHIP.removeprefix('vessels.')}, 100.0)
+    assert reader.take(delta(1.0, context=context)) == [1.0]
+
+
 @pytest.mark.parametrize(
     'frame',
     [

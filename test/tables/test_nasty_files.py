@@ -552,6 +552,16 @@ LOGS = {
         '1776074402 $ERRPM,S,1,32,10.5,A*4C\n',
         lost='1 line damaged, or without a time was not used',
     ),
+    'Signal K: units by the meta data': Log(
+        '{"updates":[{"meta":[{"path":"shaft.load","value":{"units":"kN"}},{"path":"x","value":{}}]}]}\n'
+        + ''.join(
+            f'{{"updates": [{{"timestamp": "2026-04-13T10:00:0{k}Z", "values": ['
+            f'{{"path": "shaft.revolutions", "value": 0.5}}, {{"path": "shaft.load", "value": 1.{k}}}]}}]}}\n'
+            for k in range(2)
+        ),
+        speed=[30, 30],
+        load=[1000, 1100],
+    ),
     'Signal K: a time that is a number': Log(
         ''.join(
             f'{{"updates": [{{"timestamp": {time}, "values": [{{"path": "shaft.revolutions", "value": {n}}},'
