@@ -65,8 +65,9 @@ def start(peer: Peer, tmp_path: Path) -> Callable[..., Monitor]:
 
 
 @pytest.fixture
-def host(peer: Peer) -> Callable[..., Hosted]:
-    """Starts a monitor in this process; it ends with the test."""
+def host(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Hosted]:
+    """Starts a monitor in this process, which answers fast; it ends with the test."""
+    monkeypatch.setattr('stickslip_monitor.ros.running.TURN_PERIOD', 0.01)
 
     def start(values: dict[str, Any]) -> Hosted:
         hosted = Hosted(peer, f't{next(_numbers)}', values)

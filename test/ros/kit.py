@@ -42,6 +42,8 @@ STAMPED = {
     'alarm.onset_growth': 0.0,
     'alarm.off_delay': 1.5,
 }
+# A stamp counts for a second, and the clock may come a few messages late.
+_AHEAD = 0.4
 
 
 def parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
@@ -50,6 +52,11 @@ def parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
     for change in changes:
         values |= change
     return {'bearings': ['aft']} | node | {f'aft.{key}': value for key, value in values.items()}
+
+
+def stamped(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
+    """The same for STAMPED on simulated time, which :class:`Telemetry` moves: no machine is too slow."""
+    return parameters(STAMPED, *changes, use_sim_time=True, **node)
 
 
 class Peer:
@@ -241,36 +248,47 @@ class Monitor(Named, Program):
 class Telemetry:
     """Operating points at 10 Hz for a node configured with STAMPED, and what it answers.
 
-    It begins with some points of 60 rpm and 1000 N, until node and test hear each other.
+    It begins with some points of a speed and 1000 N, until node and test hear each other. Of a node
+    on simulated time it moves the clock, a little ahead of the stamps; else the real one passes.
 
     Attributes:
         now: The latest stamp, after T0 [s].
     """
 
-    def __init__(self, monitor: Named, bearing: str = 'aft') -> None:
+    def __init__(self, monitor: Named, rpm: float = 60.0, now: float = 0.0) -> None:
+        from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import JointState
 
-        self.peer, self.now = monitor.peer, self._clock()
+        self.peer, self.now = monitor.peer, now
+        simulated = monitor.values.get('use_sim_time')
+        self._clock = self.peer.talk(Clock, monitor.input('clock')) if simulated else None
+        self.now = self._real(now)
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
         kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
-        self.heard = {name: monitor.listen(f'{bearing}/{name}', kind) for name, kind in kinds.items()}
+        self.heard = {name: monitor.listen(f'aft/{name}', kind) for name, kind in kinds.items()}
         while not all(self.heard.values()):
-            self.send(60.0, 1000.0)
+            self.send(rpm, 1000.0)
             self.peer.spin(0.1)
         # Whatever is still on its way belongs to the greeting.
-        self.hold(60.0, 1000.0, 0.5)
+        self.hold(rpm, 1000.0, 0.5)
 
     def send(self, rpm: float | None, load: float | None, at: float | None = None) -> None:
         """Publish one message, a tenth of a second after the one before or at a time of its own.
 
         ``None`` leaves an array empty.
         """
+        from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import JointState
 
         if at is None:
             self.now = at = round(self.now + 0.1, 9)
-        message = stamped(JointState(), at)
+        if self._clock is not None:
+            clock = Clock()
+            clock.clock.sec, clock.clock.nanosec = _seconds(self.now + _AHEAD)
+            self._clock.publish(clock)
+        message = JointState()
+        message.header.stamp.sec, message.header.stamp.nanosec = _seconds(at)
         message.velocity = [] if rpm is None else [float(rpm)]
         message.effort = [] if load is None else [float(load)]
         self._publisher.publish(message)
@@ -294,22 +312,20 @@ class Telemetry:
 
     def hold(self, rpm: float, load: float, seconds: float) -> dict[str, Any]:
         """An operating point for so long, ten times a second; the last answer."""
-        self.now = max(self.now, self._clock())
+        self.now = max(self.now, self._real(self.now))
         for _ in range(round(seconds * 10)):
-            self.peer.spin(max(0.0, self.now + 0.1 - self._clock()))
+            self.peer.spin(max(0.0, self.now + 0.1 - self._real(self.now + 0.1)))
             answer = self.step(rpm, load)
         return answer
 
-    def _clock(self) -> float:
+    def _real(self, simulated: float) -> float:
         """The time of arrival, by which stamps that run ahead of it do not count [s]."""
-        return round((time.time_ns() - T0) / SECOND, 1)
+        return simulated if self._clock is not None else round((time.time_ns() - T0) / SECOND, 1)
 
 
-def stamped(message: Any, seconds: float) -> Any:
-    """A message with a header, of that time after T0."""
-    nanoseconds = T0 + round(seconds * SECOND)
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, SECOND)
-    return message
+def _seconds(after: float) -> tuple[int, int]:
+    """A time after T0 as ROS has it."""
+    return divmod(T0 + round(after * SECOND), SECOND)
 
 
 def events(warnings: list[Any]) -> list[dict[str, Any]]:

@@ -256,7 +256,7 @@ ARRIVALS = st.lists(
         st.sampled_from([20.0, 32.0, 45.0, 90.0]),
     ),
     min_size=20,
-    max_size=120,
+    max_size=80,
 )
 
 
@@ -286,7 +286,7 @@ def _events(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[st
     return said
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(arrivals=ARRIVALS, piles=st.lists(st.integers(1, 12), max_size=30))
 def test_messages_that_wait_tell_what_they_tell_one_by_one(
     arrivals: list[tuple[str, int, float]], piles: list[int]

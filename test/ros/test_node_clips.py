@@ -21,8 +21,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 @pytest.fixture
 def values(tmp_path: Path) -> dict[str, Any]:
     """One bearing, and clips of two seconds before and after an alarm."""
-    parameters: dict[str, Any] = kit.parameters(kit.STAMPED)
-    return parameters | {'clips.directory': str(tmp_path / 'clips'), 'clips.around': 2.0, 'clips.most': 2}
+    return kit.stamped() | {'clips.directory': str(tmp_path / 'clips'), 'clips.around': 2.0, 'clips.most': 2}
 
 
 def clips(tmp_path: Path) -> list[Path]:

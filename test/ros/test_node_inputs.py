@@ -16,20 +16,20 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
 def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED | {'load.minimum': -100.0}))
+    monitor = host(kit.stamped({'load.minimum': -100.0}))
     diagnostics, warnings = monitor.diagnostics(), monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     peer, good, rounds = monitor.peer, telemetry.now, 20
     before = {name: len(heard) for name, heard in telemetry.heard.items()}
     for _ in range(rounds):
-        telemetry.send(math.nan, -math.inf)
-        telemetry.send(math.inf, math.nan)
-        telemetry.send(1e9, -1e9)
+        telemetry.send(math.nan, -math.inf, good + 0.1)
+        telemetry.send(math.inf, math.nan, good + 0.1)
+        telemetry.send(1e9, -1e9, good + 0.1)
         telemetry.send(60.0, 1000.0, good)  # the last good sample once more
-        telemetry.send(-999.25, 65535.0)  # senders' ways to say that there is no value
+        telemetry.send(-999.25, 65535.0, good + 0.1)  # senders' ways to say that there is no value
         telemetry.send(20.0, 1000.0, good - 0.05)  # older than that, but within the timeout
-        telemetry.send(None, None)  # arrays too short
-        telemetry.send(1.79e308, 1.79e308)
+        telemetry.send(None, None, good + 0.1)  # arrays too short
+        telemetry.send(1.79e308, 1.79e308, good + 0.1)
         peer.spin(0.001)
     expected = {
         f'{quantity} samples {name}': str(count * rounds)
@@ -45,7 +45,6 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
     peer.until(lambda: expected.items() <= kit.status(diagnostics).items(), f'counts {expected}')
     assert {name: len(heard) for name, heard in telemetry.heard.items()} == before
     assert not warnings
-    telemetry.now = good
     assert telemetry.step(20.0, 1000.0)['regime'] == 'unstable'
     assert telemetry.step(-60.0, 1000.0)['regime'] == 'stable'  # astern
     assert telemetry.step(20.0, -50.0)['regime'] == 'stable'  # no contact
@@ -55,7 +54,7 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
     """While the node is busy, messages pile up in its queue; of a flood some are left out."""
     from stickslip_monitor.ros.inputs import MOST_ANSWERED, MOST_WAITING
 
-    monitor = host(kit.parameters(kit.STAMPED))
+    monitor = host(kit.stamped())
     diagnostics = monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)
     telemetry.step(61.0, 1000.0)
@@ -73,7 +72,8 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
     peer.until(lambda: taken() == before + count, f'{count} samples')
     last = pytest.approx((60.0 + 0.01 * (count - 1)) / 30.7380 - 1.0, abs=1e-5)
     peer.until(lambda: len(heard) > said and heard[-1].data == last, 'an answer to the last')
-    assert len(heard) - said <= 20
+    # One by one there are two answers to each; what comes in few pieces may be answered so.
+    assert len(heard) - said < count
 
     for _ in range(MOST_WAITING + 500):
         telemetry.send(60.0, 1000.0)

@@ -30,13 +30,13 @@ def test_an_activation_that_fails_can_be_repeated(host: Any) -> None:
 
 @pytest.mark.parametrize('state', ['unconfigured', 'inactive'])
 def test_shutdown_from_a_state_that_is_not_active(host: Any, state: str) -> None:
-    monitor = host(kit.parameters(kit.STAMPED, autostart=False))
+    monitor = host(kit.stamped(autostart=False))
     assert state == 'unconfigured' or monitor.go('configure')
     assert monitor.go('shutdown')
 
 
 def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets(host: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED))
+    monitor = host(kit.stamped())
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     alarms = monitor.listen('alarms', latched=True)
     telemetry = kit.Telemetry(monitor)

@@ -12,7 +12,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 def test_descriptors_have_ranges_units_and_rules(host: Any) -> None:
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
-    answer = host(kit.parameters(kit.STAMPED)).node.describe_parameters(names)
+    answer = host(kit.stamped()).node.describe_parameters(names)
     mass, hysteresis, on_delay, unit = answer
     assert mass.description.startswith('Moving mass of the lining.')
     assert '[kg]' in mass.description
@@ -29,7 +29,7 @@ def test_descriptors_have_ranges_units_and_rules(host: Any) -> None:
 
 
 def test_thresholds_are_tuned_while_active(host: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED))
+    monitor = host(kit.stamped())
     peer, warnings = monitor.peer, monitor.warnings()
     telemetry = kit.Telemetry(monitor)
 
@@ -54,7 +54,7 @@ def test_thresholds_are_tuned_while_active(host: Any) -> None:
 
 
 def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED))
+    monitor = host(kit.parameters())
 
     def refused(**changes: Any) -> str:
         before = monitor.get(*changes)
@@ -96,7 +96,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
 def test_geometry_and_topics_change_between_activations(host: Any) -> None:
     from sensor_msgs.msg import JointState
 
-    monitor = host(kit.parameters(kit.STAMPED))
+    monitor = host(kit.stamped())
     telemetry = kit.Telemetry(monitor)
     before = telemetry.step(20.0, 1000.0)
     assert monitor.go('deactivate')

@@ -7,16 +7,19 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import kit
 import pytest
 from sending import SECOND, Ship
 from shared import CONFIG
 
+from stickslip_monitor import build_config
 from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.session import Moment
 from stickslip_monitor.monitor.signals import Status
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
@@ -117,81 +120,115 @@ def test_silence_is_measured_by_the_clock_that_is_never_set(days: int) -> None:
     assert abs(ship.now.time_ns - event.time_ns) < SECOND
 
 
-def turning(ship: Ship) -> Any:
-    """The turns of a node, without the node: what it takes is an input's place and its age [ns]."""
-    from stickslip_monitor.ros.inputs import Number
-    from stickslip_monitor.ros.running import PassingTime, Running, Watchdog
+class Waits(NamedTuple):
+    """A number that waits for a turn of a node."""
 
-    running: Any = object.__new__(Running)
-    running.waiting = []
-
-    def numbers() -> Iterator[Number]:
-        for place, ago_ns, frozen_ns in running.waiting:
-            came_ns = ship.now.time_ns - ago_ns
-            yield Number(name, place, came_ns, came_ns, (60.0, 1000.0)[place])
-            ship.steady_ns += frozen_ns
-
-    (name,) = ship.session.monitor.bearings
-    running.inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False)
-    running._session, running._log, running._health = ship.session, ship, NodeHealth()
-    running._now, running._take, running._ticker = lambda: ship.now, running._receive, 'made'
-    running._watchdog, running._passing = Watchdog(ship.session), PassingTime(False, ship.now)
-    running._own, running._latest = SimpleNamespace(tick_clips=lambda: None), True
-    running._running_ns, running._shown_ns, running._set_ns = 0, math.inf, ship.now.set_ns
-    running._turned_ns = running._ticked_ns = ship.steady_ns
-    return running
+    place: int
+    ago_ns: int = 0  # how long ago it came
+    late_ns: int = 0  # how long after its stamp it came
+    frozen_ns: int = 0  # how long the node is held up while it works it off
+    rpm: float = 60.0
 
 
-def short_of_patience() -> Ship:
-    """A ship under way whose inputs are lost after two seconds."""
-    config = load_config(CONFIG)
-    (bearing,) = config.bearings
-    inputs = {q: replace(bearing.inputs[q], timeout_ns=2 * SECOND) for q in ('speed', 'load')}
-    ship = Ship(replace(config, bearings=(replace(bearing, **inputs),)))
-    ship.sail(10.0)
-    return ship
+class Turns:
+    """A ship under way on two-second time-outs, and the turns of its node, without the node."""
+
+    def __init__(self, **changes: Any) -> None:
+        from stickslip_monitor.ros.inputs import Number
+        from stickslip_monitor.ros.running import PassingTime, Running, Watchdog
+
+        changes = {'speed.timeout': 2.0, 'load.timeout': 2.0} | changes
+        self.ship = ship = Ship(build_config(kit.parameters(changes)))
+        ship.sail(10.0)
+        self.waiting: list[Waits] = []
+        self.running = running = object.__new__(Running)
+
+        def numbers() -> Iterator[Number]:
+            for one in self.waiting:
+                came_ns = ship.now.time_ns - one.ago_ns
+                yield Number('aft', one.place, came_ns - one.late_ns, came_ns, (one.rpm, 1000.0)[one.place])
+                ship.steady_ns += one.frozen_ns
+
+        inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False)
+        for name, value in {
+            'inputs': inputs,
+            '_session': ship.session,
+            '_log': ship,
+            '_health': NodeHealth(),
+            '_now': lambda: ship.now,
+            '_take': running._receive,
+            '_ticker': 'made',
+            '_watchdog': Watchdog(ship.session),
+            '_passing': PassingTime(False, ship.now),
+            '_own': SimpleNamespace(tick_clips=lambda: None),
+            '_latest': True,
+            '_running_ns': 0,
+            '_shown_ns': math.inf,
+            '_set_ns': ship.now.set_ns,
+            '_turned_ns': ship.steady_ns,
+            '_ticked_ns': ship.steady_ns,
+        }.items():
+            setattr(running, name, value)
+
+    def turn(self, *waiting: Waits, after: float = 0.05) -> None:
+        """A turn so long [s] after the one before; there it finds what waits."""
+        self.ship.steady_ns += round(after * SECOND)
+        self.waiting = list(waiting)
+        self.running.turn()
 
 
 def test_what_waited_while_the_node_was_held_up_comes_now() -> None:
     """One message of each input came at the begin of 4 s, the others were lost: a gap of our own."""
-    ship = short_of_patience()
-    running = turning(ship)
-    ship.steady_ns += 4 * SECOND
-    running.waiting = [(place, ago, 0) for ago in (39 * SECOND // 10, 0) for place in (0, 1)]
-    running.turn()
-    assert ship.events == []
-    assert running._health.delays == 1
+    turns = Turns()
+    turns.turn(*(Waits(place, ago) for ago in (39 * SECOND // 10, 0) for place in (0, 1)), after=4.0)
+    assert turns.ship.events == []
+    assert turns.running._health.delays == 1
 
 
 def test_a_turn_that_is_frozen_midway_is_excused_by_the_next() -> None:
-    ship = short_of_patience()
-    running = turning(ship)
-    ship.steady_ns += SECOND // 20
-    running.waiting = [(0, 0, 4 * SECOND)]
-    running.turn()
-    running.waiting = [(0, 0, 0), (1, 0, 0)]
-    ship.steady_ns += SECOND // 20
-    running.turn()
-    assert ship.events == []
+    turns = Turns()
+    turns.turn(Waits(0, frozen_ns=4 * SECOND))
+    turns.turn(Waits(0), Waits(1))
+    assert turns.ship.events == []
     # A loss of its own is still told.
-    running.waiting = []
     for _ in range(60):
-        ship.steady_ns += SECOND // 20
-        running.turn()
-    assert [event.after.value for event in ship.events] == ['input_stale']
+        turns.turn()
+    assert [event.after.value for event in turns.ship.events] == ['input_stale']
 
 
 def test_a_clock_that_is_set_while_the_node_is_held_up_refuses_nothing() -> None:
     """What waits came in part before the clock was set back by an hour, and has no stamp."""
-    ship = short_of_patience()
-    running = turning(ship)
-    ship.steady_ns += 4 * SECOND
-    ship.ahead_ns -= 3600 * SECOND
-    running.waiting = [(k % 2, ago * SECOND // 10, 0) for ago in (36_030, 20, 10, 0) for k in range(2)]
-    running.turn()
-    (bearing,) = ship.session.monitor.bearings.values()
+    turns = Turns()
+    turns.ship.ahead_ns -= 3600 * SECOND
+    waiting = (Waits(k % 2, ago * SECOND // 10) for ago in (36_030, 20, 10, 0) for k in range(2))
+    turns.turn(*waiting, after=4.0)
+    (bearing,) = turns.ship.session.monitor.bearings.values()
     assert bearing.counts[:, Status.OUT_OF_ORDER].tolist() == [0, 0, 0]
-    assert ship.events == []
+    assert turns.ship.events == []
+
+
+def test_late_delivery_does_not_move_the_time_of_a_verdict() -> None:
+    """Stamps 0.1 s apart come 0.15 s apart: the watchdog looks in between."""
+    turns = Turns(**{'alarm.on_delay': 0.5})
+    begun = turns.ship.now.time_ns + 50_000_000
+    for number in range(8):
+        late_ns = number * 50_000_000
+        turns.turn(*(Waits(place, late_ns=late_ns, rpm=20.0) for place in (0, 1)))
+        turns.turn()
+        turns.turn()
+    raised = next(event for event in turns.ship.events if event.after.value == 'stick_slip')
+    # By the median, 20 rpm are there from the second value on, and for the on-delay of 0.5 s.
+    assert raised.time_ns - begun == 600_000_000
+
+
+def test_the_state_is_shown_every_second() -> None:
+    turns, shown = Turns(), list[Moment]()
+    turns.running._shown_ns, turns.running._look = -math.inf, lambda steady: None
+    turns.ship.session.show = shown.append  # type: ignore[method-assign]
+    for _ in range(100):
+        turns.turn()
+    gaps = [(b.steady_ns - a.steady_ns) / SECOND for a, b in pairwise(shown)]
+    assert gaps == pytest.approx([1.0] * 4, abs=0.1)
 
 
 @pytest.mark.parametrize('simulated', [False, True])
@@ -208,22 +245,6 @@ def test_inputs_never_received(host: Any, simulated: bool) -> None:
         assert event['text'].endswith(
             'use_sim_time is set, but nothing comes on /clock: no input can be used.'
         )
-
-
-def test_late_delivery_does_not_move_the_time_of_a_verdict(host: Any) -> None:
-    monitor = host(kit.parameters(kit.STAMPED))
-    warnings = monitor.warnings()
-    telemetry = kit.Telemetry(monitor)
-    # Stamps within a second of their arrival are the time of a sample.
-    begun = telemetry.now = (time.time_ns() - kit.T0) / kit.SECOND
-    # Stamps 0.1 s apart, delivered 0.15 s apart: the watchdog looks in between.
-    for _ in range(8):
-        telemetry.step(20.0, 1000.0)
-        monitor.peer.spin(0.15)
-    monitor.peer.until(lambda: any(e['to'] == 'stick_slip' for e in kit.events(warnings)), 'the alarm')
-    raised = next(e for e in kit.events(warnings) if e['to'] == 'stick_slip')
-    # By the median, 20 rpm are there from the second value on, and for the on-delay of 0.5 s.
-    assert raised['time'] - kit.T0 == pytest.approx((begun + 0.7) * 1e9, abs=1e3)
 
 
 def test_clock_starts_late_and_jumps(host: Any) -> None:
@@ -269,7 +290,6 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
 
 def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
     """It starts after the time-out of the speed, and before that of the load."""
-    from stickslip_monitor.monitor.session import Moment
     from stickslip_monitor.ros.running import Watchdog
 
     config = load_config(CONFIG)
@@ -320,7 +340,6 @@ ROS, TICK = 10**18, 6 * 10**8
     ],
 )
 def test_time_without_samples(simulated: bool, begun: int, ticks: list[tuple[int, int, int]]) -> None:
-    from stickslip_monitor.monitor.session import Moment
     from stickslip_monitor.ros.running import PassingTime
 
     clock, elapsed = PassingTime(simulated, Moment(0, begun)), 0
