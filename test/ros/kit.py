@@ -318,6 +318,15 @@ class Telemetry:
             answer = self.step(rpm, load)
         return answer
 
+    def until(self, rpm: float, load: float, condition: Callable[[], Any], what: str) -> None:
+        """An operating point until a condition holds: a node that was held up excuses that time."""
+
+        def check() -> Any:
+            self.hold(rpm, load, 0.1)
+            return condition()
+
+        self.peer.until(check, what)
+
     def _real(self, simulated: float) -> float:
         """The time of arrival, by which stamps that run ahead of it do not count [s]."""
         return simulated if self._clock is not None else round((time.time_ns() - T0) / SECOND, 1)

@@ -52,7 +52,7 @@ def test_the_services(host: Any) -> None:
     monitor = host(kit.stamped(shelve_time=1.0))
     panel, telemetry = Panel(monitor), kit.Telemetry(monitor)
     assert panel.ask('acknowledge') == (False, 'there is nothing to acknowledge')
-    telemetry.hold(20.0, 1000.0, 2.0)
+    telemetry.until(20.0, 1000.0, panel.states, 'the alarm')
     panel.until(stick_slip='unacknowledged', **COVERED)
     assert panel.lists[-1]['sounding']
     assert panel.ask('silence') == (True, 'silence: aft/stick_slip')
@@ -105,7 +105,7 @@ def test_an_acknowledged_alarm_survives_a_restart(host: Any, tmp_path: Path) -> 
     values = kit.stamped(state_file=str(file))
     first = host(values)
     panel, telemetry = Panel(first), kit.Telemetry(first)
-    telemetry.hold(20.0, 1000.0, 2.0)
+    telemetry.until(20.0, 1000.0, panel.states, 'the alarm')
     panel.until(stick_slip='unacknowledged', **COVERED)
     assert panel.ask('acknowledge')[0]
     panel.until(stick_slip='acknowledged', **COVERED)
