@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
-from stickslip_monitor.monitor.alarms import ALWAYS, TABLE, AlarmState, Choice, Trigger
+from stickslip_monitor.monitor.alarms import LIFE, AlarmState
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS, REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
 
@@ -117,11 +117,10 @@ file: `config:=`), every command with `--config`.
 """
 
 
-LIFE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
+LIFECYCLE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
 LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
 CELL = re.compile(r'^```python\n(?P<code>.*?)^```\n(?:\n```text\n.*?```\n)?', re.DOTALL | re.MULTILINE)
 SIZE = re.compile(r'^\| `(\w+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
-FACTS = {'suppressed': 'suppressed', 'covered': 'covered', 'active': 'active', 'held': 'latching'}
 
 
 def _number(value: float) -> str:
@@ -200,13 +199,6 @@ def render() -> str:
     return '\n'.join(parts) + '\n'
 
 
-def _targets(choices: tuple[Choice, ...]) -> str:
-    parts = [f'{state}{f" if {FACTS[fact]}" if fact != ALWAYS else ""}' for fact, state in choices]
-    if len(parts) > 1 and choices[-1][0] == ALWAYS:
-        parts[-1] = f'else {parts[-1]}'
-    return ', '.join(parts)
-
-
 def render_life() -> str:
     """The states and transitions of an alarm."""
     states = ', '.join(f'`{state}` ({state.letter})' for state in AlarmState)
@@ -219,20 +211,14 @@ def render_life() -> str:
         ' stick-slip began anew while its alarm was active.',
     ]
     lines += ['', '| in state | at | it becomes |', '|---|---|---|']
-    rows: dict[tuple[Trigger, tuple[Choice, ...]], list[str]] = {}
-    for (state, trigger), choices in TABLE.items():
-        rows.setdefault((trigger, choices), []).append(str(state))
-    lines += [
-        f'| {", ".join(states)} | {trigger} | {_targets(choices)} |'
-        for (trigger, choices), states in rows.items()
-    ]
+    lines += [f'| {row} |' for row in LIFE.splitlines()]
     lines += ['', 'Anything else changes nothing.', '']
     return '\n'.join(lines) + '\n'
 
 
 def with_life(page: str) -> str:
     """The page on alarms with its tables made anew."""
-    return LIFE.sub(lambda _: render_life(), page, count=1)
+    return LIFECYCLE.sub(lambda _: render_life(), page, count=1)
 
 
 def with_links(page: str) -> str:

@@ -344,7 +344,7 @@ class Annunciator:
             suppressed=bool(alarm.suppressed_by),
             covered=self.covering(alarm) is not None,
             active=alarm.active,
-            held=alarm.occurred and self.latching(alarm),
+            latching=alarm.occurred and self.latching(alarm),
         )
         before, after = alarm.state, follow(alarm.state, trigger, facts)
         if alarm.suppressed_by:

@@ -11,7 +11,7 @@ alarm is always an acknowledged one.
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Iterator, Set
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -227,67 +227,55 @@ class Facts(NamedTuple):
     suppressed: bool = False  # a reason for suppression by design holds
     covered: bool = False  # the cause and a worse alarm of the same ladder are there, on show
     active: bool = False  # the cause is there
-    held: bool = False  # the alarm latches, and its cause has been there since its last reset
+    latching: bool = False  # the alarm latches, and its cause has been there since its last reset
 
 
-Choice = tuple[str, AlarmState]
-ALWAYS = ''
-
-_AGAIN = (('covered', AlarmState.ACKNOWLEDGED), ('active', AlarmState.UNACKNOWLEDGED))
-_ASIDE = (('suppressed', AlarmState.SUPPRESSED),)
-_HELD = (('held', AlarmState.RETURNED),)
-_BACK = ((ALWAYS, AlarmState.NORMAL),)
-_COME = (('covered', AlarmState.ACKNOWLEDGED), (ALWAYS, AlarmState.UNACKNOWLEDGED))
-_DONE = (('held', AlarmState.LATCHED), (ALWAYS, AlarmState.NORMAL))
-
-# State and trigger lead to the first choice whose fact holds. What is not in the table does not
-# change the state, and a person's action that is not in it is refused.
-#
 # Suppression takes no alarm away that waits for somebody, whether unacknowledged or latched; but
 # while it holds, none of them is raised.
-TABLE: dict[tuple[AlarmState, Trigger], tuple[Choice, ...]] = {
-    (AlarmState.NORMAL, Trigger.RAISE): _COME,
-    (AlarmState.NORMAL, Trigger.SUPPRESS): ((ALWAYS, AlarmState.SUPPRESSED),),
-    (AlarmState.UNACKNOWLEDGED, Trigger.CLEAR): ((ALWAYS, AlarmState.RETURNED),),
-    (AlarmState.UNACKNOWLEDGED, Trigger.ACKNOWLEDGE): ((ALWAYS, AlarmState.ACKNOWLEDGED),),
-    (AlarmState.ACKNOWLEDGED, Trigger.RECUR): (
-        ('suppressed', AlarmState.ACKNOWLEDGED),
-        ('active', AlarmState.UNACKNOWLEDGED),
-    ),
-    (AlarmState.ACKNOWLEDGED, Trigger.CLEAR): _DONE,
-    (AlarmState.ACKNOWLEDGED, Trigger.SUPPRESS): (
-        ('held', AlarmState.ACKNOWLEDGED),
-        (ALWAYS, AlarmState.SUPPRESSED),
-    ),
-    (AlarmState.RETURNED, Trigger.RAISE): (
-        ('suppressed', AlarmState.RETURNED),
-        (ALWAYS, AlarmState.UNACKNOWLEDGED),
-    ),
-    (AlarmState.RETURNED, Trigger.UNSUPPRESS): (('active', AlarmState.UNACKNOWLEDGED),),
-    (AlarmState.RETURNED, Trigger.ACKNOWLEDGE): _DONE,
-    (AlarmState.LATCHED, Trigger.RAISE): (('suppressed', AlarmState.LATCHED), *_COME),
-    (AlarmState.LATCHED, Trigger.UNSUPPRESS): _AGAIN,
-    (AlarmState.LATCHED, Trigger.RESET): _BACK,
-    (AlarmState.SHELVED, Trigger.UNSHELVE): (*_ASIDE, *_AGAIN, *_HELD, *_BACK),
-    (AlarmState.SUPPRESSED, Trigger.UNSUPPRESS): (*_AGAIN, *_BACK),
-    (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE): (*_ASIDE, *_AGAIN, *_BACK),
-    # What can be shelved, and taken out of service.
-    **{
-        (state, Trigger.SHELVE): ((ALWAYS, AlarmState.SHELVED),)
-        for state in AlarmState
-        if state not in (AlarmState.LATCHED, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
-    },
-    **{
-        (state, Trigger.REMOVE): ((ALWAYS, AlarmState.OUT_OF_SERVICE),)
-        for state in AlarmState
-        if state is not AlarmState.OUT_OF_SERVICE
-    },
+LIFE = """\
+normal | raise | acknowledged if covered, else unacknowledged
+normal | suppress | suppressed
+unacknowledged | clear | returned_unacknowledged
+unacknowledged | acknowledge | acknowledged
+acknowledged | recur | acknowledged if suppressed, unacknowledged if active
+acknowledged | clear | latched if latching, else normal
+acknowledged | suppress | acknowledged if latching, else suppressed
+returned_unacknowledged | raise | returned_unacknowledged if suppressed, else unacknowledged
+returned_unacknowledged | unsuppress | unacknowledged if active
+returned_unacknowledged | acknowledge | latched if latching, else normal
+latched | raise | latched if suppressed, acknowledged if covered, else unacknowledged
+latched | unsuppress | acknowledged if covered, unacknowledged if active
+latched | reset | normal
+shelved | unshelve | suppressed if suppressed, acknowledged if covered, unacknowledged if active, \
+returned_unacknowledged if latching, else normal
+suppressed | unsuppress | acknowledged if covered, unacknowledged if active, else normal
+out_of_service | restore | suppressed if suppressed, acknowledged if covered, unacknowledged if active, \
+else normal
+normal, unacknowledged, acknowledged, returned_unacknowledged, suppressed | shelve | shelved
+normal, unacknowledged, acknowledged, returned_unacknowledged, latched, shelved, suppressed | remove | \
+out_of_service
+"""
+"""States, what happens in them, and what each becomes: the first state whose fact holds. What is not
+in the table changes nothing, and a person's action that is not in it is refused."""
+
+
+def _choices(text: str) -> Iterator[tuple[str, AlarmState]]:
+    for choice in text.split(', '):
+        state, _, fact = choice.removeprefix('else ').partition(' if ')
+        yield fact, AlarmState(state)
+
+
+TABLE = {
+    (AlarmState(state), Trigger(trigger)): tuple(_choices(choices))
+    for states, trigger, choices in (row.split(' | ') for row in LIFE.splitlines())
+    for state in states.split(', ')
 }
+"""The choices of :data:`LIFE`, each a fact of :class:`Facts` and a state; without a fact always."""
 
 
 def follow(state: AlarmState, trigger: Trigger, facts: Facts) -> AlarmState:
     """The state after something happened; the same one where the table has no row for it."""
     for fact, target in TABLE.get((state, trigger), ()):
-        if fact == ALWAYS or getattr(facts, fact):
+        if not fact or getattr(facts, fact):
             return target
     return state
