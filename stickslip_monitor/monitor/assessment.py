@@ -7,7 +7,7 @@ of one shape. What a verdict rests on is stored, the rest is worked out when it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Generic, TypeVar, overload
@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks, restore
+from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks, mapped, restore
 from stickslip_monitor.monitor.severity import WordEnum
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
@@ -113,50 +113,38 @@ class _Assessed(Generic[_Number]):
     bearing: Bearing = field(repr=False)
     belief: Belief | None = field(default=None, repr=False)
 
-    def _stored(self) -> Iterator[NDArray[Any]]:
-        return (getattr(self, name) for name in _STORED)
-
-    def _made(self, work: Callable[[Assessments], FloatArray], *, in_parts: bool = True) -> _Number:
-        """A number that is worked out of flat points, of the shape of these."""
-
-        def worked_out(*columns: NDArray[Any]) -> tuple[FloatArray]:
-            own: dict[str, Any] = dict(zip(_STORED, columns, strict=True))
-            points = Assessments(**own, bearing=self.bearing)
-            return (work(points),)
-
-        flat = [np.reshape(part, -1) for part in self._stored()]
-        if not in_parts:
-            return restore(worked_out(*flat)[0], np.shape(self.outcome_code))
+    def _each(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
+        """A function of flat arrays, element by element, of columns of one shape, finite or not."""
+        shape, flat = flatten(*columns)
         with np.errstate(all='ignore'):
-            return restore(in_blocks(worked_out, *flat)[0], np.shape(self.outcome_code))
+            return restore(in_blocks(lambda *parts: (function(*parts),), *flat)[0], shape)
 
-    def _margin(self, boundary: str) -> _Number:
-        return self._made(
-            lambda p: np.where(
-                p.outcome_code == NOT_FINITE, np.nan, margin(np.abs(p.speed), getattr(p, boundary))
-            )
-        )
+    def _margin(self, boundary: _Number) -> _Number:
+        def known(speed: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+            return np.where(code == NOT_FINITE, np.nan, margin(np.abs(speed), limit))
+
+        return self._each(known, self.speed, boundary, self.outcome_code)
 
     def _cycle(
         self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
     ) -> _Number:
         """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
 
-        def solved(p: Assessments) -> FloatArray:
-            speed, result = np.abs(p.speed), np.full(p.speed.shape, np.nan)
+        def solved(*columns: FloatArray) -> FloatArray:
+            speed, load, code, fold = columns
+            size, result = np.abs(speed), np.full(speed.shape, np.nan)
             # Where only the exact model has a cycle averaging has no amplitude.
-            rows = np.flatnonzero(np.isin(p.outcome_code, codes) & (speed < p.fold_speed))
+            rows = np.flatnonzero(np.isin(code, codes) & (size < fold))
             if rows.size:
-                result[rows] = solve(p.bearing, speed[rows], p.load[rows])
+                result[rows] = solve(self.bearing, size[rows], load[rows])
             return result
 
-        return self._made(solved)
+        return self._each(solved, self.speed, self.load, self.outcome_code, self.fold_speed)
 
     @property
     def stability_limit(self) -> _Number:
         """The higher of the two fold speeds [m/s]; ``nan`` without either."""
-        limit = np.fmax(self.fold_speed, self.exact_fold_speed)
-        return restore(np.reshape(limit, -1), np.shape(limit))
+        return self._each(np.fmax, self.fold_speed, self.exact_fold_speed)
 
     @property
     def lower_end(self) -> _Number:
@@ -166,24 +154,26 @@ class _Assessed(Generic[_Number]):
     @property
     def fold_share(self) -> _Number:
         """The averaged fold as a share of the one that decides, which may be the exact model's."""
-        fold, limit = np.asarray(self.fold_speed), np.asarray(self.stability_limit)
-        share = np.divide(fold, limit, out=np.ones(limit.shape), where=np.less(fold, limit))
-        return restore(share.reshape(-1), limit.shape)
+
+        def share(fold: FloatArray, limit: FloatArray) -> FloatArray:
+            return np.divide(fold, limit, out=np.ones(fold.shape), where=fold < limit)
+
+        return self._each(share, self.fold_speed, self.stability_limit)
 
     @cached_property
     def hopf_margin(self) -> _Number:
         """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
-        return self._margin('hopf_speed')
+        return self._margin(self.hopf_speed)
 
     @cached_property
     def fold_margin(self) -> _Number:
         """The same of the averaged fold."""
-        return self._margin('fold_speed')
+        return self._margin(self.fold_speed)
 
     @cached_property
     def exact_fold_margin(self) -> _Number:
         """The same of the exact fold."""
-        return self._margin('exact_fold_speed')
+        return self._margin(self.exact_fold_speed)
 
     @cached_property
     def stability_margin(self) -> _Number:
@@ -191,22 +181,22 @@ class _Assessed(Generic[_Number]):
 
         It is not negative only where neither the averaged nor the exact model has a cycle.
         """
-        return self._margin('stability_limit')
+        return self._margin(self.stability_limit)
 
     @cached_property
     def hopf_load(self) -> _Number:
         """Load at which this speed turns unstable [N]; ``nan`` without one."""
-        return self._made(lambda p: averaging.hopf_load(p.bearing, p.speed) + (p.load - p.load))
+        return mapped(lambda v, _: averaging.hopf_load(self.bearing, v), self.speed, self.load)
 
     @cached_property
     def fold_load(self) -> _Number:
         """Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without one."""
-        return self._made(lambda p: averaging.fold_load(p.bearing, p.speed) + (p.load - p.load))
+        return mapped(lambda v, _: averaging.fold_load(self.bearing, v), self.speed, self.load)
 
     @cached_property
     def growth_rate(self) -> _Number:
         """Growth rate of a small disturbance of steady sliding [1/s]."""
-        return self._made(lambda p: averaging.growth_rate(p.bearing, p.speed, p.load))
+        return averaging.growth_rate(self.bearing, self.speed, self.load)
 
     @cached_property
     def amplitude(self) -> _Number:
@@ -224,8 +214,11 @@ class _Assessed(Generic[_Number]):
     @cached_property
     def amplitude_exact(self) -> _Number:
         """That of the exact stick-slip cycle [m]; ``nan`` for none."""
-        # Not in parts: many cycles are followed together, as arrays.
-        return self._made(_followed, in_parts=False)
+        end = np.fmax(self.hopf_speed, self.stability_limit)
+        # Beyond every boundary none is looked for, which takes as long. All at once, as many cycles are
+        # followed together.
+        near = np.isnan(self.exact_fold_speed) | (np.abs(self.speed) <= COVER * end)
+        return exact_amplitude(self.bearing, np.where(near, self.speed, np.nan), self.load)
 
     @property
     def amplitude_error(self) -> _Number:
@@ -328,27 +321,12 @@ class Assessments(_Assessed[FloatArray]):
         columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         known = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}
         stored = [known.pop(name) for name in _STORED]
-        found = _of(stored, self.bearing, self.belief, one=single)
+        found = _KINDS[single](*stored, self.bearing, self.belief)
         vars(found).update(known)
         return found
 
 
-def _followed(points: Assessments) -> FloatArray:
-    """Amplitudes of the exact cycle; beyond every boundary none is looked for, which takes as long."""
-    end = np.fmax(points.hopf_speed, np.fmax(points.fold_speed, points.exact_fold_speed))
-    end[np.isnan(points.exact_fold_speed)] = np.inf
-    found = np.full(end.size, np.nan)
-    rows = np.flatnonzero(np.abs(points.speed) <= COVER * end)
-    found[rows] = exact_amplitude(points.bearing, points.speed[rows], points.load[rows])
-    return found
-
-
-def _of(
-    stored: Iterable[Any], bearing: Bearing, belief: Belief | None = None, *, one: bool
-) -> Assessment | Assessments:
-    columns = dict(zip(_STORED, stored, strict=True))
-    kind = Assessment if one else Assessments
-    return kind(**columns, bearing=bearing, belief=belief)
+_KINDS: dict[bool, Callable[..., Assessment | Assessments]] = {True: Assessment, False: Assessments}
 
 
 @overload
@@ -412,7 +390,7 @@ def assess(
     with np.errstate(all='ignore'):
         columns = in_blocks(partial(_judge, bearing, table), v, n)
     stored = (restore(part, shape) for part in (v, n, *columns))
-    found = _of(stored, bearing, belief, one=not shape)
+    found = _KINDS[not shape](*stored, bearing, belief)
     if belief is not None:
         vars(found).update(zip(BELIEFS, chances, strict=False))
     return found
