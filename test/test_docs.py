@@ -179,7 +179,7 @@ def test_every_sentence_on_troubles_is_one_of_the_program() -> None:
 def inputs_sentences() -> list[str]:
     """All that is said of an input that brings nothing, or what is doubtful."""
     one, two = Publisher('/a', 'T'), Publisher('/b', 'T')
-    facts = InputFacts('/x', 'T', 5.0, True, (one,))
+    facts = InputFacts('/x', 'T', True, (one,))
     found = [
         replace(facts, without_clock=True),
         replace(facts, publishers=()),

@@ -372,7 +372,7 @@ def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) ->
     if not source.topic:
         return f"its topic is missing: '{path}' has topics, and columns are of logs"
     topic = topics.get(source.topic)
-    facts = InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
+    facts = InputFacts(source.topic, source.type, lost=True)
     if topic is None:
         return f'{input_fault(facts)[:-1]}: {missing_topic(topics, source.topic)}'
     if topic.problem:

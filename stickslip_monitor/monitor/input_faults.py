@@ -207,7 +207,6 @@ class InputFacts:
 
     topic: str  # as resolved
     type: str  # the message type that is configured
-    timeout: float  # [s]
     lost: bool  # it counts as lost, or has not come yet
     publishers: Sequence[Publisher] | None = ()  # None where nobody can know
     receiving: bool = False  # valid samples come
@@ -451,7 +450,6 @@ class InputWatch:
         return InputFacts(
             topic=source.topic,
             type=source.type,
-            timeout=timeout,
             lost=lost,
             publishers=self._publishers[source.topic],
             receiving=_age(track, now_ns) < 0.5 * timeout,

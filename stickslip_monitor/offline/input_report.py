@@ -271,7 +271,7 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
 
 def _facts(source: InputConfig) -> InputFacts:
     """An input of which nothing has come."""
-    return InputFacts(source.topic, source.type, source.timeout_ns * 1e-9, lost=True)
+    return InputFacts(source.topic, source.type, lost=True)
 
 
 class Plausibility:

@@ -141,7 +141,7 @@ def test_what_is_said() -> None:
 
 FLOAT = 'std_msgs/msg/Float64'
 PLC, OTHER = Publisher('/plc', FLOAT), Publisher('/other', FLOAT)
-FINE = InputFacts('/speed', FLOAT, 5.0, False, [PLC], receiving=True)
+FINE = InputFacts('/speed', FLOAT, False, [PLC], receiving=True)
 LOST = replace(FINE, lost=True, receiving=False)
 
 

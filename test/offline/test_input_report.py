@@ -177,7 +177,7 @@ SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
 
 def facts(**known: object) -> str:
     """The running monitor's sentence on the load."""
-    return input_fault(InputFacts(LOAD, FLOAT, 2.0, True, **known))  # type: ignore[arg-type]
+    return input_fault(InputFacts(LOAD, FLOAT, True, **known))  # type: ignore[arg-type]
 
 
 CASES = {
