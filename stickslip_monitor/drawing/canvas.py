@@ -157,7 +157,8 @@ def style() -> Iterator[None]:
     except ImportError as error:
         raise DrawingError(
             f'drawing needs matplotlib, which cannot be imported ({error}): install the extra'
-            " 'report', e.g. pip install 'stickslip_monitor[report]', or write a .csv"
+            " 'report', e.g. pip install 'stickslip_monitor[report]'. A table (.csv) and a report as"
+            ' .json need none'
         ) from error
     with mpl.rc_context():
         mpl.rcdefaults()

@@ -27,7 +27,7 @@ from stickslip_monitor.offline.extremes import Verdicts
 from stickslip_monitor.physics.averaging import fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
-from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.friction import Stribeck, speed_scales
 from stickslip_monitor.physics.probability import QUANTILES
 
 Range = tuple[float, float]
@@ -80,9 +80,8 @@ def law_speed(bearing: Bearing) -> float:
     law = bearing.friction
     if isinstance(law, Stribeck):
         return 4.0 / law.decay
-    if law.breakpoints:
-        return law.breakpoints[-1]
-    return float(bearing.speed.to_surface(_RPM_WITHOUT_SCALE, 'rpm'))
+    without = float(bearing.speed.to_surface(_RPM_WITHOUT_SCALE, 'rpm'))
+    return (speed_scales(law) or (without,))[-1]
 
 
 def _boundary_speed(bearing: Bearing, load: float) -> float:
@@ -100,7 +99,7 @@ def diagram_speeds(bearing: Bearing, load: float) -> Range:
 def onset_load(bearing: Bearing) -> float:
     """Least load [N] with stick-slip at some speed; ``nan`` where no load has it."""
     top = law_speed(bearing)
-    edges = [v for v in bearing.friction.breakpoints if v <= top]
+    edges = [v for v in speed_scales(bearing.friction) if v <= top]
     speeds = np.concatenate([np.linspace(0.0, top, _SPEEDS_TRIED), edges])
     return float(np.fmin.reduce(fold_load(bearing, speeds)))
 

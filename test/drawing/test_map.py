@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
+from own_law import OwnLaw
 from scipy.special import i1e
 from shared import CONFIG as REFERENCE_FILE
 
@@ -29,6 +30,7 @@ from stickslip_monitor.drawing.map import (
     onset_load,
     track_of_scan,
 )
+from stickslip_monitor.lab.telemetry import nominal_load
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.physics.cycles import exact_cycle
@@ -103,6 +105,18 @@ def test_a_map_shows_the_onset_and_the_whole_track() -> None:
     column = np.array([-2.0, 1.0])
     speeds, loads = map_ranges(REFERENCE, track=Track(column, 550.0 * abs(column)))
     assert (speeds, loads) == ((0.0, pytest.approx(2.1)), (0.0, 1375.0))
+
+
+class Unnamed(OwnLaw):
+    breakpoints = ()
+
+
+def test_a_law_that_names_no_breakpoints_has_the_ranges_of_the_same_law_that_does() -> None:
+    own = replace(BEARING, bearing=replace(REFERENCE, friction=Unnamed(0.3, 0.1, 10.0)))
+    assert onset_load(own.bearing) == pytest.approx(200.0, rel=1e-9)
+    for found, known in zip(map_ranges(own.bearing), map_ranges(REFERENCE), strict=True):
+        assert found == pytest.approx(known, rel=1e-6)
+    assert nominal_load(own) == pytest.approx(1000.0, rel=1e-9)
 
 
 def names(legend: Any) -> list[str]:
