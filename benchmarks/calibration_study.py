@@ -267,7 +267,7 @@ None was missed.
 
 Simulated ships of 20 to 200 kg, five laws, sensors of 0.5 to 10 Hz, tachometers 0.1 to 1 s late,
 loads off by 3 %, drawings by 40, 25 and 30 % (damping, `mu_s - mu_k`, decay). In per cent: median
-error (bias), half-width of the 90 % interval, how often it held.
+error (bias), half-width of the 90 % interval, how often it held:
 
 """
 _NAMES = {
@@ -291,9 +291,10 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
         if name not in results:
             continue
         own = results[name]
-        for label, *values in own['rows']:
-            label = label.replace(' of the loads', '')
-            rows.append([f'{text} ({own["ships"]})', str(label), _cell(*values[:4]), _cell(*values[4:])])
+        for k, (label, *values) in enumerate(own['rows']):
+            # What is named above is not named again.
+            what = '' if k else f'{text} ({own["ships"]})'
+            rows.append([what, label.replace(' of the loads', ''), _cell(*values[:4]), _cell(*values[4:])])
         if own.get('refused'):
             notes.append(f'{text}: {own["refused"]} refused')
     head = 'what (ships)', 'slow-downs', 'fold', 'Hopf'
@@ -304,8 +305,8 @@ def _page(before: str, results: Mapping[str, Any]) -> str:
         own, worn = results['slow'], results['drift']
         costs = ', '.join(f'{s:.1f} s for {n}' for n, s in own['seconds'].items())
         text += (
-            f'\nProcessor time without numba: {costs}. A change was reported of {own["changed"]} ships of the'
-            f' first rows and of {worn["warned"]} of {worn["ships"]} worn ones.\n'
+            f'\nProcessor time without numba: {costs}. A change was reported of {own["changed"]} of the first'
+            f' ships and {worn["warned"]} of {worn["ships"]} worn ones.\n'
         )
     if 'reliability' in results:
         own = results['reliability']
