@@ -27,7 +27,7 @@ from stickslip_monitor.lab.evidence import (
     course_of,
     level_over_speed,
     level_reports,
-    modes_of,
+    threshold_of,
     true_reports,
 )
 from stickslip_monitor.lab.posterior import Grid, Posterior, Spreads, doubt, infer
@@ -75,7 +75,7 @@ def read_levels(bearing: str, found: Sequence[Evidence]) -> list[Evidence]:
     Raises:
         CalibrationError: The levels have no two modes.
     """
-    threshold = modes_of([one.level for one in found if one.level is not None]).threshold
+    threshold = threshold_of([one.level for one in found if one.level is not None])
     read = []
     for one in found:
         if one.level is not None:
@@ -91,10 +91,9 @@ def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
     Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
     ``mu_s - mu_k``.
     """
-    fall = tolerance.of_fall(bearing.friction) or UNKNOWN_FALL
-    decay, damping = tolerance.decay or _DECAY, tolerance.damping or _DAMPING
-    other = damping**2 + fall**2
-    return np.array([[decay**2, -(decay**2)], [-(decay**2), decay**2 + other]])
+    known = replace(tolerance, damping=tolerance.damping or _DAMPING, decay=tolerance.decay or _DECAY)
+    without_fall = tolerance.of_fall(bearing.friction) == 0.0
+    return known.covariance(bearing.friction) + np.diag([0.0, without_fall * UNKNOWN_FALL**2])
 
 
 @dataclass(frozen=True)

@@ -179,10 +179,11 @@ def track_of(
         return None
     time = course.time_ns[used] / 1e9
     speed, load = course.speed[used], course.load[used]
+    # A report shorter than its two ends are uncertain is no evidence.
     about = tuple(
         one
         for one in reports
-        if one.end_ns > time[0] * 1e9 and one.start_ns < time[-1] * 1e9 and not one.is_flicker
+        if one.end_ns > time[0] * 1e9 and one.start_ns < time[-1] * 1e9 and one.seconds >= 2.0 * one.tolerance
     )
     over = speed / np.exp(reference.fold(np.log(load)))
     return ReportedCourse(course.name, about, time, speed, load, over) if about else None

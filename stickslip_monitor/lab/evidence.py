@@ -54,11 +54,6 @@ class VibrationReport:
         """Its length [s]."""
         return (self.end_ns - self.start_ns) / 1e9
 
-    @property
-    def is_flicker(self) -> bool:
-        """Whether it is shorter than its two ends are uncertain, and so no evidence."""
-        return self.seconds < 2.0 * self.tolerance
-
 
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
     """Read an operator's reports on some bearings.
@@ -245,17 +240,8 @@ class NoTwoModes(CalibrationError):
         self.levels = levels
 
 
-@dataclass(frozen=True, slots=True)
-class Modes:
-    """The two modes of a level over all recordings."""
-
-    low: float  # median of the quiet values [dB]
-    high: float  # median of those in vibration [dB]
-    threshold: float  # between them [dB]
-
-
-def modes_of(levels: Sequence[LevelBins]) -> Modes:
-    """The two modes of a level.
+def threshold_of(levels: Sequence[LevelBins]) -> float:
+    """What parts the two modes of a level over all recordings [dB].
 
     Raises:
         NoTwoModes: The text says what it has.
@@ -286,7 +272,7 @@ def modes_of(levels: Sequence[LevelBins]) -> Modes:
             ' values)',
             tuple(levels),
         )
-    return Modes(low, high, 0.5 * (low + high))
+    return 0.5 * (low + high)
 
 
 def level_reports(
@@ -303,59 +289,50 @@ def level_reports(
     found: list[VibrationReport] = []
     knocks: list[VibrationReport] = []
     lags: list[float] = []
-    for part in np.split(np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > _GAP) + 1):
-        if part.size > 2:
-            _read(bearing, level.time[part], level.value[part], threshold, found, knocks, lags)
-    lag = round(1e9 * float(np.median(lags))) if lags else 0
-    for i, one in enumerate(found):  # the rise lags as the fall does
-        before = found[i - 1] if i else None
-        if before and one.squeal and not before.squeal and one.start_ns - lag > before.start_ns:
-            found[i - 1] = replace(before, end_ns=one.start_ns - lag)
-            found[i] = replace(one, start_ns=one.start_ns - lag)
-    numbered = [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(found)]
-    return numbered, [replace(one, source=source) for one in knocks]
-
-
-def _read(
-    bearing: str,
-    t: FloatArray,
-    x: FloatArray,
-    threshold: float,
-    found: list[VibrationReport],
-    knocks: list[VibrationReport],
-    lags: list[float],
-) -> None:
-    """The reports of a stretch without a gap; what its falls lag is added to ``lags``."""
-    quiet = float(t[0])
 
     def report(a: float, b: float, squeal: bool) -> VibrationReport:
         times = round(a * 1e9), round(b * 1e9)
-        return VibrationReport(bearing, *times, squeal, LEVEL_TOLERANCE, TRUST, '', True)
+        return VibrationReport(bearing, *times, squeal, LEVEL_TOLERANCE, TRUST, source, True)
 
-    last = 0
-    for a, b in _spells(t, x >= threshold):
-        if t[b - 1] - t[a] < _SHORTEST:
-            knocks.append(report(t[a], t[b - 1], True))
+    for part in np.split(np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > _GAP) + 1):
+        t, x = level.time[part], level.value[part]
+        if t.size < 3:
             continue
-        # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
-        there = a + np.flatnonzero(x[a:b] >= np.median(x[a:b]) - EDGE)
-        rise = float(np.median(x[a:b][t[a:b] <= t[there[0]] + _PLATEAU]))
-        plateau = (t[a:b] >= t[there[-1]] - _PLATEAU) & (t[a:b] <= t[there[-1]])
-        fall = float(np.median(x[a:b][plateau]))
-        on = float(t[a + int(np.argmax(x[a:b] >= rise - EDGE))]) if a else float(t[0])
-        edge = b - 1 - int(np.argmax(x[a:b][::-1] >= fall - EDGE))
-        off = float(t[edge])
-        foot = np.flatnonzero((x[edge:] < fall - FOOT) & (t[edge:] <= off + SLOWEST_FALL))
-        if foot.size and b < t.size:
-            # A level that lags falls along a straight line in dB, which began at the plateau.
-            lags.append(float(t[edge + foot[0]] - off) * EDGE / (FOOT - EDGE))
-            off = max(off - lags[-1], on)
-        if a and on > quiet:
-            found.append(report(quiet, on, False))
-        found.append(report(on, off if b < t.size else float(t[-1]), True))
-        quiet, last = off, b
-    if last < t.size and t[-1] - quiet > _REST:
-        found.append(report(quiet, float(t[-1]), False))
+        quiet, last = float(t[0]), 0
+        for a, b in _spells(t, x >= threshold):
+            if t[b - 1] - t[a] < _SHORTEST:
+                knocks.append(report(t[a], t[b - 1], True))
+                continue
+            on, off, late = _on_and_off(t, x, a, b)
+            lags += late
+            found += [report(quiet, on, False)] if a and on > quiet else []
+            found.append(report(on, off if b < t.size else float(t[-1]), True))
+            quiet, last = off, b
+        if last < t.size and t[-1] - quiet > _REST:
+            found.append(report(quiet, float(t[-1]), False))
+    lag = round(1e9 * float(np.median(lags))) if lags else 0
+    for i, (before, one) in enumerate(pairwise(found)):  # the rise lags as the fall does
+        start = one.start_ns - lag
+        if one.squeal and not before.squeal and start > before.start_ns:
+            found[i : i + 2] = replace(found[i], end_ns=start), replace(one, start_ns=start)
+    return [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(found)], knocks
+
+
+def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
+    """When a spell of vibration, of rows ``a`` to before ``b``, begins and ends, and what its fall lags."""
+    # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
+    own, there = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
+    rise = float(np.median(own[t[a:b] <= there[0] + _PLATEAU]))
+    fall = float(np.median(own[(t[a:b] >= there[-1] - _PLATEAU) & (t[a:b] <= there[-1])]))
+    on = float(t[a + int(np.argmax(own >= rise - EDGE))]) if a else float(t[0])
+    edge = b - 1 - int(np.argmax(own[::-1] >= fall - EDGE))
+    off = float(t[edge])
+    foot = np.flatnonzero((x[edge:] < fall - FOOT) & (t[edge:] <= off + SLOWEST_FALL))
+    if not foot.size or b == t.size:
+        return on, off, []
+    # A level that lags falls along a straight line in dB, which began at the plateau.
+    lag = float(t[edge + foot[0]] - off) * EDGE / (FOOT - EDGE)
+    return on, max(off - lag, on), [lag]
 
 
 def _spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
