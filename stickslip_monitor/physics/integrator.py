@@ -11,7 +11,7 @@ by Dormand and Prince's method of order 8 (:mod:`.slip_step`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any
 
@@ -45,31 +45,8 @@ class MotionOutcome(Enum):
     NOT_FINITE = 'the motion grew beyond the range of floating-point numbers'
 
 
-@dataclass(frozen=True, slots=True)
-class Accuracy:
-    """How accurate the steps of the slip phases are.
-
-    Args:
-        tolerance: Error of a step relative to the speeds of belt and lining, > 0 [-].
-        longest: Longest step in units of ``1/omega``, > 0.
-
-    Raises:
-        PhysicsError: A setting breaks its rule.
-
-    >>> Accuracy(1e-9).longest
-    1.0
-    """
-
-    tolerance: float
-    longest: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_positive('tolerance', self.tolerance)
-        require_positive('longest', self.longest)
-
-
-EXACT = Accuracy(1e-13)
-FAST = Accuracy(1e-10)
+EXACT, FAST = 1e-13, 1e-10
+"""Errors of a step of a slip phase relative to the speeds of belt and lining [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +79,7 @@ class MotionState:
     @classmethod
     def moving(cls, displacement: float, velocity: float, drive: Drive) -> MotionState:
         """A displacement [m] and the lining's own velocity ``x'`` [m/s] as a drive begins."""
-        return cls(displacement, float(drive.speed[0, 0]) - velocity)
+        return cls(displacement, float(drive.speed[0]) - velocity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,52 +139,33 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """Surface speed ``V`` and load ``N`` on the pieces between rising times.
+    """Surface speed ``V`` and load ``N`` at rising times, joined by straight lines.
 
-    Use :meth:`constant` or :meth:`sampled`. On piece ``i``, with ``s`` the time since
-    ``time[i]``, each is ``c[i, 0] + c[i, 1] s``.
+    Args:
+        time: Rising times, shape (n,), at least two [s].
+        speed: ``V`` at each, shape (n,) [m/s].
+        load: ``N`` >= 0 at each, shape (n,) [N].
 
-    Attributes:
-        time: Ends of the pieces, shape (n + 1,) [s].
-        speed: Coefficients of ``V``, which is continuous, shape (n, 2) [m/s, m/s^2].
-        load: Coefficients of ``N`` >= 0, which may jump between pieces, shape (n, 2) [N, N/s].
+    Raises:
+        PhysicsError: A sample breaks its rule.
     """
 
     time: FloatArray
     speed: FloatArray
     load: FloatArray
 
+    def __post_init__(self) -> None:
+        _check_grid(self.time, self.speed, self.load)
+
     @classmethod
     def constant(cls, speed: float, load: float, duration: float, start: float = 0.0) -> Drive:
-        """A speed [m/s] and a load [N] for a while.
-
-        Args:
-            speed: ``V`` [m/s].
-            load: ``N`` >= 0 [N].
-            duration: > 0 [s].
-            start: Time at its begin [s].
-
-        Raises:
-            PhysicsError: A quantity breaks its rule.
-        """
+        """A speed [m/s] and a load >= 0 [N] for a duration > 0 [s] from a start on [s]."""
         return cls.sampled([start, start + duration], [speed] * 2, [load] * 2)
 
     @classmethod
     def sampled(cls, time: ArrayLike, speed: ArrayLike, load: ArrayLike) -> Drive:
-        """Samples on a grid of times, joined by straight lines.
-
-        Args:
-            time: Rising times, shape (n,), at least two [s].
-            speed: ``V`` at each, shape (n,) [m/s].
-            load: ``N`` >= 0 at each, shape (n,) [N].
-
-        Raises:
-            PhysicsError: A sample breaks its rule.
-        """
-        t = np.asarray(time, dtype=float)
-        v, n = np.asarray(speed, dtype=float), np.asarray(load, dtype=float)
-        _check_grid(t, v, n)
-        return cls(t, _lines(t, v), _lines(t, n))
+        """The same of anything that makes arrays."""
+        return cls(*(np.asarray(column, dtype=float) for column in (time, speed, load)))
 
     @property
     def start(self) -> float:
@@ -219,12 +177,6 @@ class Drive:
         """Its last instant [s]."""
         return float(self.time[-1])
 
-    @property
-    def largest_load(self) -> float:
-        """An upper bound of ``N`` [N]."""
-        width = np.diff(self.time)[:, None]
-        return float(np.max(np.sum(np.abs(self.load) * width ** np.arange(2), axis=1)))
-
 
 def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
     if time.ndim != 1 or time.shape != speed.shape or time.shape != load.shape:
@@ -235,24 +187,15 @@ def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
     if time.size < 2:
         raise PhysicsError(f'drive has {time.size} samples: give at least two')
     for name, values in (('time', time), ('speed', speed), ('load', load)):
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise PhysicsError(f'drive {name}[{bad[0]}] = {values[bad[0]]:g} must be a finite number')
-    back = np.flatnonzero(np.diff(time) <= 0.0)
-    if back.size:
-        index = int(back[0])
+        for index in np.flatnonzero(~np.isfinite(values)):
+            raise PhysicsError(f'drive {name}[{index}] = {values[index]:g} must be a finite number')
+    for index in np.flatnonzero(np.diff(time) <= 0.0):
         raise PhysicsError(
             f'drive time[{index + 1}] = {time[index + 1]:g} s does not exceed time[{index}] ='
             f' {time[index]:g} s: times must rise strictly'
         )
-    negative = np.flatnonzero(load < 0.0)
-    if negative.size:
-        index = int(negative[0])
+    for index in np.flatnonzero(load < 0.0):
         raise PhysicsError(f'drive load[{index}] = {load[index]:g} N must not be negative')
-
-
-def _lines(time: FloatArray, values: FloatArray) -> FloatArray:
-    return np.stack([values[:-1], np.diff(values) / np.diff(time)], axis=1)
 
 
 # Transitions that the inner loops log before they return to have the log emptied.
@@ -270,7 +213,7 @@ def integrate(
     state: MotionState,
     times: ArrayLike = (),
     *,
-    accuracy: Accuracy = EXACT,
+    accuracy: float = EXACT,
     compiled: bool | None = None,
 ) -> Motion:
     """Follow the lining's motion through a drive.
@@ -280,29 +223,29 @@ def integrate(
         drive: Speed and load; its span is that of the motion.
         state: The state at its begin.
         times: Times of the samples, which do not fall, within the drive, shape (n,) [s].
-        accuracy: Of the steps.
+        accuracy: Error of a step of a slip phase relative to the speeds, > 0 [-].
         compiled: Whether numba compiles the inner loops; by default, where it is installed. The
             results are the same.
 
     Raises:
-        PhysicsError: Sample times break their rule, the law cannot be integrated, or numba was
-            asked for and is missing.
+        PhysicsError: Sample times or accuracy break their rule, or numba was asked for and is missing.
     """
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
+    require_positive('accuracy', accuracy)
     law = scalar_law(bearing.friction)
     use = is_compiled(compiled) and law.module is not None
     own = law.compiled if use and law.compiled else law.plain
     body = _body(bearing, drive, own, accuracy)
-    phase = _starting_phase(own, body, drive, state)
-    start = MotionState(state.displacement, state.relative_speed, phase, state.trial)
 
     def columns(kind: type, *values: Any) -> Any:
         """What the inner loops take: arrays if compiled, else lists, which are fast then."""
         arrays: list[NDArray[Any]] = [np.ascontiguousarray(each, dtype=kind) for each in values]
         return arrays if use else [array.tolist() for array in arrays]
 
-    lines = march.Lines(*columns(float, drive.time, *drive.speed.T, *drive.load.T))
+    speed, load = (np.stack([x[:-1], np.diff(x) / np.diff(drive.time)]) for x in (drive.speed, drive.load))
+    lines = march.Lines(*columns(float, drive.time, *speed, *load))
+    phase = _starting_phase(own, body, lines, state)
     out = columns(float, at, *np.zeros((4, at.size)))
     samples = march.MotionSamples(*out, *columns(int, np.zeros(at.size)))
     log = march.TransitionLog(*columns(float, np.zeros(_LOG)), *columns(int, np.zeros(_LOG)))
@@ -327,7 +270,7 @@ def integrate(
         relative_speed=sampled[3],
         phase=np.array(samples.phase[:count], dtype=np.int8),
         transitions=Transitions(np.concatenate(instants), after[:-1], after[1:]),
-        start=start,
+        start=replace(state, phase=phase),
         final=MotionState(now.x, now.z, Phase(now.phase), now.trial),
         outcome=_OUTCOMES[now.status],
         steps=now.steps,
@@ -364,28 +307,20 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: Accuracy) -> march.Body:
+def _body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -> march.Body:
     """The oscillator, with several times the steps that its fastest time scale can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
-    fastest += drive.largest_load * law.steepest / bearing.mass
-    shortest = min(accuracy.tolerance**0.125, accuracy.longest, 1.0)
-    steps = (drive.end - drive.start) * fastest / shortest
-    limit = (1000.0 + 4.0 * (drive.time.size + steps)) * (len(law.kinks) + 1)
-    return march.Body(
-        bearing.natural_frequency,
-        2.0 * bearing.damping_ratio,
-        bearing.momentum,
-        accuracy.tolerance,
-        accuracy.longest,
-        int(min(limit, 2.0**62)),
-    )
+    fastest += float(np.max(drive.load)) * law.steepest / bearing.mass
+    steps = (drive.end - drive.start) * fastest / min(accuracy**0.125, 1.0)
+    limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (len(law.kinks) + 1), 2.0**62))
+    damping = 2.0 * bearing.damping_ratio
+    return march.Body(bearing.natural_frequency, damping, bearing.momentum, accuracy, limit)
 
 
-def _starting_phase(law: LawInUse, body: march.Body, drive: Drive, state: MotionState) -> Phase:
+def _starting_phase(law: LawInUse, body: march.Body, lines: march.Lines, state: MotionState) -> Phase:
     if state.phase is not None:
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    lines = march.Lines(drive.time[:1].tolist(), *(c[:1].tolist() for c in (*drive.speed.T, *drive.load.T)))
-    e = body.omega * state.displacement
-    return Phase(march.phase_at_rest(law, body, march.course_at(body, lines, 0, 0.0), e, 0))
+    medium = march.medium_at(law, body, lines, 0, 0.0, 1.0)
+    return Phase(march.phase_at_rest(law, medium, body.omega * state.displacement, 0))

@@ -50,7 +50,6 @@ class Body(NamedTuple):
         damping: ``2 zeta``.
         momentum: ``m omega`` [kg/s].
         tolerance: Error of a step relative to the speeds.
-        longest: Longest step in ``1/omega``.
         limit: Most steps.
     """
 
@@ -58,7 +57,6 @@ class Body(NamedTuple):
     damping: float
     momentum: float
     tolerance: float
-    longest: float
     limit: int
 
 
@@ -70,22 +68,6 @@ class Lines(NamedTuple):
     speed_rate: Sequence[float]
     load: Sequence[float]
     load_rate: Sequence[float]
-
-
-class Place(NamedTuple):
-    """Displacement ``omega x`` [m/s] and relative speed [m/s]."""
-
-    e: float
-    z: float
-
-
-class DriveAt(NamedTuple):
-    """The inputs at an instant: ``V``, its rate, ``N/(m omega)`` and its rate, in ``1/omega``."""
-
-    speed: float
-    rise: float
-    force: float
-    force_rate: float
 
 
 class Now(NamedTuple):
@@ -140,21 +122,6 @@ class TransitionLog(NamedTuple):
     phase: MutableSequence[int]
 
 
-class Whole(NamedTuple):
-    """A step: where it began, when in the piece, in what, how long it is, and where it ended."""
-
-    base: float
-    time: float
-    rest: float
-    phase: int
-    at: DriveAt
-    medium: Medium
-    e: float
-    begin: SlipState
-    length: float
-    after: SlipState
-
-
 class Advance(NamedTuple):
     """Length of a step, what it ended with, the state then, and the length to try next."""
 
@@ -164,23 +131,36 @@ class Advance(NamedTuple):
     trial: float
 
 
-def course_at(body: Body, lines: Lines, piece: int, s: float) -> DriveAt:
-    """The inputs at a time since a piece began [s]."""
-    rise, growth = lines.speed_rate[piece], lines.load_rate[piece]
-    load = lines.load[piece] + growth * s
-    force, force_rate = load / body.momentum, growth / (body.momentum * body.omega)
-    return DriveAt(lines.speed[piece] + rise * s, rise / body.omega, force, force_rate)
+class Whole(NamedTuple):
+    """A step: when in a piece of the inputs it began, the place then, in what, and how it ended."""
+
+    base: float
+    time: float
+    rest: float
+    e: float
+    phase: int
+    medium: Medium
+    begin: SlipState
+    length: float
+    after: SlipState
 
 
-def medium_of(law: LawInUse, body: Body, at: DriveAt, side: float) -> Medium:
-    """What the lining slips in, seen from its side of the belt: 1 behind it, -1 ahead.
+def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
+    """What the lining is in at a time since a piece began [s], seen from a side of the belt.
 
-    ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``.
+    Of a lining that slips that is its own: 1 behind the belt, -1 ahead of it. There ``e' = V - z, z' = V'
+    + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``.
     """
-    speed, rise = side * at.speed, side * at.rise
-    offset = rise + body.damping * speed - at.force * law.top
-    offset_rate = body.damping * rise - at.force_rate * law.top
-    return Medium(1.0, at.force, body.damping, offset, 0.0, speed, at.force_rate, offset_rate, rise)
+    rise, growth = lines.speed_rate[piece], lines.load_rate[piece]
+    speed, load = side * (lines.speed[piece] + rise * s), lines.load[piece] + growth * s
+    rise, force, force_rate = (
+        side * (rise / body.omega),
+        load / body.momentum,
+        growth / (body.momentum * body.omega),
+    )
+    offset = rise + body.damping * speed - force * law.top
+    offset_rate = body.damping * rise - force_rate * law.top
+    return Medium(1.0, force, body.damping, offset, 0.0, speed, force_rate, offset_rate, rise)
 
 
 def dips(begin: SlipState, end: SlipState, h: float) -> bool:
@@ -215,13 +195,12 @@ def slip_advance(
             * math.sqrt(math.sqrt(math.sqrt(body.tolerance)))
             / (1.0 + body.damping + min(rate, 1.0 / _SHORTEST))
         )
-    h = min(h, body.longest)
     while True:
         length = min(until_kink(own, law.kinks, medium, begin, h), left)
         state, error = slip_step(own, medium, begin, length)
         moved = abs(begin.z) + length * (abs(medium.drift) + abs(begin.rate))
         allowed = max(body.tolerance * moved, _UNDERFLOW)
-        after = next_length(length, error, allowed, body.longest)
+        after = next_length(length, error, allowed)
         fine = error <= allowed
         if fine and begin.z == 0.0 and state.z < 0.0 and length > _SHORTEST:
             turn = begin.rate if begin.rate != 0.0 else bend(own, medium, begin)
@@ -244,18 +223,18 @@ def slip_advance(
     return Advance(length, NOTHING, state, after)
 
 
-def friction_needed(body: Body, at: DriveAt, e: float) -> float:
+def friction_needed(medium: Medium, e: float) -> float:
     """The friction force that holds the lining, in units of ``m omega``: ``V' + 2 zeta V + e``."""
-    return at.rise + body.damping * at.speed + e
+    return medium.drift_rate + medium.damping * medium.drift + e
 
 
-def rounding_of(law: LawInUse, body: Body, at: DriveAt, e: float) -> float:
+def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
     """Rounding of the friction that sticking needs."""
-    inner = abs(at.rise) + abs(body.damping * at.speed)
-    return _ROUNDING * (inner + abs(e) + law.hold * abs(at.force))
+    inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
+    return _ROUNDING * (inner + abs(e) + law.hold * abs(medium.force))
 
 
-def stick_advance(law: LawInUse, body: Body, at: DriveAt, e: float, stalled: int, left: float) -> Advance:
+def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: float) -> Advance:
     """One step of sticking, up to the release in it.
 
     The friction needed less what the belt can hold, on each side a parabola of the time.
@@ -264,16 +243,20 @@ def stick_advance(law: LawInUse, body: Body, at: DriveAt, e: float, stalled: int
     if stalled > _STALLED:
         length = min(left, _LET_LIVE)
     else:
-        slack, need = rounding_of(law, body, at, e), friction_needed(body, at, e)
+        slack, need = rounding_of(law, medium, e), friction_needed(medium, e)
         for kind in range(RELEASE_FORWARD, RELEASE_BACKWARD + 1):
             side = 1.0 if kind == RELEASE_FORWARD else -1.0
-            excess = side * need - law.hold * at.force
-            rate = side * (body.damping * at.rise + at.speed) - law.hold * at.force_rate
-            first = first_excess(0.0 if abs(excess) <= slack else excess, rate, side * at.rise)
+            excess = side * need - law.hold * medium.force
+            rate = side * (medium.damping * medium.drift_rate + medium.drift) - law.hold * medium.force_rate
+            first = first_excess(0.0 if abs(excess) <= slack else excess, rate, side * medium.drift_rate)
             if first <= left and (event == NOTHING or first < length):
                 length, event = first, kind
-    moved = length * (at.speed + 0.5 * at.rise * length)
-    return Advance(length, event, SlipState(moved, 0.0, 0.0), 0.0)
+    return Advance(length, event, stuck(medium, length), 0.0)
+
+
+def stuck(medium: Medium, t: float) -> SlipState:
+    """The state of a lining that has moved with the belt for a while."""
+    return SlipState(t * (medium.drift + 0.5 * medium.drift_rate * t), 0.0, 0.0)
 
 
 def first_excess(value: float, rate: float, turn: float) -> float:
@@ -289,10 +272,10 @@ def first_excess(value: float, rate: float, turn: float) -> float:
     return -2.0 * rate / turn if turn > 0.0 else math.inf
 
 
-def phase_at_rest(law: LawInUse, body: Body, at: DriveAt, e: float, sign: int) -> int:
+def phase_at_rest(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
     """Phase after the relative speed vanished, coming from a slip with a sign (0: from none)."""
-    need = friction_needed(body, at, e)
-    limit = law.hold * max(at.force, 0.0) + rounding_of(law, body, at, e)
+    need = friction_needed(medium, e)
+    limit = law.hold * max(medium.force, 0.0) + rounding_of(law, medium, e)
     if need > limit and sign <= 0:
         return 1
     if need < -limit and sign >= 0:
@@ -313,7 +296,7 @@ def write_samples(
         cursor: How many are written.
         end: Where the piece of the inputs ends with the step [s], else infinity.
     """
-    at, side = step.at, 1.0 if step.phase >= 0 else -1.0
+    medium, side = step.medium, 1.0 if step.phase >= 0 else -1.0
     while cursor < len(samples.times) and samples.times[cursor] <= end:
         t = max((samples.times[cursor] - step.base) - step.time - step.rest, 0.0) * omega
         if t > step.length and end == math.inf:
@@ -321,36 +304,28 @@ def write_samples(
         t = min(t, step.length)
         here = step.after
         if step.phase == 0:
-            here = SlipState(t * (at.speed + 0.5 * at.rise * t), 0.0, 0.0)
+            here = stuck(medium, t)
         elif t < step.length:
-            here = slip_step(own, step.medium, step.begin, t).state
+            here = slip_step(own, medium, step.begin, t).state
         samples.displacement[cursor] = (step.e + side * here.e) / omega
-        samples.velocity[cursor] = at.speed + at.rise * t - side * here.z
-        samples.acceleration[cursor] = omega * (at.rise - side * here.rate)
+        samples.velocity[cursor] = side * (medium.drift + medium.drift_rate * t - here.z)
+        samples.acceleration[cursor] = omega * (side * (medium.drift_rate - here.rate))
         samples.relative_speed[cursor] = side * here.z
         samples.phase[cursor] = step.phase
         cursor += 1
     return cursor
 
 
-def about_place(law: LawInUse, body: Body, at: DriveAt, medium: Medium, place: Place) -> Medium:
+def about_place(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
     """The medium with displacements counted from where the lining is, so that they keep digits.
 
     Where it is released at the limit, what is missing to it or beyond it is rounding.
     """
-    offset = medium.offset + place.e
-    slack = rounding_of(law, body, at, place.e)
-    if place.z == 0.0 and (offset < 0.0 or offset <= slack):
+    speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
+    offset += e
+    if z == 0.0 and (offset < 0.0 or offset <= rounding_of(law, medium, e)):
         offset = 0.0
-    speed, force, damping, _, origin, drift, force_rate, offset_rate, drift_rate = medium
     return Medium(speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate)
-
-
-def phase_after(law: LawInUse, body: Body, at: DriveAt, e: float, event: int, sign: int) -> int:
-    """The phase that an event begins, coming from one with a sign."""
-    if event == CONTACT:
-        return phase_at_rest(law, body, at, e, sign)
-    return 1 if event == RELEASE_FORWARD else -1
 
 
 def march(
@@ -368,22 +343,20 @@ def march(
         if events >= len(log.time) or steps >= body.limit:
             status = EVENTS_FULL if events >= len(log.time) else EXHAUSTED
             continue
-        at = course_at(body, lines, piece, time)
-        side = 1.0 if phase >= 0 else -1.0
-        medium, begin = medium_of(law, body, at, side), SlipState(0.0, 0.0, 0.0)
-        steps, e = steps + 1, omega * x
+        steps, e, side = steps + 1, omega * x, 1.0 if phase >= 0 else -1.0
+        medium, begin = medium_at(law, body, lines, piece, time, side), SlipState(0.0, 0.0, 0.0)
         if phase == 0:
-            step = stick_advance(law, body, at, e, stalled, left * omega)
+            step = stick_advance(law, medium, e, stalled, left * omega)
         else:
             slips += 1
-            medium = about_place(law, body, at, medium, Place(side * e, side * z))
+            medium = about_place(law, medium, side * e, side * z)
             begin = SlipState(0.0, side * z, acceleration(law.own, medium, 0.0, side * z))
             step = slip_advance(law, body, medium, begin, trial, left * omega)
         h, event, after, trial = step
         if not (abs(after.e) < math.inf and abs(after.z) < math.inf):
             status = NOT_FINITE
             continue
-        whole = Whole(base, time, rest, phase, at, medium, e, begin, h, after)
+        whole = Whole(base, time, rest, e, phase, medium, begin, h, after)
         is_last = event == NOTHING and h >= left * omega
         until = end if is_last else math.inf
         cursor = write_samples(law.own, omega, whole, samples, cursor, until)
@@ -395,9 +368,14 @@ def march(
         if is_last:
             time, rest = end - base, 0.0
         if event != NOTHING:
-            at, z = course_at(body, lines, piece, time), 0.0
-            held = event == CONTACT and stalled > _STALLED
-            phase = 0 if held else phase_after(law, body, at, omega * x, event, phase)
+            z = 0.0
+            if event != CONTACT:
+                phase = 1 if event == RELEASE_FORWARD else -1
+            elif stalled > _STALLED:
+                phase = 0
+            else:
+                here = medium_at(law, body, lines, piece, time, 1.0)
+                phase = phase_at_rest(law, here, omega * x, phase)
             log.time[events], log.phase[events] = base + (time + rest), phase
             events += 1
     return Now(status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled)
