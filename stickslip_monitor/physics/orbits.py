@@ -26,6 +26,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import slip_step as dop853
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
+from stickslip_monitor.physics.roots import root_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, friction_slope, scalar_law
 from stickslip_monitor.physics.scalar_law import friction_drop as scalar_drop
 from stickslip_monitor.physics.slip_step import (
@@ -51,14 +52,12 @@ _SETTLED, _ESCAPED, _THROUGH = 1e-12, 1e12, 1e-3
 # a step from which stopping there costs more than it saves: a table of 1,000 points has 2,000
 # edges in a turn, and at 1e-8 a step passes over dozens of them.
 _AT_EDGE, _OVER_EDGES = 1e-6, 1e-11
-# Trials for the end of a step, and how well it is to be known in units of the error of a step.
-_TRIALS, _SAME = 60, 1e-2
 # Steps after which orbits are looked at that may have come to rest or left.
 _LOOK = 4
 # Orbits up to which each is followed by itself: a step costs 0.04 ms then, one of arrays 0.25 ms.
 FEW = 8
-# Rows of the state of orbits.
-_E, _Z, _RATE, _LENGTH, _TIME, _GAIN = range(6)
+# Rows of the state of orbits: where they are, then what else is known of each.
+_E, _Z, _RATE, _LENGTH, _TIME, _GAIN, _SIDE, _TURNS, _LAST, _DIRECTION, _REST, _ENERGY, _ORBIT = range(13)
 
 
 def _coefficients() -> tuple[FloatArray, FloatArray]:
@@ -305,6 +304,13 @@ class Orbits:
     turns: FloatArray
     divergence: FloatArray
 
+    def put(
+        self, rows: IndexArray, begin: FloatArray, length: FloatArray, place: FloatArray, gain: FloatArray
+    ) -> None:
+        """Write where orbits ended in steps from known states."""
+        self.time[rows], self.place[rows] = begin[_TIME] + length, place
+        self.divergence[rows] = begin[_GAIN] + gain
+
 
 def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbits:
     """Follow orbits from displacements and relative speeds to their ends.
@@ -317,7 +323,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     run = _Run(field, e, z, route)
     for _ in range(route.most if e.size else 0):
         run.advance()
-        if not run.live.size:
+        if not run.state.size:
             break
     return run.orbits()
 
@@ -409,25 +415,23 @@ class _Run:
     def __init__(self, field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> None:
         n, nothing = e.size, np.zeros(e.size)
         self.whole = self.field = field
-        self.route = route
+        self.route, self.steps = route, 0
         self.edges = np.array(law_in_use(field.law).kinks if route.error < _OVER_EDGES else ())
-        self.last = np.broadcast_to(route.last, n)
-        self.direction = np.broadcast_to(route.direction, n).astype(float)
-        self.live, self.stage, self.steps = np.arange(n), np.zeros(n, int), 0
-        rate = field.acceleration(e, z)
+        self.last, self.end = np.broadcast_to(route.last, n), np.zeros(n, int)
+        # Of the first two turns and of contact: the state before the step in which it lies.
+        self.events = np.full((3, _SIDE, n), np.nan)
+        rate, direction = field.acceleration(e, z), np.broadcast_to(route.direction, n)
         stiffness = np.minimum(np.abs(field.friction_damping(z)), 1e6)
-        length = self.direction * 0.1 / (1.0 + field.damping + stiffness)
-        self.state = np.stack([e, z, rate, length, nothing, nothing])
-        ahead = np.where(z == field.drift, self.direction * rate, z - field.drift)
-        self.side = np.where(ahead < 0.0, -1.0, 1.0)
-        self.rest = field.rest()
-        self.energy = self._energy()
-        self.end = np.zeros(n, int)
-        self.turn, self.final = np.full((2, 6, n), np.nan), np.full((6, n), np.nan)
+        length = direction * 0.1 / (1.0 + field.damping + stiffness)
+        side = np.where(np.where(z == field.drift, direction * rate, z - field.drift) < 0.0, -1.0, 1.0)
+        own = side, nothing, self.last, direction, field.rest(), nothing, np.arange(n)
+        self.state = np.stack([e, z, rate, length, nothing, nothing, *own])
+        self.state[_ENERGY] = self._energy()
 
     def _energy(self) -> FloatArray:
         """Twice the energy about steady sliding."""
-        energy: FloatArray = (self.state[_E] - self.rest) ** 2 + (self.state[_Z] - self.field.drift) ** 2
+        state = self.state
+        energy: FloatArray = (state[_E] - state[_REST]) ** 2 + (state[_Z] - self.field.drift) ** 2
         return energy
 
     def advance(self) -> None:
@@ -439,36 +443,26 @@ class _Run:
         moved = np.abs(state[:_LENGTH])
         moved[_RATE] = (moved[_RATE] + abs(drift)) * np.abs(length)
         room = self.route.error * moved.sum(axis=0) / (after.error + ALMOST_REST)
-        turns = (self.side * (after.z - drift) <= 0.0) & (drift >= 0.0)
-        over = meets = self._meets(after, turns) if self.route.contact else None
-        good = room >= 1.0
-        if meets is not None:
-            past = (drift > 0.0) & (state[_E] > -self.field.offset)
-            good &= ~(meets & turns & ~past)  # first to the turn, then to the belt
-            over = meets = meets & good
-        turns &= good
-        ended = self._turned(turns, length) if turns.any() else None
-        if ended is not None:
-            over = ended if over is None else over | ended
-        if meets is not None and meets.any():
-            self._finish(np.flatnonzero(meets & past), length, MISSED)
-            self._finish(np.flatnonzero(meets & ~past), length, LANDED)
+        turns = (state[_SIDE] * (after.z - drift) <= 0.0) & (drift >= 0.0)
+        meets = self._meets(after, turns)
+        past = meets & (drift > 0.0) & (state[_E] > -self.field.offset)
+        good = (room >= 1.0) & ~(meets & turns & ~past)  # first to the turn, then to the belt
+        over = self._ended(turns & good, meets & good, past, length)
         share = np.fmin(np.fmax(0.9 * room**0.125, 0.2), np.where(good, 5.0, 0.5))
         following = np.fmax(np.fmin(length * share, _LONGEST), -_LONGEST)
         if length is not wanted:  # a step that was short for an edge's sake tells nothing of the next
             short = good & (length != wanted) & (np.abs(following) < np.abs(wanted))
             following = np.where(short, wanted, following)
-        now = np.stack(
-            [after.e, after.z, after.rate, following, state[_TIME] + length, state[_GAIN] + after.gain]
-        )
-        state[:] = np.where(good, now, state)
+        time, gain = state[_TIME] + length, state[_GAIN] + after.gain
+        now = np.stack([after.e, after.z, after.rate, following, time, gain])
+        state[:_SIDE] = np.where(good, now, state[:_SIDE])
         state[_LENGTH] = following
         self.steps += 1
         if self.steps % _LOOK == 0:
-            lost = self._lost()
-            over = lost if over is None else over | lost
-        if over is not None and over.any():
-            self._keep(~over)
+            over |= self._lost()
+        if over.any():
+            rows = np.flatnonzero(~over)
+            self.field, self.state = self.field.take(rows), state[:, rows]
 
     def _until_edge(self) -> FloatArray:
         """Lengths of steps, cut where the relative speed comes to an edge of the law.
@@ -476,7 +470,7 @@ class _Run:
         A step over such an edge would be refused. The speed is foreseen to second order, and a
         little beyond the edge does no harm.
         """
-        _, z, rate, length, _, _ = self.state
+        _, z, rate, length, *_ = self.state
         f, toward = self.field, np.sign(length)
         v = f.origin + f.speed * z
         bend = f.drift - z - (f.damping + f.friction_damping(z)) * rate
@@ -491,80 +485,75 @@ class _Run:
 
     def _meets(self, after: Stepped, turns: BoolArray) -> BoolArray:
         """Steps that pass the belt's speed, or the place at which the belt could just hold."""
-        behind = self.field.drift > 0.0
-        meets = (after.z < 0.0) | (behind & (after.e > -self.field.offset))
-        return meets & ((self.stage + turns == 2) | (not behind))
+        if not self.route.contact:
+            return np.zeros(turns.shape, bool)
+        if not self.field.drift > 0.0:
+            return np.asarray(after.z < 0.0)
+        meets = (after.z < 0.0) | (after.e > -self.field.offset)
+        return np.asarray(meets & (self.state[_TURNS] + turns == 2))
 
-    def _turned(self, turns: BoolArray, length: FloatArray) -> BoolArray:
-        """Keep the steps in which orbits turn; which of them end there."""
-        for k in (0, 1):
-            rows = np.flatnonzero(turns & (self.stage == k))
-            self.turn[k][:, self.live[rows]] = self._begun(rows, length)
-        self.stage = self.stage + turns
-        self.side = np.where(turns, -self.side, self.side)
-        ended = turns & (self.stage == self.last)
-        self._finish(np.flatnonzero(ended), length, TURNED)
-        return ended
+    def _ended(self, turns: BoolArray, meets: BoolArray, past: BoolArray, length: FloatArray) -> BoolArray:
+        """Keep the steps in which orbits turn or meet the belt; which of them end there."""
+        over, state = meets, self.state
+        if turns.any():
+            for k in (0, 1):
+                self._keep(k, turns & (state[_TURNS] == k), length)
+            state[_TURNS] += turns
+            state[_SIDE] = np.where(turns, -state[_SIDE], state[_SIDE])
+            turned = turns & (state[_TURNS] == state[_LAST])
+            self.end[self._orbits(turned)], over = TURNED, over | turned
+        if meets.any():
+            self._keep(2, meets, length)
+            self.end[self._orbits(meets)] = np.where(past, MISSED, LANDED)[meets]
+        return over
 
-    def _begun(self, rows: IndexArray, length: FloatArray) -> FloatArray:
-        begun = self.state[:, rows]
-        begun[_LENGTH] = length[rows]
-        return begun
+    def _orbits(self, which: BoolArray) -> IndexArray:
+        return self.state[_ORBIT, which].astype(np.intp)
 
-    def _finish(self, rows: IndexArray, length: FloatArray, end: int) -> None:
-        self.final[:, self.live[rows]] = self._begun(rows, length)
-        self.end[self.live[rows]] = end
+    def _keep(self, event: int, which: BoolArray, length: FloatArray) -> None:
+        before = self.state[:_SIDE, which]
+        before[_LENGTH] = length[which]
+        self.events[event][:, self._orbits(which)] = before
 
     def _lost(self) -> BoolArray:
         """Orbits that have come to rest or, back in time, have left for good, or do not move on."""
-        f = self.field
-        stuck = np.abs(self.state[_LENGTH]) < _SHORTEST
+        f, state = self.field, self.state
+        stuck = np.abs(state[_LENGTH]) < _SHORTEST
         if f.drift < 0.0:
             return stuck
         energy = self._energy()
-        left = energy > _ESCAPED * (1.0 + self.energy)
-        left |= f.origin + f.speed * self.state[_Z] < -_THROUGH * f.speed
-        left &= self.direction < 0.0
-        rested = energy < _SETTLED * self.energy
-        self.end[self.live[left]], self.end[self.live[rested]] = LEFT, RESTED
+        left = energy > _ESCAPED * (1.0 + state[_ENERGY])
+        left |= f.origin + f.speed * state[_Z] < -_THROUGH * f.speed
+        left &= state[_DIRECTION] < 0.0
+        rested = energy < _SETTLED * state[_ENERGY]
+        for which, end in ((left, LEFT), (rested, RESTED)):
+            orbits = self._orbits(which)
+            self.end[orbits] = np.where(self.end[orbits] == EXHAUSTED, end, self.end[orbits])
         return stuck | left | rested
-
-    def _keep(self, keep: BoolArray) -> None:
-        """Go on with some orbits."""
-        rows = np.flatnonzero(keep & (self.end[self.live] == EXHAUSTED))
-        self.field, self.state = self.field.take(rows), self.state[:, rows]
-        self.live, self.stage, self.last = self.live[rows], self.stage[rows], self.last[rows]
-        self.direction, self.energy = self.direction[rows], self.energy[rows]
-        self.rest, self.side = self.rest[rows], self.side[rows]
 
     def orbits(self) -> Orbits:
         """Where the orbits turned and ended, found within the steps that were kept."""
         n = self.end.size
-        nothing = np.full((2, n), np.nan)
-        found = Orbits(self.end, nothing[0], nothing[1].copy(), nothing.copy(), np.zeros(n))
+        found = Orbits(self.end, np.zeros(n), np.full(n, np.nan), np.full((2, n), np.nan), np.zeros(n))
         for k in (0, 1):
-            rows = np.flatnonzero(np.isfinite(self.turn[k][_E]))
-            if not rows.size:
-                continue
-            begin = self.turn[k][:, rows]
-            found.turns[k][rows], length, gain = self._at_turn(rows, begin)
-            last = (self.end[rows] == TURNED) & (begin[_TIME] == self.final[_TIME, rows])
-            found.place[rows[last]] = found.turns[k][rows[last]]
-            found.time[rows[last]] = (begin[_TIME] + length)[last]
-            found.divergence[rows[last]] = (begin[_GAIN] + gain)[last]
+            rows = np.flatnonzero(np.isfinite(self.events[k, _E]))
+            if rows.size:
+                begin = self.events[k][:, rows]
+                found.turns[k, rows], length, gain = self._at_turn(rows, begin)
+                last = (self.end[rows] == TURNED) & (self.last[rows] == k + 1)
+                found.put(rows[last], begin[:, last], length[last], found.turns[k, rows[last]], gain[last])
         rows = np.flatnonzero(self.end == LANDED)
         if rows.size:
-            begin = self.final[:, rows]
-            met, length, place, gain = self._at_belt(rows, begin)
+            begin = self.events[2][:, rows]
+            met, *where = self._at_belt(rows, begin)
             found.end[rows[~met]] = MISSED
-            found.time[rows], found.place[rows] = begin[_TIME] + length, place
-            found.divergence[rows] = begin[_GAIN] + gain
+            found.put(rows, begin, *where)
         return found
 
     def _at_turn(self, rows: IndexArray, begin: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacement, length and divergence of steps up to the turns in them."""
         field, drift = self.whole.take(rows), self.whole.drift
-        length = _first_length(drift, begin, orbit_steps(field, begin, begin[_LENGTH]))
+        length = _first_length(drift, begin, orbit_steps(field, begin, begin[_LENGTH]), begin[_LENGTH])
         for _ in range(2):
             now = orbit_steps(field, begin, length, self.route.weigh)
             more = (drift - now.z) / np.where(now.rate != 0.0, now.rate, 1.0)
@@ -579,48 +568,30 @@ class _Run:
         """Whether steps meet the belt before it could not hold, and length, place, divergence."""
         field, length = self.whole.take(rows), begin[_LENGTH].copy()
         end = orbit_steps(field, begin, length)
-        z, rate = end.z.copy(), end.rate.copy()
         beyond = np.flatnonzero((field.drift > 0.0) & (end.e > -field.offset))
         if beyond.size:
-            part = field.take(beyond)
-            first = length[beyond] * np.clip(-part.offset - begin[_E, beyond], 0.0, None)
-            first /= end.e[beyond] - begin[_E, beyond]
-            some = begin[:, beyond]
-            length[beyond] = self._until(part, some, length[beyond], first, of_place=True)
-            cut = orbit_steps(part, begin[:, beyond], length[beyond])
-            z[beyond], rate[beyond] = cut.z, cut.rate
-        met = z < 0.0
-        first = _first_length(0.0, begin, Stepped(end.e, z, rate, end.error, end.gain), length)
+            length[beyond] = _until(field.take(beyond), begin[:, beyond], length[beyond], of_place=True)
+            end = orbit_steps(field, begin, length)
+        met = end.z < 0.0
         if self.route.locate:
-            first = self._until(field, begin, length, first, of_place=False)
+            first = _until(field, begin, length, of_place=False)
+        else:
+            first = _first_length(0.0, begin, end, length)
         length = np.where(met, first, length)
         now = orbit_steps(field, begin, length, self.route.weigh)
         return met, length, now.e, now.gain
 
-    def _until(
-        self, field: SlipField, begin: FloatArray, most: FloatArray, first: FloatArray, of_place: bool
-    ) -> FloatArray:
-        """Lengths of steps that end where ``z`` falls below 0, or at the place that just holds.
 
-        Newton's method, kept between a length before and one behind.
-        """
-        result = np.where((first > 0.0) & (first < most), first, 0.5 * most)
-        rows, low, high = np.arange(most.size), np.zeros(most.size), most
-        for _ in range(_TRIALS):
-            length = result[rows]
-            now = orbit_steps(field, begin, length)
-            miss = now.e + field.offset if of_place else -now.z
-            rate = field.drift - now.z if of_place else -now.rate
-            high, low = np.where(miss > 0.0, length, high), np.where(miss > 0.0, low, length)
-            new = length - miss / np.where(rate != 0.0, rate, 1.0)
-            new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
-            still = np.flatnonzero(np.abs(new - length) > _SAME * self.route.error * (1.0 + length))
-            result[rows[still]] = new[still]
-            if not still.size:
-                break
-            rows, low, high = rows[still], low[still], high[still]
-            field, begin = field.take(still), begin[:, still]
-        return result
+def _until(field: SlipField, begin: FloatArray, most: FloatArray, of_place: bool) -> FloatArray:
+    """Lengths of steps that end at the place that just holds, or where ``z`` falls below 0."""
+
+    def beyond(length: FloatArray, rows: IndexArray) -> FloatArray:
+        now = orbit_steps(field.take(rows), begin[:, rows], length)
+        return now.e + field.offset[rows] if of_place else now.z
+
+    every, nothing = np.arange(most.size), np.zeros(most.size)
+    ends = (begin[_E] + field.offset if of_place else begin[_Z]), beyond(most, every)
+    return root_on_bracket(beyond, nothing, most, ends, (every,))
 
 
 def _time_to_rise(rate: FloatArray, bend: FloatArray, gap: FloatArray) -> FloatArray:
@@ -631,16 +602,14 @@ def _time_to_rise(rate: FloatArray, bend: FloatArray, gap: FloatArray) -> FloatA
     return np.where(reaches, 2.0 * gap / np.where(reaches, fastest, 1.0), np.inf)
 
 
-def _first_length(
-    level: float, begin: FloatArray, end: Stepped, length: FloatArray | None = None
-) -> FloatArray:
+def _first_length(level: float, begin: FloatArray, end: Stepped, length: FloatArray) -> FloatArray:
     """Where the cubic of ``z`` over a step passes a level."""
-    z, h = begin[_Z], begin[_LENGTH] if length is None else length
-    rise, first, last = end.z - z, h * begin[_RATE], h * end.rate
+    z = begin[_Z]
+    rise, first, last = end.z - z, length * begin[_RATE], length * end.rate
     square, cube = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
     t = np.clip((level - z) / np.where(rise != 0.0, rise, 1.0), 0.0, 1.0)
     for _ in range(3):
         value = z + t * (first + t * (square + t * cube)) - level
         slope = first + t * (2.0 * square + 3.0 * t * cube)
         t = np.clip(t - value / np.where(slope != 0.0, slope, 1.0), 0.0, 1.0)
-    return t * h
+    return t * length
