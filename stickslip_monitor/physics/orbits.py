@@ -52,6 +52,8 @@ _SETTLED, _ESCAPED, _THROUGH = 1e-12, 1e12, 1e-3
 # a step from which stopping there costs more than it saves: a table of 1,000 points has 2,000
 # edges in a turn, and at 1e-8 a step passes over dozens of them.
 _AT_EDGE, _OVER_EDGES = 1e-6, 1e-11
+# Share of a step at which it has only just begun.
+_JUST_BEGUN = 1e-12
 # Steps after which orbits are looked at that may have come to rest or left.
 _LOOK = 4
 # Orbits up to which each is followed by itself: a step costs 0.04 ms then, one of arrays 0.25 ms.
@@ -589,9 +591,9 @@ def _until(field: SlipField, begin: FloatArray, most: FloatArray, of_place: bool
         now = orbit_steps(field.take(rows), begin[:, rows], length)
         return now.e + field.offset[rows] if of_place else now.z
 
-    every, nothing = np.arange(most.size), np.zeros(most.size)
-    ends = (begin[_E] + field.offset if of_place else begin[_Z]), beyond(most, every)
-    return root_on_bracket(beyond, nothing, most, ends, (every,))
+    # An orbit ahead of the belt begins on it.
+    every, least = np.arange(most.size), _JUST_BEGUN * most
+    return root_on_bracket(beyond, least, most, (beyond(least, every), beyond(most, every)), (every,))
 
 
 def _time_to_rise(rate: FloatArray, bend: FloatArray, gap: FloatArray) -> FloatArray:
