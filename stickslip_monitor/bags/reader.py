@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import itertools
 import os
 import re
 import tempfile
 import unicodedata
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -26,6 +28,7 @@ from stickslip_monitor.bags.sqlite_recording import SqliteRecording
 from stickslip_monitor.bags.table_recording import TableRecording
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import near_name, open_file, read_file
+from stickslip_monitor.tables.dialect import GZIP
 
 # What is often brought and not read, by its first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
@@ -125,7 +128,12 @@ def _is_table(path: Path, begin: bytes) -> bool:
     """Whether a file is text with cells, packed text, or Parquet."""
     if is_recording(path.name):
         return False
-    if begin.startswith((b'\x1f\x8b', b'PAR1', b'\xff\xfe', b'\xfe\xff')):
+    if begin.startswith(GZIP):
+        with contextlib.suppress(OSError, EOFError, zlib.error), gzip.open(path) as packed:
+            if packed.read(len(SQLITE)).startswith((MAGIC, SQLITE)):
+                raise BagError(f"'{path}' is a recording packed by gzip: unpack it with gunzip")
+        return True
+    if begin.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')):
         return True
     # In UTF-16 without its mark every other byte is zero.
     text = begin.replace(b'\0', b'')
@@ -141,7 +149,7 @@ def _unpacked(path: Path, folder: Path) -> Path:
     """
     if not _begin(path).startswith(_ZSTD):
         return path
-    target = folder / path.name.rpartition('.')[0]
+    target = folder / path.stem
     most = _FREE + _FOR_EACH * path.stat().st_size
     try:
         with open_file(path) as packed, target.open('wb') as file:
@@ -152,6 +160,8 @@ def _unpacked(path: Path, folder: Path) -> Path:
                         f"bag file '{path}' grows to more than {most} bytes, the limit for its size"
                     )
                 file.write(piece)
+            if not file.tell():
+                raise BagError(f"bag file '{path}' is cut: nothing of it can be unpacked")
     except (OSError, zstandard.ZstdError) as error:
         raise BagError(f"bag file '{path}' cannot be unpacked: {error}") from None
     return target
@@ -272,6 +282,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
     with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
         piece = stream.read(_PIECE)
         ending = '.mcap' if MAGIC.startswith(piece[: len(MAGIC)]) else ''
+        is_recorded = bool(ending) or piece.startswith((SQLITE, _ZSTD))
         path = Path(folder) / f'standard_input{ending}'
         try:
             with path.open('wb') as file:
@@ -279,7 +290,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
                     file.write(piece)
                     show('reading standard input', file.tell(), None)
                     # What is no recording may have no end; its reader says what it is.
-                    is_known = ending or file.tell() > _PIECE or _is_known(file, path)
+                    is_known = is_recorded or file.tell() > _PIECE or _is_known(file, path)
                     piece = stream.read(_PIECE) if is_known else b''
         except OSError as error:
             raise BagError(f"bag '-' cannot be read: {error.strerror or error}") from None
@@ -312,7 +323,7 @@ _RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNOREC
 _SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
 # As rosbag2 numbers the files of a recording.
-_PART = re.compile(r'(?P<stem>.+)_\d+\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
+_PART = re.compile(r'(?P<stem>.+)_(?P<number>\d+)\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 
 
 def is_recording(name: str) -> bool:
@@ -396,8 +407,22 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
             raise BagError(f"folder '{folder}' holds {len(there)} recordings: name one of them")
         kind = '.db3' if is_sqlite(there[0]) else '.mcap'
         findings.note(f'{metadata}: its {kind} files were read in the order of their names')
+        _report_gaps(there, findings)
         return Metadata(tuple(there))
     return _listed(folder, metadata, there, findings)
+
+
+def _report_gaps(names: Sequence[str], findings: Findings) -> None:
+    """Report numbers that are lacking between those of files; dates and hours lack more than they have.
+
+    The first ones may be gone: some recorders keep the newest files only.
+    """
+    numbers = {int(part['number']) for name in names if (part := _PART.fullmatch(name))}
+    first, last = min(numbers, default=0), max(numbers, default=0)
+    if last - first < 2 * len(numbers):
+        lacking = sorted({*range(first, last)} - numbers)
+        for number in lacking[:MOST_NAMED]:
+            findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
 
 
 def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> Metadata:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import sqlite3
 import struct
 import unicodedata
@@ -12,10 +14,12 @@ from typing import Any
 
 import pytest
 import yaml
+import zstandard
 from mcap.writer import Writer
 from shared import record
 
-from stickslip_monitor.bags.reader import find_bags, open_bag
+from stickslip_monitor.bags.mcap_chunks import MAGIC
+from stickslip_monitor.bags.reader import find_bags, open_bag, spooled
 from stickslip_monitor.bags.recording import Request, TopicInfo
 from stickslip_monitor.errors import BagError
 
@@ -89,6 +93,13 @@ def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
         f"folder '{tmp_path / 'bag'}' has no metadata.yaml: its .mcap files were read in the order"
         ' of their names',
     )
+
+
+def test_a_file_that_is_lacking_between_others_is_a_loss(tmp_path: Path) -> None:
+    for number in (3, 5, 6):  # a recorder may have taken away the first ones
+        record(tmp_path / 'bag' / f'bag_{number}.mcap', {'/x': ([number], [number])})
+    missing = 'file 4 is missing between those of the lower and the higher numbers'
+    assert open_bag(tmp_path / 'bag').losses == (missing,)
 
 
 INFORMATION = 'rosbag2_bagfile_information: '
@@ -297,6 +308,15 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             lambda path: path.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(88)),
             "'{}' is an HDF5 file: export it as CSV or Parquet",
         ),
+        (
+            lambda path: path.write_bytes(gzip.compress(MAGIC)),
+            "'{}' is a recording packed by gzip: unpack it with gunzip",
+        ),
+        # A frame of which the first block has not come whole.
+        (
+            lambda path: path.write_bytes(zstandard.compress(bytes(range(256)) * 9)[:20]),
+            "bag file '{}' is cut: nothing of it can be unpacked",
+        ),
         (folder_of_logs, "bag '{0}' has no .mcap and no .db3 file: name one of its logs, as '{0}/b.csv'"),
         (make_sqlite, "bag file '{}' cannot be read: no such table: topics"),
         (make_sqlite_folder, "bag file '{}/bag_0.db3' cannot be read: no such table: topics"),
@@ -320,6 +340,13 @@ def test_what_is_no_bag_is_named(tmp_path: Path, make: Callable[[Path], None], t
         open_bag(tmp_path / 'bag')
     assert str(caught.value).startswith(text.format(tmp_path / 'bag'))
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('begin', [b'SQLite format 3\0', b'\x28\xb5\x2f\xfd', MAGIC])
+def test_all_of_a_recording_is_read_from_a_pipe(begin: bytes) -> None:
+    data = begin + bytes(3 << 20)
+    with spooled(io.BytesIO(data), lambda *_: None) as path:
+        assert path.read_bytes() == data
 
 
 def make(folder: Path, *names: str) -> None:
