@@ -140,6 +140,11 @@ NO_VALUES = (
     6553.5,
     16383.75,
     16383.5,
+    2147483647.0,  # 32 bits with a sign, and what single precision makes of it
+    2147483648.0,
+    -2147483648.0,
+    4294967295.0,  # and without one
+    4294967296.0,
 )
 """Numbers by which senders say that there is no value, as they stand in messages."""
 LEAST_NO_VALUE = min(map(abs, NO_VALUES))

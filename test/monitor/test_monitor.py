@@ -319,7 +319,10 @@ def test_below_the_range_stick_slip_ends() -> None:
     assert 'Raise speed' not in text
 
 
-@pytest.mark.parametrize('number', NO_VALUES)
+LIMITS = {float(np.iinfo(bits).max) for bits in ('i2', 'u2', 'i4', 'u4')} | {float(np.iinfo('i4').min)}
+
+
+@pytest.mark.parametrize('number', sorted({*NO_VALUES, *LIMITS}))
 def test_a_number_that_means_no_value_hides_no_stick_slip(number: float) -> None:
     """As it stands in the message, whatever scale and offset make of it; as NaN it is lost."""
     monitor = Monitor(configured(speed__scale=0.1))
