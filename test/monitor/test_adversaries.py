@@ -13,8 +13,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +27,6 @@ from stickslip_monitor.monitor.signals import INPUTS, Input
 from stickslip_monitor.monitor.verdict import Event
 
 STICKING = ('stick_slip', 'amplitude_limit')
-MILLIMETRES = {'level__topic': '/v', 'level__unit': 'mm/s'}
-DECIBELS = {'level__topic': '/v', 'level__unit': 'dB', 'level__threshold': 34.0}
 Messages = list[Message]
 Spoil = Callable[[Messages], Messages]
 Span = tuple[float, float]
@@ -49,10 +46,14 @@ class Sent:
     level_period: float = 0.5
     spoilt: Spoil = list  # what becomes of the messages on their way
     settings: Mapping[str, Any] = field(default_factory=dict)
+    unit: str = 'dB'  # of the level
+    threshold: float = 34.0  # of the level; nan for none
 
     @property
     def config(self) -> MonitorConfig:
-        return configured(NAME, BEARINGS[self.bearing][0], **self.settings)
+        own = {'level__topic': '/v', 'level__unit': self.unit}
+        own |= {} if math.isnan(self.threshold) else {'level__threshold': self.threshold}
+        return configured(NAME, BEARINGS[self.bearing][0], **(own if self.level else {}), **self.settings)
 
     def messages(self) -> Messages:
         """What comes, in the order of its arrival."""
@@ -85,6 +86,15 @@ class Case(NamedTuple):
     what: str
     sent: Sent
     told: Told
+
+
+def case(what: str, sent: Sent, **told: Any) -> Case:
+    return Case(what, sent, Told(**told))
+
+
+def step(at: float, before: float, after: float) -> Number:
+    """One number before a time [s], another from it on."""
+    return lambda t: before if t < at else after
 
 
 def scaled(number: Number, by: float) -> Number:
@@ -185,6 +195,23 @@ def set_by(step: float, at: float) -> Spoil:
     return lambda sent: [m._replace(stamp=m.stamp + (step if m.arrival > at else 0.0)) for m in sent]
 
 
+def without(begin: float, end: float) -> Spoil:
+    """Nothing arrives between two times [s]."""
+    return lambda sent: [m for m in sent if not begin <= m.arrival < end]
+
+
+def late_by(seconds: Callable[[int], float]) -> Spoil:
+    """The speed is measured and comes later [s], by its number."""
+    return of(
+        Input.SPEED, lambda k, m: m._replace(arrival=m.arrival + seconds(k), stamp=m.stamp + seconds(k))
+    )
+
+
+def in_pairs(sent: Messages) -> Messages:
+    """Each value once more, a tenth of a second later."""
+    return sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
+
+
 def twice(sent: Messages) -> Messages:
     return [m for m in sent for _ in range(2)]
 
@@ -232,12 +259,18 @@ def loud(begin: float, end: float = math.inf, high: float = 44.0, low: float = 2
     return lambda t: (high if begin <= t < end else low) + 0.1 * math.sin(3.0 * t)
 
 
-def bursts(lasting: float, each: float = 60.0, from_then_on: float = math.inf) -> Number:
-    """Something else is loud for seconds each so often; from some time on it goes on."""
+def bursts(when: Callable[[float], bool]) -> Number:
+    """Something else is loud at times."""
+    return lambda t: (60.0 if when(t) else 3.0) * (1.0 + 0.02 * math.sin(9.0 * t))
+
+
+def knock(beat: float, low: float) -> Number:
+    """One loud sample at 50 s; from 200 s on a knock that beats."""
 
     def level(t: float) -> float:
-        high = t % each < lasting or t > from_then_on
-        return (60.0 if high else 3.0) * (1.0 + 0.02 * math.sin(9.0 * t))
+        if t < 200.0:
+            return 36.0 if 50.0 <= t < 50.5 else 22.0
+        return 46.0 if t % beat < 0.7 * beat else low
 
     return level
 
@@ -248,500 +281,262 @@ def _ringing(t: float) -> float:
     return 44.0 if t >= 260.0 else 22.0 + ringing
 
 
-def _dies(t: float) -> float:
-    """Risen in the first episode, one bit of dither in the second."""
-    return 50.0 + math.sin(t) if 82.0 < t < 205.0 else 1.0 + 0.01 * (round(2 * t) % 2)
+def second_episode(later: Callable[[float], float]) -> Number:
+    """Risen in the first episode; from 300 s on as given."""
+    return lambda t: later(t) if t > 300.0 else 50.0 + math.sin(t) if 82.0 < t < 205.0 else 22.0
 
 
-def _dies_with_pauses(t: float) -> float:
-    """The same, and the cable breaks for 6 s in 30."""
-    if t > 210.0:
-        return math.nan if t % 30.0 < 6.0 else 21.0 + 0.1 * (round(4.0 * t) % 2)
-    return 50.0 + math.sin(t) if 82.0 < t < 205.0 else 22.0 + 0.1 * math.sin(t)
+def _twice(t: float) -> float:
+    """Two bursts of four seconds."""
+    return (44.0 if 100.0 <= t < 104.0 or 240.0 <= t < 244.5 else 22.0) + 0.1 * math.sin(t)
 
 
-def _again(later: Callable[[float], float], t: float) -> float:
-    """Risen in both episodes, in the second as given."""
-    if not (82.0 < t < 205.0 or t > 412.0):
-        return 22.0 + 0.1 * math.sin(t)
-    return 50.0 + math.sin(t) if t < 300.0 else later(t)
+def _with_pauses(t: float) -> float:
+    """One bit of dither, and the cable breaks for 6 s in 30."""
+    return math.nan if t % 30.0 < 6.0 else 21.0 + 0.1 * (round(4.0 * t) % 2)
 
 
-_SECOND = {
-    'dies': (_dies, 20.0, 520.0, 900.0),
-    'dies, with pauses': (_dies_with_pauses, 20.0, 620.0, 900.0),
-    'beats with the shaft': (
-        partial(_again, lambda t: 40.0 + 5.0 * math.sin(2.0 * math.pi * t / 3.5)),
-        10.0,
-        430.0,
-        700.0,
-    ),
-    'has a loose contact': (
-        partial(_again, lambda t: 10.0 if round(4.0 * t) % 4 == 0 else 50.0),
-        10.0,
-        430.0,
-        700.0,
-    ),
-}
+def _beats(t: float) -> float:
+    return 40.0 + 5.0 * math.sin(2.0 * math.pi * t / 3.5) if t > 412.0 else 22.0
+
+
+def _loose(t: float) -> float:
+    return (10.0 if round(4.0 * t) % 4 == 0 else 50.0) if t > 412.0 else 22.0
+
+
 # --- The rows ------------------------------------------------------------------------------------
 
 NEVER, ALWAYS = (0.0, 0.0), (0.0, math.inf)
 AGAIN = ramps([0, 300, 320, 900, 930], [1.6, 1.6, 0.4, 0.4, 0.9])
 """Cruise, ten minutes of stick-slip, then the bistable range."""
-_BEGINS = (60.0, 360.0, 660.0, 960.0)
+EPISODE = ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9])
+"""Into stick-slip, then into the bistable range."""
+QUANTITIES = (Input.SPEED, Input.LOAD)
 
 
 def _stamps() -> Iterable[Case]:
-    for bearing, period in (('viscous', 1.0), ('ship', 2.0)):
-        for copies in (2, 5, 20):
-            for at in ('at the source', 'on arrival', 'alike'):
-                yield Case(
-                    f'bursts of {copies}, stamped {at}, {bearing}',
-                    Sent(bearing, 60.0, 0.4, period=period, spoilt=in_bursts(period, copies, at)),
-                    Told(first=(0.0, 10.0), seconds={'stick_slip': (48.0, 60.0), 'input_stale': NEVER}),
-                )
+    for copies, at in product((2, 20), ('at the source', 'on arrival', 'alike')):
+        sent = Sent('ship', 60.0, 0.4, period=2.0, spoilt=in_bursts(2.0, copies, at))
+        seconds = {'stick_slip': (48.0, 60.0), 'input_stale': NEVER}
+        yield case(f'bursts of {copies}, stamped {at}', sent, first=(0.0, 10.0), seconds=seconds)
     for off in (-3600.0, -7.0, 4.8, 6.0, 3600.0):
-        for nth in (7, 20):
-            yield Case(
-                f'one stamp in {nth} off by {off} s',
-                Sent('ship', 300.0, 0.5, period=0.2, spoilt=stamped(off, nth)),
-                Told(
-                    first=(0.0, 10.0),
-                    events=9,
-                    used=0.999 if off > 0.0 else 0.9,
-                    seconds={'stick_slip': (285.0, 300.0)},
-                ),
-            )
-        yield Case(
-            f'two stamps off by {off} s',
-            Sent('steep', spoilt=stamped(off, 1, 100, 102)),
-            Told(events=0, used=1.0 if off > 0.0 else 0.99),
-        )
+        sent, used = Sent('ship', 300.0, 0.5, period=0.2, spoilt=stamped(off, 7)), 0.9 + 0.099 * (off > 0.0)
+        seconds = {'stick_slip': (285.0, 300.0)}
+        what = f'one stamp in seven off by {off} s'
+        yield case(what, sent, first=(0.0, 10.0), events=9, used=used, seconds=seconds)
+        sent, used = Sent('steep', spoilt=stamped(off, 1, 100, 102)), 0.99 + 0.01 * (off > 0.0)
+        yield case(f'two stamps off by {off} s', sent, events=0, used=used)
 
 
 def _clocks() -> Iterable[Case]:
-    for period in (2.0, 3.0, 4.8):
-        yield Case(
-            f'values in pairs, {period} s apart',
-            Sent(
-                'ship',
-                200.0,
-                ramps([0, 100, 101], [2.0, 2.0, 0.4]),
-                period=period,
-                spoilt=lambda sent: (
-                    sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
-                ),
-            ),
-            Told(used=0.95, first=(100.0, 112.0), seconds={'input_stale': NEVER}),
-        )
-    for bearing, period in (('ship', 0.1), ('steep', 1.0)):
-        for step in (-3600.0, -3.0, 0.0, 3.0, 600.0):
-            for spoil in (twice, swapped):
-                yield Case(
-                    f'clock set by {step} s in a gap, {spoil.__name__}, {bearing}',
-                    Sent(
-                        bearing,
-                        160.0,
-                        lambda t: 2.0 if t < 100.0 else 0.4,
-                        period=period,
-                        spoilt=together(
-                            lambda sent: [m for m in sent if not 40.0 <= m.arrival < 50.0],
-                            spoil,
-                            set_by(step, 50.0),
-                        ),
-                    ),
-                    Told(onsets=((100.0, 115.0 + 8.0 * period),), first=(100.0, 115.0 + 8.0 * period)),
-                )
-    for period in (10.0, 20.0):
-        for step in (-3600.0, -120.0):
-            yield Case(
-                f'values each {period} s, the clock set by {step} s at once',
-                Sent('table', 900.0, 0.4, period=period, spoilt=set_by(step, 25.0)),
-                Told(used=0.95, ends='stick_slip'),
-            )
-    for step in (-50.0, 0.0):
-        yield Case(
-            f'clock set by {step} s within a long time-out',
-            Sent(
-                'ship',
-                200.0,
-                lambda t: 2.0 if t < 105.0 else 0.4,
-                period=0.2,
-                spoilt=set_by(step, 100.0),
-                settings={'speed__timeout': 60.0, 'load__timeout': 60.0},
-            ),
-            Told(first=(105.0, 109.0)),
-        )
+    for period in (2.0, 4.8):
+        sent = Sent('ship', 200.0, ramps([0, 100, 101], [2.0, 2.0, 0.4]), period=period, spoilt=in_pairs)
+        told = {'used': 0.95, 'first': (100.0, 112.0), 'seconds': {'input_stale': NEVER}}
+        yield case(f'values in pairs, {period} s apart', sent, **told)
+    for (bearing, period), by, spoil in product(
+        (('ship', 0.1), ('steep', 1.0)), (-3600.0, -3.0, 3.0, 600.0), (twice, swapped)
+    ):
+        spoilt = together(without(40.0, 50.0), spoil, set_by(by, 50.0))
+        sent = Sent(bearing, 160.0, step(100.0, 2.0, 0.4), period=period, spoilt=spoilt)
+        onset = (100.0, 115.0 + 8.0 * period)
+        what = f'clock set by {by} s in a gap, {spoil.__name__}, {bearing}'
+        yield case(what, sent, onsets=(onset,), first=onset)
+    for period, by in ((10.0, -3600.0), (20.0, -120.0)):
+        sent = Sent('table', 900.0, 0.4, period=period, spoilt=set_by(by, 25.0))
+        what = f'values each {period} s, the clock set by {by} s at once'
+        yield case(what, sent, used=0.95, ends='stick_slip')
+    timeouts = {'speed__timeout': 60.0, 'load__timeout': 60.0}
+    share, spoilt = step(105.0, 2.0, 0.4), set_by(-50.0, 100.0)
+    sent = Sent('ship', 200.0, share, period=0.2, spoilt=spoilt, settings=timeouts)
+    yield case('clock set by -50 s within a long time-out', sent, first=(105.0, 109.0))
     for ahead in (-7.0, 0.4, 7.0):
-        yield Case(
-            f'a second publisher far outside, its clock {ahead} s off',
-            Sent('ship', 120.0, 0.4, spoilt=besides(0.5, ahead, rpm('ship', 0.6), 0.23)),
-            Told(seconds={'stick_slip': (100.0, 120.0)}),
-        )
+        sent = Sent('ship', 120.0, 0.4, spoilt=besides(0.5, ahead, rpm('ship', 0.6), 0.23))
+        what = f'a second publisher far outside, its clock {ahead} s off'
+        yield case(what, sent, seconds={'stick_slip': (100.0, 120.0)})
 
 
 def _values() -> Iterable[Case]:
-    for bearing, period, nth in (('steep', 0.05, 7), ('ship', 0.1, 4)):
-        for place, share in ((Input.SPEED, 0.05), (Input.LOAD, 20.0)):
-            value = share * BEARINGS[bearing][1 + place]
-            yield Case(
-                f'one odd {INPUTS[place]} in {nth} far outside',
-                Sent(
-                    bearing,
-                    period=period,
-                    spoilt=valued(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0),
-                ),
-                Told(onsets=(), seconds={'bistable': NEVER}),
-            )
-    for place, share in ((Input.SPEED, 0.9), (Input.LOAD, 30.0)):
-        value = share * BEARINGS['ship'][1 + place]
-        yield Case(
-            f'one odd {INPUTS[place]} and a vibration',
-            Sent(
-                'ship',
-                600.0,
-                1.75,
-                period=0.2,
-                level=lambda t: 90.0 + math.sin(t),
-                spoilt=valued(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0),
-                settings=MILLIMETRES | {'level__threshold': 40.0},
-            ),
-            Told(seconds={'stick_slip': NEVER}),
-        )
-    for bearing in ('reference', 'ship', 'viscous'):
-        for place in (Input.SPEED, Input.LOAD):
-            yield Case(
-                f'{INPUTS[place]} drops out half of the time, {bearing}',
-                Sent(
-                    bearing,
-                    200.0,
-                    lambda t: 2.0 if t > 40.0 else 0.4,
-                    period=0.1,
-                    spoilt=valued(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5),
-                ),
-                Told(onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0),
-            )
-    for place in (Input.SPEED, Input.LOAD):
-        yield Case(
-            f'{INPUTS[place]} drops to zero for 1.4 s in an episode',
-            Sent(
-                'steep',
-                180.0,
-                ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9]),
-                period=0.2,
-                spoilt=valued(place, 0.0, lambda _, t: 130.0 < t < 131.4),
-            ),
-            Told(onsets=(ALWAYS,), ends='stick_slip'),
-        )
+    for (bearing, period, nth), place in product((('steep', 0.05, 7), ('ship', 0.1, 4)), QUANTITIES):
+        value = (0.05, 20.0)[place] * BEARINGS[bearing][1 + place]
+        spoilt = valued(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0)
+        what = f'one odd {INPUTS[place]} in {nth} far outside'
+        yield case(what, Sent(bearing, period=period, spoilt=spoilt), onsets=(), seconds={'bistable': NEVER})
+    for place in QUANTITIES:
+        value = (0.9, 30.0)[place] * BEARINGS['ship'][1 + place]
+        spoilt = valued(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0)
+        level = {'level': loud(0.0, high=90.0), 'unit': 'mm/s', 'threshold': 40.0}
+        sent = Sent('ship', 600.0, 1.75, period=0.2, spoilt=spoilt, **level)
+        yield case(f'one odd {INPUTS[place]} and a vibration', sent, seconds={'stick_slip': NEVER})
+        spoilt = valued(place, 0.0, lambda _, t: 130.0 < t < 131.4)
+        sent = Sent('steep', 180.0, EPISODE, period=0.2, spoilt=spoilt)
+        what = f'{INPUTS[place]} drops to zero for 1.4 s in an episode'
+        yield case(what, sent, onsets=(ALWAYS,), ends='stick_slip')
+    for bearing, place in product(('reference', 'viscous'), QUANTITIES):
+        spoilt = valued(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5)
+        sent = Sent(bearing, 200.0, step(40.0, 0.4, 2.0), period=0.1, spoilt=spoilt)
+        what = f'{INPUTS[place]} drops out half of the time, {bearing}'
+        yield case(what, sent, onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0)
     for period in (0.1, 1.0):
-        yield Case(
-            f'the filter of a tachometer starts at zero, each {period} s',
-            Sent('reference', 60.0, lambda t: 2.0 if t else 0.05, period=period, load_period=0.1),
-            Told(onsets=()),
-        )
+        sent = Sent('reference', 60.0, step(0.01, 0.05, 2.0), period=period, load_period=0.1)
+        yield case(f'the filter of a tachometer starts at zero, each {period} s', sent, onsets=())
     for bearing, (_, fold, _) in BEARINGS.items():
-        yield Case(
-            f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}',
-            Sent(bearing, 120.0, 0.04 / fold, period=1.0),
-            Told(events=0),
-        )
-    for step in (1.0, 4.0):
-        of_rpm, fine = step / BEARINGS['steep'][1], ramps([0, 120], [2.0, 0.3])
-        yield Case(
-            f'speeds in steps of {step} rpm',
-            Sent('steep', 150.0, lambda t, s=of_rpm, f=fine: s * round(f(t) / s), load_period=0.2),
-            Told(onsets=(ALWAYS,), ends='stick_slip'),
-        )
+        sent = Sent(bearing, 120.0, 0.04 / fold, period=1.0)
+        yield case(f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}', sent, events=0)
+    for size in (1.0, 4.0):
+        fine, share = ramps([0, 120], [2.0, 0.3]), size / BEARINGS['steep'][1]
+        sent = Sent('steep', 150.0, lambda t, s=share, f=fine: s * round(f(t) / s), load_period=0.2)
+        yield case(f'speeds in steps of {size} rpm', sent, onsets=(ALWAYS,), ends='stick_slip')
 
 
 def _paces() -> Iterable[Case]:
-    yield Case(
-        'values as slow as the time-out, every second 20 ms late',
-        Sent(
-            'viscous',
-            600.0,
-            period=4.0,
-            load_period=0.5,
-            spoilt=of(
-                Input.SPEED, lambda k, m: Message(*(m[0] + k % 2 * 0.02, m[1]), m[2] + k % 2 * 0.02, m[3])
-            ),
-            settings={'speed__timeout': 4.0, 'load__timeout': 4.0},
-        ),
-        Told(since=10.0, seconds={'input_stale': NEVER}),
-    )
+    slow, lag = {'speed__timeout': 4.0, 'load__timeout': 4.0}, late_by(lambda k: k % 2 * 0.02)
+    sent = Sent('viscous', 600.0, period=4.0, load_period=0.5, spoilt=lag, settings=slow)
+    what = 'values as slow as the time-out, every second 20 ms late'
+    yield case(what, sent, since=10.0, seconds={'input_stale': NEVER})
     for period in (6.0, 30.0):
-        yield Case(
-            f'values slower than the time-out, each {period} s',
-            Sent('ship', 1800.0, 0.4, period=period),
-            Told(used=0.9, ends='stick_slip'),
-        )
+        what = f'values slower than the time-out, each {period} s'
+        yield case(what, Sent('ship', 1800.0, 0.4, period=period), used=0.9, ends='stick_slip')
     for period in (1.0, 4.0):
-        yield Case(
-            f'a load each {period} s delays no onset',
-            Sent('steep', 60.0, lambda t: 2.0 if t < 21.0 else 0.3, period=0.1, load_period=period),
-            Told(first=(21.0, 23.0)),
-        )
+        sent = Sent('steep', 60.0, step(21.0, 2.0, 0.3), period=0.1, load_period=period)
+        yield case(f'a load each {period} s delays no onset', sent, first=(21.0, 23.0))
     for period in (2.0, 60.0):
-        yield Case(
-            f'two episodes, then an hour outside, a speed each {period} s',
-            Sent(
-                'ship',
-                4500.0,
-                lambda t: 0.4 if t % 600.0 < 300.0 and t < 1200.0 else 2.0,
-                period=period,
-                load_period=1.0,
-                settings={'speed__timeout': 30.0},
-            ),
-            Told(
-                onsets=(ALWAYS, ALWAYS),
-                since=1200.0 + 4 * period,
-                ends='normal',
-                seconds=dict.fromkeys(('stick_slip', 'bistable', 'caution'), NEVER),
+        sent = Sent(
+            'ship',
+            4500.0,
+            lambda t: 0.4 if t % 600.0 < 300.0 and t < 1200.0 else 2.0,
+            period=period,
+            load_period=1.0,
+            settings={'speed__timeout': 30.0},
+        )
+        told = {'onsets': (ALWAYS, ALWAYS), 'since': 1200.0 + 4 * period, 'ends': 'normal'}
+        seconds = dict.fromkeys(('stick_slip', 'bistable', 'caution'), NEVER)
+        what = f'two episodes, then an hour outside, a speed each {period} s'
+        yield case(what, sent, seconds=seconds, **told)
+    for apart in (50.0, 250.0):
+        last, kept = 100.0 + 2.0 * apart, (100.0 + apart, 100.0 + 2.0 * apart)
+        spoilt = of(
+            Input.SPEED,
+            lambda _, m, own=kept: (
+                m if m.stamp < 100.0 or min(abs(m.stamp - at) for at in own) < 0.04 else None
             ),
         )
-    for apart in (50.0, 110.0, 250.0):
-        last = 100.0 + 2.0 * apart
-        yield Case(
-            f'two single speeds {apart} s apart are no slow sensor',
-            Sent(
-                'ship',
-                last + 60.0,
-                period=0.1,
-                spoilt=of(
-                    Input.SPEED,
-                    lambda _, m, a=apart, b=last: (
-                        m
-                        if (m.stamp < 100.0 or min(abs(m.stamp - 100.0 - a), abs(m.stamp - b)) < 0.04)
-                        else None
-                    ),
-                ),
-            ),
-            Told(since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale'),
-        )
-    yield Case(
-        'a load that comes once an hour is lost in between',
-        Sent('ship', 5 * 3600.0, 1.6, period=5.0, load_period=3600.0),
-        Told(seconds={'input_stale': (0.85 * 5 * 3600.0, math.inf)}),
-    )
+        sent = Sent('ship', last + 60.0, period=0.1, spoilt=spoilt)
+        what = f'two single speeds {apart} s apart are no slow sensor'
+        yield case(what, sent, since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale')
+    sent = Sent('ship', 5 * 3600.0, 1.6, period=5.0, load_period=3600.0)
+    lost = {'input_stale': (0.85 * 5 * 3600.0, math.inf)}
+    yield case('a load that comes once an hour is lost in between', sent, seconds=lost)
 
 
 def _courses() -> Iterable[Case]:
     for bearing, high, low in (('steep', 2.0, 0.4), ('viscous', 1.8, 0.5)):
-        times = [begin + after for begin in _BEGINS for after in (0.0, 20.0, 50.0, 70.0)]
-        yield Case(
-            f'each of four episodes ends and is announced, {bearing}',
-            Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2),
-            Told(
-                onsets=tuple((begin, begin + 30.0) for begin in _BEGINS),
-                seconds={'stick_slip': (0.0, 4 * 70.0)},
-                ends='normal',
-            ),
-        )
-    yield Case(
-        'nothing is known of a bearing that starts in the bistable range',
-        Sent('steep', 60.0, 0.9, period=0.25),
-        Told(ends='bistable', says='Vibration state unknown.'),
-    )
-    yield Case(
-        'the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55',
-        Sent('reference', 60.0, 0.5, period=0.2, load=6.0, settings={'alarm__amplitude_limit': 0.8e-3}),
-        Told(ends='amplitude_limit'),
-    )
+        begins = (60.0, 360.0, 660.0, 960.0)
+        times = [begin + after for begin in begins for after in (0.0, 20.0, 50.0, 70.0)]
+        sent = Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2)
+        onsets, seconds = tuple((begin, begin + 30.0) for begin in begins), {'stick_slip': (0.0, 4 * 70.0)}
+        what = f'each of four episodes ends and is announced, {bearing}'
+        yield case(what, sent, onsets=onsets, seconds=seconds, ends='normal')
+    what = 'nothing is known of a bearing that starts in the bistable range'
+    yield case(what, Sent('steep', 60.0, 0.9, period=0.25), ends='bistable', says='Vibration state unknown.')
+    limit = {'alarm__amplitude_limit': 0.8e-3}
+    sent = Sent('reference', 60.0, 0.5, period=0.2, load=6.0, settings=limit)
+    what = 'the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55'
+    yield case(what, sent, ends='amplitude_limit')
 
 
 def _levels() -> Iterable[Case]:
     for high in (8.0, 25.0):
-        yield Case(
-            f'a genset outside the fold, {high} mm/s',
-            Sent(
-                'ship',
-                900.0,
-                1.13,
-                level=lambda t, h=high: (h if t > 400.0 else 2.0) * (1.0 + 0.02 * math.sin(7.0 * t)),
-                settings=MILLIMETRES,
-            ),
-            Told(seconds={'stick_slip': NEVER}),
-        )
+        level = {'level': loud(400.0, high=high, low=2.0), 'unit': 'mm/s', 'threshold': math.nan}
+        sent = Sent('ship', 900.0, 1.13, **level)
+        yield case(f'a genset outside the fold, {high} mm/s', sent, seconds={'stick_slip': NEVER})
     for dither in (0.0, 0.04):
-        yield Case(
-            f'a limit cycle is constant to {dither} dB, and no stuck level',
-            Sent(
-                'viscous',
-                600.0,
-                0.9,
-                settings=DECIBELS,
-                level=lambda t, d=dither: (
-                    44.0 + d * math.copysign(1.0, math.sin(5.0 * t))
-                    if t >= 400.0
-                    else 21.0 + 0.7 * math.sin(3.0 * t)
-                ),
+        sent = Sent(
+            'viscous',
+            600.0,
+            0.9,
+            level=lambda t, d=dither: (
+                44.0 + d * math.copysign(1.0, math.sin(5.0 * t))
+                if t >= 400.0
+                else 21.0 + 0.7 * math.sin(3.0 * t)
             ),
-            Told(first=(400.0, 406.0), ends='stick_slip'),
         )
-    for lasting in (2.0, 3.5, 8.0):
-        # Beyond the fold a vibration is never taken for stick-slip; caution stands there anyway.
-        for bearing, share, ends in (('viscous', 0.9, 'stick_slip'), ('ship', 1.1, 'caution')):
-            yield Case(
-                f'bursts of {lasting} s, then one that goes on, at {share}',
-                Sent(
-                    bearing,
-                    1100.0,
-                    share,
-                    level=bursts(lasting, from_then_on=1000.0),
-                    settings=MILLIMETRES | {'level__threshold': 20.0},
-                ),
-                Told(ends=ends, onsets=((1000.0, 1020.0),) if ends == 'stick_slip' else ()),
-            )
-    for bearing in ('viscous', 'ship'):
-        for period in (0.1, 2.0):
-            yield Case(
-                f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s',
-                Sent(
-                    bearing,
-                    160.0,
-                    ramps([0, 100, 102], [1.6, 1.6, 0.93]),
-                    level=loud(101.8),
-                    period=period,
-                    settings=DECIBELS,
-                ),
-                Told(first=(101.8, 130.0)),
-            )
+        what = f'a limit cycle is constant to {dither} dB, and no stuck level'
+        yield case(what, sent, first=(400.0, 406.0), ends='stick_slip')
+    # Beyond the fold a vibration is never taken for stick-slip; caution stands there anyway.
+    inside, beyond = ('viscous', 0.9, 'stick_slip'), ('ship', 1.1, 'caution')
+    for lasting, (bearing, share, ends) in product((2.0, 8.0), (inside, beyond)):
+        level = bursts(lambda t, n=lasting: t % 60.0 < n or t > 1000.0)
+        sent = Sent(bearing, 1100.0, share, level=level, unit='mm/s', threshold=20.0)
+        onsets = ((1000.0, 1020.0),) if ends == 'stick_slip' else ()
+        yield case(
+            f'bursts of {lasting} s, then one that goes on, at {share}', sent, ends=ends, onsets=onsets
+        )
+    for bearing, period in product(('viscous', 'ship'), (0.1, 2.0)):
+        share = ramps([0, 100, 102], [1.6, 1.6, 0.93])
+        sent = Sent(bearing, 160.0, share, level=loud(101.8), period=period)
+        what = f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s'
+        yield case(what, sent, first=(101.8, 130.0))
     for begin in (0.9, 1.6):
-        yield Case(
-            f'an engine order that is loud from the start, at {begin}',
-            Sent(
-                'ship',
-                900.0,
-                ramps([0, 60, 80], [begin, begin, 0.9]),
-                level=loud(0.0, high=46.0),
-                settings=DECIBELS,
-            ),
-            Told(seconds={'stick_slip': NEVER}),
-        )
+        share = ramps([0, 60, 80], [begin, begin, 0.9])
+        sent = Sent('ship', 900.0, share, level=loud(0.0, high=46.0))
+        what = f'an engine order that is loud from the start, at {begin}'
+        yield case(what, sent, seconds={'stick_slip': NEVER})
 
 
 def _level_knocks() -> Iterable[Case]:
     for beat, low in ((6.0, 29.0), (8.0, 33.0), (12.0, 32.0)):
-        yield Case(
-            f'a knock that beats each {beat} s, after one loud sample elsewhere',
-            Sent(
-                'viscous',
-                300.0,
-                ramps([0, 100, 120], [1.6, 1.6, 0.92]),
-                level=lambda t, b=beat, w=low: (
-                    (46.0 if t % b < 0.7 * b else w) if t >= 200.0 else 36.0 if 50.0 <= t < 50.5 else 22.0
-                ),
-                load_period=0.2,
-                settings=DECIBELS,
-            ),
-            Told(first=(200.0, 232.0)),
+        share = ramps([0, 100, 120], [1.6, 1.6, 0.92])
+        sent = Sent('viscous', 300.0, share, level=knock(beat, low), load_period=0.2)
+        what = f'a knock that beats each {beat} s, after one loud sample elsewhere'
+        yield case(what, sent, first=(200.0, 232.0))
+    for bearing, after in product(('viscous', 'ship'), (0.5, 3.0)):
+        share = ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8])
+        sent = Sent(bearing, 300.0, share, level=loud(103.0, 202.6 + after, 46.0), period=0.2)
+        what = f'the lining rings {after} s after an episode, {bearing}'
+        yield case(what, sent, onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal')
+    for lasting, rises in product((3.5, 5.5), (True, False)):
+        level = bursts(
+            lambda t, n=lasting, r=rises: 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0)
         )
-    for bearing in ('viscous', 'ship'):
-        for after in (0.5, 3.0):
-            yield Case(
-                f'the lining rings {after} s after an episode, {bearing}',
-                Sent(
-                    bearing,
-                    300.0,
-                    ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8]),
-                    level=loud(103.0, 202.6 + after, 46.0),
-                    period=0.2,
-                    settings=DECIBELS,
-                ),
-                Told(onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal'),
-            )
-        for lasting in (3.5, 5.5):
-            for rises in (True, False):
-                yield Case(
-                    f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a rise, {bearing}',
-                    Sent(
-                        bearing,
-                        1500.0,
-                        AGAIN,
-                        level=lambda t, n=lasting, r=rises: (
-                            (60.0 if 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0) else 3.0)
-                            * (1.0 + 0.02 * math.sin(9.0 * t))
-                        ),
-                        settings=MILLIMETRES | {'level__threshold': 20.0},
-                    ),
-                    Told(onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip'),
-                )
+        sent = Sent('ship', 1500.0, AGAIN, level=level, unit='mm/s', threshold=20.0)
+        what = f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a rise'
+        yield case(what, sent, onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip')
 
 
 def _level_episodes() -> Iterable[Case]:
     for period in (3.0, 10.0):
-        yield Case(
-            f'a level each {period} s is slower than its time-out',
-            Sent(
-                'viscous',
-                600.0,
-                0.9,
-                level=lambda t: (44.0 if t > 400.0 else 22.0) + math.sin(t),
-                level_period=period,
-                settings=DECIBELS | {'level__timeout': 2.0},
-            ),
-            Told(first=(400.0, 401.0 + 3.0 * period), ends='stick_slip'),
-        )
-    yield Case(
-        'a worn bearing sticks where its parameters say caution',
-        Sent(
-            'ship',
-            600.0,
-            1.1,
-            level=loud(400.0, high=60.0, low=3.0),
-            settings=MILLIMETRES | {'level__threshold': 20.0},
-        ),
-        Told(onsets=(), ends='caution', says='Vibration is measured where none is predicted'),
-    )
-    yield Case(
-        'a blow that goes on, after one that rang down',
-        Sent('viscous', 300.0, 0.9, level=_ringing, settings=DECIBELS),
-        Told(onsets=((260.0, 277.0),)),
-    )
-    for what, (level, ramp, left, end) in _SECOND.items():
+        level, short = loud(400.0), {'level__timeout': 2.0}
+        sent = Sent('viscous', 600.0, 0.9, level=level, level_period=period, settings=short)
+        what = f'a level each {period} s is slower than its time-out'
+        yield case(what, sent, first=(400.0, 401.0 + 3.0 * period), ends='stick_slip')
+    level = loud(400.0, high=60.0, low=3.0)
+    sent = Sent('ship', 600.0, 1.1, level=level, unit='mm/s', threshold=20.0)
+    says = 'Vibration is measured where none is predicted'
+    yield case('a worn bearing sticks where its parameters say caution', sent, ends='caution', says=says)
+    sent = Sent('viscous', 300.0, 0.9, level=_ringing)
+    yield case('a blow that goes on, after one that rang down', sent, onsets=((260.0, 277.0),))
+    for what, later, ramp, left, end in (
+        ('dies', lambda t: 1.0 + 0.01 * (round(2 * t) % 2), 20.0, 520.0, 900.0),
+        ('dies, with pauses', _with_pauses, 20.0, 620.0, 900.0),
+        ('beats with the shaft', _beats, 10.0, 430.0, 700.0),
+        ('has a loose contact', _loose, 10.0, 430.0, 700.0),
+    ):
         times = [60, 80, 200, 220, 400, 400 + ramp, left, left + ramp]
-        yield Case(
-            f'a level that {what} ends no second episode',
-            Sent(
-                'ship',
-                end,
-                ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9]),
-                period=0.2,
-                level=level,
-                level_period=0.25,
-                settings=DECIBELS,
-            ),
-            Told(onsets=(ALWAYS, ALWAYS), ends='stick_slip'),
-        )
-    yield Case(
-        'a dead level ends no running alarm',
-        Sent(
-            'ship',
-            600.0,
-            ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]),
-            period=0.2,
-            level=lambda t: 1.0 + 0.01 * (round(2 * t) % 2),
-            settings=MILLIMETRES | {'level__threshold': 40.0},
-        ),
-        Told(onsets=(ALWAYS,), ends='stick_slip'),
-    )
-    yield Case(
-        'a burst outside, the clocks set back, and the same inside',
-        Sent(
-            'viscous',
-            300.0,
-            ramps([150.0, 180.0], [1.6, 0.9]),
-            spoilt=set_by(-3600.0, 200.0),
-            level=lambda t: (44.0 if 100.0 <= t < 104.0 or 240.0 <= t < 244.5 else 22.0) + 0.1 * math.sin(t),
-            settings=DECIBELS,
-        ),
-        Told(onsets=(), used=0.99),
-    )
-    yield Case(
-        'a level that shows an episode from the start, without a threshold',
-        Sent('ship', 200.0, 0.4, level=lambda t: 90.0 + math.sin(t), settings=MILLIMETRES),
-        Told(ends='stick_slip', says='does its sensor reach the bearing?'),
-    )
+        share = ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])
+        sent = Sent('ship', end, share, period=0.2, level=second_episode(later), level_period=0.25)
+        what = f'a level that {what} ends no second episode'
+        yield case(what, sent, onsets=(ALWAYS, ALWAYS), ends='stick_slip')
+    share, level = ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]), step(0.0, 1.0, 1.0)
+    sent = Sent('ship', 600.0, share, period=0.2, level=level, unit='mm/s', threshold=40.0)
+    yield case('a dead level ends no running alarm', sent, onsets=(ALWAYS,), ends='stick_slip')
+    share, spoilt = ramps([150.0, 180.0], [1.6, 0.9]), set_by(-3600.0, 200.0)
+    sent = Sent('viscous', 300.0, share, spoilt=spoilt, level=_twice)
+    what = 'a burst outside, the clocks set back, and the same inside'
+    yield case(what, sent, onsets=(), used=0.99)
+    level = loud(0.0, high=90.0)
+    sent = Sent('ship', 200.0, 0.4, level=level, unit='mm/s', threshold=math.nan)
+    what = 'a level that shows an episode from the start, without a threshold'
+    yield case(what, sent, ends='stick_slip', says='does its sensor reach the bearing?')
 
 
 ROWS = (_stamps, _clocks, _values, _paces, _courses, _levels, _level_knocks, _level_episodes)
@@ -801,8 +596,7 @@ def test_a_steady_speed_near_a_doubtful_fold_does_not_fall() -> None:
 
 @pytest.mark.parametrize('pause', [-3600.0, 5.0, 60.0, 200.0])
 def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> None:
-    share = ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9])
-    case = Sent('steep', 120.0, share, period=0.25)
+    case = Sent('steep', 120.0, EPISODE, period=0.25)
     heard = Heard(case.config, case.messages())
     kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
     heard.monitor, before = Monitor(case.config, {NAME: State.of_record(kept)}), heard.events
@@ -826,8 +620,7 @@ def test_a_hold_up_before_the_first_message_is_no_time() -> None:
 
 
 def test_a_numpy_number_is_a_number() -> None:
-    settings = MILLIMETRES | {'level__threshold': 40.0}
-    monitor = Monitor(Sent(settings=settings).config)
+    monitor = Monitor(Sent(level=loud(0.0), unit='mm/s').config)
     for time, kind in enumerate((np.float32, np.float64, np.int32, int)):
         assert feed(monitor, time, 'level', kind(3), NAME).status.valid
 
@@ -852,7 +645,7 @@ def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
         1000.0,
         lambda t: 1.5 if t < 60.0 else 0.5 if t < 900.0 else back,
         period=0.1,
-        spoilt=lambda sent: [m for m in sent if not left <= m.arrival < 960.0],
+        spoilt=without(left, 960.0),
     )
     heard = Heard(case.config, case.messages())
     assert len(heard.onsets) == (before > 2.0)
