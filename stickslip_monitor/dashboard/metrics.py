@@ -95,7 +95,7 @@ class Metrics(Collector):
 
 def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
     monitors = board.monitors
-    ups = [((m.namespace,), m.there and not board.finished) for m in monitors]
+    ups = [((m.namespace,), not (m.faults() or board.finished)) for m in monitors]
     yield _family('monitor_up', _UP, _SPACE, ups)
     silences = [((m.namespace,), m.silent_for) for m in monitors]
     yield _family(

@@ -1,32 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The monitors as the dashboard sees them: their bearings, their alarms, their log, what is missing.
 
-What comes from a monitor may come from anybody on its network: it is checked field by field. All
-of it happens on one event loop; whoever knows something from another thread hands it over with
+All of it happens on one event loop; whoever knows something from another thread hands it over with
 ``call_soon_threadsafe``.
 """
 
 from __future__ import annotations
 
 import asyncio
-import csv
-import io
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
-from itertools import islice
 from typing import Any
 
+from stickslip_monitor.dashboard.checked_records import checked_alarms, checked_record
+from stickslip_monitor.dashboard.event_log import EventLog
 from stickslip_monitor.errors import DashboardError
-from stickslip_monitor.monitor.alarm_list import Action
-from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
-from stickslip_monitor.monitor.alarms import TABLE, AlarmState
+from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.messages import POINT_NUMBERS
-from stickslip_monitor.monitor.signals import INPUTS, Status
-from stickslip_monitor.state_file import StateWriter
 
 SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""
@@ -34,179 +26,24 @@ ALARMS_SILENT = 150.0
 """The list of alarms comes at least once a minute; after so long it is too old [s]."""
 MOST_NAMES = 20
 """Other monitors and bearings that are remembered, to report them."""
+NOT_MONITORING = 'not_monitoring'
+"""The reason of a bearing whose node is not active."""
 _BEYOND = 5
 # A map that is made for an operating point has this much room beyond its speed and its load.
 _ROOM = (1.2, 1.5)
-# The latest date of a browser [ms], and the highest whole number that it holds exactly.
-_LATEST, _MOST_COUNTED = 8_640_000_000_000_000, 2**53
 _NO_ANSWER = 'no answer from the monitor: it may not have been done'
 _NO_ALARMS = 'the list of alarms has not come from the monitor: nothing was done'
-
-# --- what comes, field by field --------------------------------------------------------------
-
-Read = Callable[[Any], Any]
-"""Takes the value of a field, or ``None`` where there is none."""
-
-
-def _must(kind: type) -> Read:
-    """Reads a field without which there is nothing to show."""
-
-    def read(value: Any) -> Any:
-        if not isinstance(value, kind):
-            raise ValueError(f'{value!r} is no {kind.__name__}')
-        return value
-
-    return read
-
-
-def _may(kind: type, default: Any = None) -> Read:
-    """Reads a field that may be missing, or be anything."""
-    return lambda value: value if isinstance(value, kind) else default
-
-
-def _finite(value: Any) -> float | None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return value if number and abs(value) <= sys.float_info.max else None
-
-
-def _count(value: Any) -> int:
-    return value if isinstance(value, int) and 0 <= value <= _MOST_COUNTED else 0
-
-
-def _milliseconds(time_ns: Any) -> int | None:
-    time = time_ns // 1_000_000 if isinstance(time_ns, int) else None
-    return None if time is None or abs(time) > _LATEST else time
-
-
-def _time(time_ns: Any) -> int:
-    return int(_must(int)(_milliseconds(time_ns)))
-
-
-def _texts(value: Any) -> list[str]:
-    return [str(each) for each in value] if isinstance(value, list) else []
-
-
-def _fields(document: Any, readers: Mapping[str, Read]) -> dict[str, Any]:
-    """The fields of a document that have a reader; ValueError where one that must be is not."""
-    own = _must(dict)(document)
-    return {name: read(own.get(name)) for name, read in readers.items()}
-
-
-def _each(readers: Mapping[str, Read]) -> Read:
-    """Reads a list of documents."""
-    return lambda value: [_fields(document, readers) for document in _must(list)(value)]
-
-
-NUMBERS = ('rpm', *POINT_NUMBERS)
-"""The numbers of a record."""
-PROBABILITIES = tuple(name for name in POINT_NUMBERS if name.startswith('probability'))
-NOT_MONITORING = 'not_monitoring'
-"""The reason of a bearing whose node is not active."""
-_COUNTS = {status.name.lower(): _count for status in Status}
-_INPUT: dict[str, Read] = {
-    'lost': _may(bool, False),
-    'age': _finite,
-    'rate': _finite,
-    'fault': _may(str, ''),
-    'counts': lambda value: _fields(_may(dict, {})(value), _COUNTS),
-}
-_RECORD: dict[str, Read] = {
-    **dict.fromkeys(('bearing', 'text', 'reason'), _must(str)),
-    'time': _time,
-    'sticking': _may(bool),
-    'held_until': _milliseconds,
-    **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
-    **dict.fromkeys(NUMBERS, _finite),
-    'inputs': lambda value: {n: _fields(value[n], _INPUT) for n in INPUTS if n in _must(dict)(value)},
-}
-_ALARM = dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _must(str)) | {
-    **dict.fromkeys(('sounding', 'silenced'), bool),
-    **dict.fromkeys(('since', 'changed'), _milliseconds),
-}
-_CHANGE = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
-_ALARMS: dict[str, Read] = {
-    'time': _time,
-    'monitoring': lambda value: value is not False,
-    'sounding': _must(bool),
-    'unacknowledged': _count,
-    'flood': lambda value: _fields(value, {'flooding': bool, 'alarms_10min': _count}),
-    'alarms': _each(_ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}),
-    'rows': _each(
-        _ALARM
-        | {'kinds': _texts, 'came_back': _count}
-        | dict.fromkeys(('came_back_since', 'back_since', 'clears_at'), _milliseconds)
-    ),
-    'changes': _each(dict.fromkeys(_CHANGE, _must(str)) | {'time': _milliseconds}),
-    'notes': _each(dict.fromkeys(('what', 'text'), _must(str)) | {'time': _milliseconds}),
-}
-
-
-def checked_record(document: Any) -> dict[str, Any] | None:
-    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
-    try:
-        return _fields(document, _RECORD)
-    except ValueError:
-        return None
-
-
-OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
-"""What a dashboard may ask for. To lock the shaft or to take an alarm out of service is left to
-the services: it makes alarms mean nothing, and is not for a tap on a phone."""
-_TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
-_NOT_ACTIVE = (AlarmState.NORMAL, AlarmState.SUPPRESSED)
-_OFF_SHOW = (*_NOT_ACTIVE, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
-
-
-def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
-    """A list of alarms for the page, times in milliseconds; ``None`` where it is none.
-
-    Args:
-        document: What should be the monitor's list.
-        bearings: Names of the bearings that are shown; those of others are left out.
-    """
-    if not isinstance(document, dict) or document.get('schema') != ALARM_SCHEMA:
-        return None
-    try:
-        record = _fields(document, _ALARMS)
-    except ValueError:
-        return None
-    for kind in ('alarms', 'rows'):
-        record[kind] = [each for each in record[kind] if each['bearing'] in bearings]
-    for alarm in record['alarms']:
-        alarm['actions'] = [action.value for action in OFFERED if _possible(alarm, action)]
-    for row in record['rows']:
-        # A row is all that a bearing has on show: what can be done about any of it is offered.
-        own = [a for a in record['alarms'] if a['bearing'] == row['bearing']]
-        possible = {do for a in own if a['state'] not in _OFF_SHOW for do in a['actions']}
-        row['actions'] = [action.value for action in OFFERED if action.value in possible]
-    return record
-
-
-def _possible(alarm: dict[str, Any], action: Action) -> bool:
-    if action is Action.SILENCE:
-        return bool(alarm['sounding'])
-    # To shelve what is not active is possible, but nothing to offer.
-    quiet = action is Action.SHELVE and alarm['state'] in _NOT_ACTIVE
-    return (alarm['state'], action.value) in _TABLE and not quiet
-
-
-# --- a bearing -------------------------------------------------------------------------------
 
 SPAN = 600_000
 """How far back the history of a bearing goes [ms]."""
 STEP = 1000
 """Its rows are so far apart, or further [ms]."""
-_OF_POINT = ('fold_speed', 'hopf_speed', 'fold_margin', 'hopf_margin', *PROBABILITIES)
+_PROBABILITIES = (name for name in POINT_NUMBERS if name.startswith('probability'))
+_OF_POINT = ('fold_speed', 'hopf_speed', 'fold_margin', 'hopf_margin', *_PROBABILITIES)
 COLUMNS = ('time', 'speed', 'load', *_OF_POINT)
 """Time [ms], speed [m/s], load [N], boundaries [m/s], margins and probabilities [-]."""
-Row = list[Any]
-
-
-def _row(record: dict[str, Any]) -> Row:
-    """A row; what rests on a lost input has no value, though the last one is still published."""
-    lost = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
-    hidden = lost | (set(_OF_POINT) if lost else set())
-    return [None if name in hidden else record[name] for name in COLUMNS]
+_OF_MAP = ('speeds', 'loads', 'curves')
+_OF_VIEW = ('rpm', 'caution_margin', 'amplitude_limit', 'topics', *_OF_MAP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,30 +74,36 @@ class Watched:
     key: str  # its name with the namespace of its node, as the page knows it: ``port/aft``
     view: BearingView  # what the page gets of it once
     record: dict[str, Any] | None = None  # the newest, for the page; ``None`` before it came
-    # The last ten minutes, a row a second.
-    history: deque[Row] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
+    # The last ten minutes, a row a second, of :data:`COLUMNS`.
+    history: deque[list[Any]] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
     at: float | None = None  # when the newest came [s]
     fitted: bool = False  # whether the map is made for an operating point
 
-    def take(self, record: dict[str, Any], now: float) -> None:
-        """Take a new record; in the history it replaces those of its second, and of its future."""
-        row, rows = _row(record), self.history
-        self.record, self.at = record | {'row': row}, now
-        while rows and rows[-1][0] // STEP >= row[0] // STEP:
+    def take(self, record: dict[str, Any], now: float) -> dict[str, Any]:
+        """Take a new record, and return it for the page.
+
+        In the history it replaces those of its second, and of its future.
+        """
+        # What rests on a lost input has no value, though the last one is still published.
+        hidden = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
+        hidden |= set(_OF_POINT) if hidden else set()
+        row, rows = [None if name in hidden else record[name] for name in COLUMNS], self.history
+        while rows and rows[-1][0] // STEP >= record['time'] // STEP:
             rows.pop()
-        while rows and rows[0][0] < row[0] - SPAN:
+        while rows and rows[0][0] < record['time'] - SPAN:
             rows.popleft()
         rows.append(row)
+        self.record, self.at = record | {'row': row}, now
+        return self.record
 
     def map(self) -> dict[str, Any]:
         """The stability map for the page."""
-        return {name: getattr(self.view, name) for name in ('speeds', 'loads', 'curves')}
+        return {name: getattr(self.view, name) for name in _OF_MAP}
 
     def state(self) -> dict[str, Any]:
         """All that the page shows of it, but for its history."""
-        names = ('rpm', 'caution_margin', 'amplitude_limit', 'topics')
-        own = {name: getattr(self.view, name) for name in names}
-        return {'name': self.key, **own, **self.map(), 'status': self.record}
+        own = {name: getattr(self.view, name) for name in _OF_VIEW}
+        return {'name': self.key, **own, 'status': self.record}
 
     def widen(self) -> bool:
         """Make the map anew where the point has been beyond it for some time; whether it was.
@@ -272,19 +115,13 @@ class Watched:
         lately = [row for row in rows if row[1] is not None and row[2] is not None]
         if wider is None or len(lately) < (_BEYOND if self.fitted else 1):
             return False
-        speed, load = (min(abs(row[k]) for row in lately) for k in (1, 2))
-        fastest, highest = (self.view.speeds[1], self.view.loads[1]) if self.fitted else (0.0, 0.0)
-        if speed <= fastest and load <= highest:
+        ends = (self.view.speeds[1], self.view.loads[1]) if self.fitted else (0.0, 0.0)
+        least = [min(abs(row[k]) for row in lately) for k in (1, 2)]
+        wanted = [room * now if now > end else end for now, end, room in zip(least, ends, _ROOM, strict=True)]
+        if tuple(wanted) == ends:
             return False
-        wanted = (speed, fastest, _ROOM[0]), (load, highest, _ROOM[1])
-        self.view = wider(*(room * now if now > end else end for now, end, room in wanted))
-        self.fitted = True
+        self.view, self.fitted = wider(*wanted), True
         return True
-
-
-# --- a monitor -------------------------------------------------------------------------------
-
-Send = Callable[[str, dict[str, Any], str], None]
 
 
 class WatchedMonitor:
@@ -300,10 +137,11 @@ class WatchedMonitor:
         alarms: The newest list of alarms for the page; ``None`` before it came.
         act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
         send: Called with what is new for the page: kind, document and key.
+        log: Called with what happened.
     """
 
     act: Callable[[ActionRequest], object]
-    send: Send
+    send: Callable[[str, dict[str, Any], str], None]
     log: Callable[[list[dict[str, Any]]], None]
 
     def __init__(
@@ -315,9 +153,8 @@ class WatchedMonitor:
         shelve_time: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.shelve_time = shelve_time
-        self.source, self.space, self._replay, self._clock = source, space, replay, clock
-        self._views = tuple(views)
+        self.source, self.space, self.shelve_time = source, space, shelve_time
+        self._views, self._replay, self._clock = tuple(views), replay, clock
         self._others: dict[str, float] = {}
         self._expected: list[tuple[ActionRequest, asyncio.Future[int]]] = []
         self.forget()
@@ -328,7 +165,7 @@ class WatchedMonitor:
         self.alarms: dict[str, Any] | None = None
         self._health: tuple[int, str] = (0, '')
         self._received_at: float | None = None
-        self._listed_at: float | None = None
+        self._listed_at = 0.0
         self._foreign: dict[str, float] = {}
 
     @property
@@ -351,16 +188,10 @@ class WatchedMonitor:
         silent = self.silent_for
         return silent is not None and silent < SILENT
 
-    @property
-    def there(self) -> bool:
-        """Whether all comes from it that must."""
-        return self.receiving and not self.faults()
-
     def missing(self) -> list[str]:
         """Keys of the bearings of which nothing comes."""
         now = self._clock()
-        own = self.bearings.values()
-        return [each.key for each in own if each.at is None or now - each.at >= SILENT]
+        return [own.key for own in self.bearings.values() if own.at is None or now - own.at >= SILENT]
 
     def faults(self) -> list[str]:
         """Why what is shown must not be taken for all there is; a sentence each."""
@@ -382,10 +213,10 @@ class WatchedMonitor:
         foreign = [each for each, at in self._foreign.items() if now - at < ALARMS_SILENT]
         if foreign:
             yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
-        if self.alarms is None or self._listed_at is None:
+        late = now - self._listed_at
+        if self.alarms is None:
             yield f'No list of alarms from {name} yet: alarm state unknown.'
-        elif not self._replay and now - self._listed_at > ALARMS_SILENT:
-            late = now - self._listed_at
+        elif not self._replay and late > ALARMS_SILENT:
             yield f'The list of alarms of {name} is {late:.0f} s old: newer alarms are missing.'
 
     def notice(self) -> str:
@@ -410,9 +241,7 @@ class WatchedMonitor:
             return
         self._received_at = self._clock()
         self._name_fully(record)
-        own.take(record, self._received_at)
-        assert own.record is not None
-        self.send('status', own.record, own.key)
+        self.send('status', own.take(record, self._received_at), own.key)
 
     def take_health(self, level: int, text: str) -> None:
         """The diagnostic status of the node itself has come; levels are those of ROS."""
@@ -453,8 +282,12 @@ class WatchedMonitor:
 
     def concerned(self, request: ActionRequest) -> bool:
         """Whether there is anything that a request could change, as far as is known here."""
-        alarms = () if self.alarms is None else self.alarms['alarms']
-        return any(request.action.value in a['actions'] and _concerns(request, a) for a in alarms)
+        if request.bearing not in (None, *(own.key for own in self.bearings.values())):
+            return False
+        return self.alarms is None or any(
+            request.action.value in alarm['actions'] and _concerns(request, alarm)
+            for alarm in self.alarms['alarms']
+        )
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
         """Hand a request on and wait so long [s] for what comes of it; see DashboardState.ask."""
@@ -462,10 +295,9 @@ class WatchedMonitor:
             raise DashboardError(_NO_ALARMS)
         entry = (request, asyncio.get_running_loop().create_future())
         self._expected.append(entry)
-        names = {own.key: name for name, own in self.bearings.items()}
-        own = None if request.bearing is None else names[request.bearing]
+        names: dict[str | None, str] = {own.key: name for name, own in self.bearings.items()}
         try:
-            self.act(replace(request, bearing=own))
+            self.act(replace(request, bearing=names.get(request.bearing)))
             return await asyncio.wait_for(entry[1], patience)
         except asyncio.TimeoutError as error:
             raise DashboardError(' '.join([_NO_ANSWER, *self.faults()])) from error
@@ -486,98 +318,6 @@ def _listed(names: list[str]) -> str:
     few = ', '.join(names[:5])
     return few if len(names) <= 5 else f'{few} and {len(names) - 5} more'
 
-
-# --- the log ---------------------------------------------------------------------------------
-
-KEPT = 5000
-"""Entries of the log that are kept; the page shows the latest, a file of CSV has all."""
-SHOWN = 60
-LOG_SCHEMA = 'stickslip_monitor/log/1'
-LOG_TEXTS = ('node', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
-_LONGEST = 300
-# What a spreadsheet would compute.
-_FORMULA = ('=', '+', '-', '@', '\t', '\r')
-
-
-class EventLog:
-    """The newest entries, oldest first; each is there once, however often it comes.
-
-    A latched topic sends a dashboard that starts again what the file has already.
-
-    Args:
-        store: What keeps the entries over a restart; ``None`` for nothing.
-    """
-
-    def __init__(self, store: StateWriter | None = None) -> None:
-        self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
-        self._store: StateWriter | None = None
-        if store is not None:
-            document = store.read()
-            known = document.get('entries') if isinstance(document, dict) else None
-            self.extend(known if isinstance(known, list) else ())
-            self._store = store
-
-    @property
-    def fault(self) -> str:
-        """Why the newest entries are not on disk; empty where they are, or need not be."""
-        return self._store.fault if self._store is not None else ''
-
-    def extend(self, entries: Iterable[Any]) -> None:
-        """Add entries; what is none, or is there already, is passed over."""
-        before = len(self._entries)
-        checked = [entry for entry in map(_checked, entries) if entry is not None]
-        for entry in checked:
-            self._entries.setdefault(tuple(entry.values()), entry)
-        new = len(self._entries) > before
-        while len(self._entries) > KEPT:
-            del self._entries[next(iter(self._entries))]
-        if new and self._store is not None:
-            self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
-
-    def clear(self) -> None:
-        """Forget everything: a recording begins anew."""
-        self._entries.clear()
-
-    def latest(self) -> list[dict[str, Any]]:
-        """What the page shows."""
-        return list(islice(reversed(self._entries.values()), SHOWN))[::-1]
-
-    def csv(self) -> str:
-        """All that is kept as a table, times in UTC by ISO 8601."""
-        text = io.StringIO()
-        table = csv.writer(text)
-        table.writerow(('time', *LOG_TEXTS))
-        table.writerows(
-            (_iso(entry['time']), *(_cell(entry[key]) for key in LOG_TEXTS))
-            for entry in self._entries.values()
-        )
-        return text.getvalue()
-
-
-def _checked(entry: Any) -> dict[str, Any] | None:
-    """An entry with a time [ms] or ``None``, and texts that are not too long."""
-    if not isinstance(entry, dict):
-        return None
-    time = entry.get('time')
-    texts = {key: str(entry.get(key, ''))[:_LONGEST] for key in LOG_TEXTS}
-    return {'time': time if isinstance(time, int) else None, **texts}
-
-
-def _iso(time_ms: int | None) -> str:
-    if time_ms is None:
-        return ''
-    try:
-        when = datetime.fromtimestamp(time_ms / 1000.0, timezone.utc)
-    except (OverflowError, ValueError, OSError):
-        return ''
-    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
-
-
-def _cell(text: str) -> str:
-    return f"'{text}" if text.startswith(_FORMULA) else text
-
-
-# --- all of them -----------------------------------------------------------------------------
 
 PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
 
@@ -605,7 +345,7 @@ class DashboardState:
         self.links: dict[str, bool] = {}
         self.playing: dict[str, Any] | None = None
         self.finished = False
-        self.send: Send = lambda kind, document, key: None
+        self.send: Callable[[str, dict[str, Any], str], None] = lambda kind, document, key: None
         self._sent: dict[str, Any] = {}
         for monitor in self.monitors:
             monitor.send, monitor.log = self._take, self.log.extend
@@ -722,17 +462,11 @@ class DashboardState:
             DashboardError: There is nothing to do, or nothing came of it in time.
             StickslipError: It cannot be handed on.
         """
-        asked = [
-            m
-            for m in self.monitors
-            if request.bearing in (None, *(own.key for own in m.bearings.values()))
-            and (m.alarms is None or m.concerned(request))
-        ]
+        asked = [monitor for monitor in self.monitors if monitor.concerned(request)]
         if not asked:
             raise DashboardError(f'there is nothing to {request.action}')
-        counts = await asyncio.gather(
-            *(monitor.ask(request, patience) for monitor in asked), return_exceptions=True
-        )
+        answers = [monitor.ask(request, patience) for monitor in asked]
+        counts = await asyncio.gather(*answers, return_exceptions=True)
         for each in counts:
             if isinstance(each, BaseException):
                 raise each

@@ -25,8 +25,9 @@ from stickslip_monitor.dashboard.access import (
     add_headers,
     cookie_name,
 )
+from stickslip_monitor.dashboard.checked_records import OFFERED
 from stickslip_monitor.dashboard.metrics import Metrics
-from stickslip_monitor.dashboard.seen_monitors import OFFERED, DashboardState
+from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.monitor.alarm_records import ActionRequest, parse_request
 

@@ -14,20 +14,9 @@ from typing import Any
 import pytest
 from shared import CONFIG
 
-from stickslip_monitor.dashboard.seen_monitors import (
-    KEPT,
-    NUMBERS,
-    OFFERED,
-    SHOWN,
-    SPAN,
-    STEP,
-    BearingView,
-    DashboardState,
-    EventLog,
-    WatchedMonitor,
-    checked_alarms,
-    checked_record,
-)
+from stickslip_monitor.dashboard.checked_records import NUMBERS, OFFERED, checked_alarms, checked_record
+from stickslip_monitor.dashboard.event_log import KEPT, SHOWN, EventLog
+from stickslip_monitor.dashboard.seen_monitors import SPAN, STEP, BearingView, DashboardState, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, RosError
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import ActionRequest, alarms_record

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What comes from a monitor as the page takes it: anybody on its network may have sent it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection
+from typing import Any
+
+from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA
+from stickslip_monitor.monitor.alarms import TABLE, AlarmState
+from stickslip_monitor.monitor.messages import POINT_NUMBERS
+from stickslip_monitor.monitor.signals import INPUTS, Status
+
+# The latest date of a browser [ms], and the highest whole number that it holds exactly.
+_LATEST, _MOST_COUNTED = 8_640_000_000_000_000, 2**53
+NUMBERS = ('rpm', *POINT_NUMBERS)
+"""The numbers of a record."""
+OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
+"""What a dashboard may ask for. To lock the shaft or to take an alarm out of service is left to
+the services: it makes alarms mean nothing, and is not for a tap on a phone."""
+_TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
+_NOT_ACTIVE = (AlarmState.NORMAL, AlarmState.SUPPRESSED)
+_OFF_SHOW = (*_NOT_ACTIVE, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
+
+
+def _must(kind: type) -> Callable[[Any], Any]:
+    """Reads a value without which there is nothing to show."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise ValueError(f'{value!r} is no {kind.__name__}')
+        return value
+
+    return read
+
+
+def _may(kind: type, default: Any = None) -> Callable[[Any], Any]:
+    """Reads a value that may be missing, or be anything."""
+    return lambda value: value if isinstance(value, kind) else default
+
+
+def _finite(value: Any) -> float | None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value if number and abs(value) <= sys.float_info.max else None
+
+
+def _count(value: Any) -> int:
+    return value if isinstance(value, int) and 0 <= value <= _MOST_COUNTED else 0
+
+
+def _milliseconds(time_ns: Any) -> int | None:
+    time = time_ns // 1_000_000 if isinstance(time_ns, int) else None
+    return None if time is None or abs(time) > _LATEST else time
+
+
+def _time(time_ns: Any) -> int:
+    return int(_must(int)(_milliseconds(time_ns)))
+
+
+def _texts(value: Any) -> list[str]:
+    return [str(each) for each in _may(list, ())(value)]
+
+
+def _inputs(value: Any) -> dict[str, Any]:
+    own = _must(dict)(value)
+    return {name: _checked(own[name], _INPUT) for name in INPUTS if name in own}
+
+
+def _checked(value: Any, rule: Any) -> Any:
+    """A value as its rule reads it.
+
+    Args:
+        value: Anything that JSON can hold; ``None`` for a field that is missing.
+        rule: A function that reads it, a dictionary of the rules of its fields, of which others are
+            left out, or a list of the one rule of all its items.
+
+    Raises:
+        ValueError: Something without which there is nothing to show is missing.
+    """
+    if isinstance(rule, dict):
+        own = _must(dict)(value)
+        return {name: _checked(own.get(name), each) for name, each in rule.items()}
+    if isinstance(rule, list):
+        return [_checked(each, rule[0]) for each in _must(list)(value)]
+    return rule(value)
+
+
+_COUNTS = {status.name.lower(): _count for status in Status}
+_INPUT = {
+    'lost': _may(bool, False),
+    'age': _finite,
+    'rate': _finite,
+    'fault': _may(str, ''),
+    'counts': lambda value: _checked(_may(dict, {})(value), _COUNTS),
+}
+_RECORD = {
+    **dict.fromkeys(('bearing', 'text', 'reason'), _must(str)),
+    'time': _time,
+    'sticking': _may(bool),
+    'held_until': _milliseconds,
+    **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
+    **dict.fromkeys(NUMBERS, _finite),
+    'inputs': _inputs,
+}
+_NOTE = {**dict.fromkeys(('what', 'text'), _must(str)), 'time': _milliseconds}
+_ALARM = {
+    **dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _must(str)),
+    **dict.fromkeys(('sounding', 'silenced'), bool),
+    **dict.fromkeys(('since', 'changed'), _milliseconds),
+}
+_ALARMS = {
+    'time': _time,
+    'monitoring': lambda value: value is not False,
+    'sounding': _must(bool),
+    'unacknowledged': _count,
+    'flood': {'flooding': bool, 'alarms_10min': _count},
+    'alarms': [_ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}],
+    'rows': [
+        _ALARM
+        | {'kinds': _texts, 'came_back': _count}
+        | dict.fromkeys(('came_back_since', 'back_since', 'clears_at'), _milliseconds)
+    ],
+    'changes': [dict.fromkeys(('bearing', 'alarm', 'priority', 'from', 'to', 'by'), _must(str)) | _NOTE],
+    'notes': [_NOTE],
+}
+
+
+def checked_record(document: Any) -> dict[str, Any] | None:
+    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
+    try:
+        return dict(_checked(document, _RECORD))
+    except ValueError:
+        return None
+
+
+def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
+    """A list of alarms for the page, times in milliseconds; ``None`` where it is none.
+
+    Args:
+        document: What should be the monitor's list.
+        bearings: Names of the bearings that are shown; those of others are left out.
+    """
+    if not isinstance(document, dict) or document.get('schema') != ALARM_SCHEMA:
+        return None
+    try:
+        record = dict(_checked(document, _ALARMS))
+    except ValueError:
+        return None
+    for kind in ('alarms', 'rows'):
+        record[kind] = [each for each in record[kind] if each['bearing'] in bearings]
+    for alarm in record['alarms']:
+        alarm['actions'] = [action.value for action in OFFERED if _possible(alarm, action)]
+    for row in record['rows']:
+        # A row is all that a bearing has on show: what can be done about any of it is offered.
+        own = [a for a in record['alarms'] if a['bearing'] == row['bearing']]
+        possible = {do for a in own if a['state'] not in _OFF_SHOW for do in a['actions']}
+        row['actions'] = [action.value for action in OFFERED if action.value in possible]
+    return record
+
+
+def _possible(alarm: dict[str, Any], action: Action) -> bool:
+    if action is Action.SILENCE:
+        return bool(alarm['sounding'])
+    # To shelve what is not active is possible, but nothing to offer.
+    quiet = action is Action.SHELVE and alarm['state'] in _NOT_ACTIVE
+    return (alarm['state'], action.value) in _TABLE and not quiet
