@@ -14,7 +14,7 @@ from rich.table import Table
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
-from stickslip_monitor.monitor.configuration import questions
+from stickslip_monitor.monitor.configuration import asked
 from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.verdict import warns
@@ -62,19 +62,14 @@ def run(args: argparse.Namespace) -> int:
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])
     if args.json:
-        documents = [to_json(item.name, point) | {'questions': _asked(item, load)} for item, point in points]
+        documents = [to_json(item.name, point) | {'questions': asked(item, load)} for item, point in points]
         output.print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:
             output.console().print(_table(item, point))
-            for question in _asked(item, load):
+            for question in asked(item, load):
                 output.console().print(f'question: {question}', soft_wrap=True)
     return int(warned)
-
-
-def _asked(item: BearingConfig, load: float) -> list[str]:
-    asked = questions(item, load)
-    return [f'{item.name}: {name} {clause}' for name, own in asked.items() for clause in own]
 
 
 def to_json(bearing: str, point: Assessment) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -41,7 +42,7 @@ from stickslip_monitor.links.buses import (
     is_loopback,
 )
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
-from stickslip_monitor.monitor.configuration import bearing_names, build_config
+from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Display, Log
@@ -302,6 +303,8 @@ def _monitor(
         return
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
+    for question in chain.from_iterable(map(asked, config.bearings)):
+        _log.warning(question)
     store = StateFile(config.state_file) if config.state_file else None
     if store is not None:
         store.check()

@@ -453,6 +453,14 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
     return {'speed': list(_of_speed(config, load)), 'load': list(_of_load(config, load))}
 
 
+def asked(config: BearingConfig, load: float | None = None) -> list[str]:
+    """The :func:`questions` as sentences; without a load at the constant one, if there is one."""
+    if load is None:
+        load = config.load.offset * config.load.factor if config.load.is_assumed else 0.0
+    found = questions(config, load)
+    return [f'{config.name}: {name} {clause}' for name, clauses in found.items() for clause in clauses]
+
+
 def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
     diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
     if diameter >= THICKEST:

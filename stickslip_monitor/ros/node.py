@@ -14,6 +14,7 @@ import re
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime, timezone
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from rclpy.subscription import Subscription
 
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, plural
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.configuration import bearing_names, build_config
+from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
 from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import REQUIRED, ClipConfig, MonitorConfig, Parameter, parameters_of
@@ -160,7 +161,7 @@ class MonitorNode(LifecycleNode):
         if not isinstance(simulated, bool):  # of which ROS itself only logs that it is wrong
             raise ConfigurationError(f'{USE_SIM_TIME} = {simulated!r} must be true or false')
         self.config = build_config(values(self))
-        for note in self.config.notes:
+        for note in (*self.config.notes, *chain.from_iterable(map(asked, self.config.bearings))):
             self.get_logger().warning(note)
         self._check(self.config)
         self.make_store(self.config.clips)

@@ -101,8 +101,10 @@ def test_a_constant_load_needs_no_bus(watch: Callable[..., Program], tmp_path: P
     bus = Bus()
     links = bus.links('aft_stern')
     del links['aft_stern.load']
-    ship = watch(ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'}))
+    alarm = BEARING['alarm'] | {'amplitude_limit': 0.9}  # meant in mm
+    ship = watch(ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'}, alarm=alarm))
     ship.until(bus.sails('20.0', lambda: bus.alarms.get('10002') == 'V'))
+    assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
     assert 'Now 20 rpm, 1 kN (assumed)' in ship.output
     assert ship.stop() == 0
 

@@ -79,6 +79,13 @@ def test_a_bad_configuration_is_refused(host: Any, change: dict[str, Any], text:
         host(kit.parameters() | change)
 
 
+def test_the_node_asks_what_check_would_ask(host: Any) -> None:
+    monitor = host(kit.parameters() | {'aft.journal_diameter': 100.0})
+    assert (
+        '[warning] aft: speed turns a journal of 100 m: is journal_diameter in metres?' in monitor.log.lines
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'signals',
