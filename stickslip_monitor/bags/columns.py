@@ -29,9 +29,30 @@ _OTHERS = {
     # C663 is a turbocharger in the ISO 19848 names of DNV.
     'speed': {
         *('turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'alternator'),
-        *('wind', 'winch', 'thruster', 'setpoint', 'demand', 'command', 'order', 'target'),
+        *('wind', 'winch', 'thruster'),
     },
-    'load': {'thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'},
+    'load': {
+        *('thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'),
+        *('rudder', 'crane', 'rope', 'ice', 'mooring', 'towing', 'winch'),
+    },
+}
+# In the unit of an input, but not what is measured.
+_UNMEASURED = {
+    *(
+        'setpoint',
+        'set',
+        'sp',
+        'demand',
+        'command',
+        'cmd',
+        'order',
+        'target',
+        'reference',
+        'ref',
+        'limit',
+        'alarm',
+    ),
+    *('error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
 }
 # What may turn the shaft by a gear.
 _GEARED = {'engine', 'motor', 'maschine'}
@@ -137,7 +158,10 @@ class ColumnBinding:
             return found[0]
         parameter = f'{bearing.name}.{quantity}.column'
         if found:
-            listed = ', '.join(f"'{column.heading}'" for column in found[:_MOST_NAMED])
+            # Of columns of one heading only the place tells.
+            is_one = len({column.heading for column in found}) == 1
+            names = [f'#{column.place + 1}' if is_one else column.heading for column in found]
+            listed = ', '.join(f"'{name}'" for name in names[:_MOST_NAMED])
             raise BagError(
                 f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed}; write {parameter}"
             )
@@ -181,7 +205,7 @@ class ColumnBinding:
         ]
         # The bearing may be that of a thruster.
         called = parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()
-        others = _OTHERS.get(quantity, set()) - {*called}
+        others = (_UNMEASURED | _OTHERS.get(quantity, set())) - {*called}
         able = [c for c in able if not others & set(parse_heading(c.heading).name.split())]
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]

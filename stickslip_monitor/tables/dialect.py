@@ -43,7 +43,7 @@ _JQ = (
 )
 _SPELLINGS = {
     'rpm': 'rpm r.p.m. r/min 1/min rev/min min-1 min^-1 min⁻¹ u/min tr/min',
-    'rad/s': 'rad/s',
+    'rad/s': 'rad/s rad/sec',
     'Hz': 'hz 1/s s-1 s⁻¹ rev/s r/s rps',
     'm/s': 'm/s ms-1',
     'N': 'n',
@@ -68,8 +68,11 @@ _SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+\-
 _COMMA = re.compile(r'[+\-\u2212]?\d*,\d+(?:[eE][+-]?\d+)?')
 _POINTS = re.compile(r'[+\-\u2212]?[1-9]\d{0,2}(?:\.\d{3})+')
 _WITH_UNIT = re.compile(r'[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
-# 'rpm x10': whether the numbers are ten times too small or too large is not said. 'Aux 10' is none.
-_FACTOR = re.compile(r'(?:(?<![^\W\d_])x|[×*])\s?10+\b|\b10+\s?(?:x\b|[×*])')
+# 'rpm x10', 'rpm/10': whether the numbers are ten times too small or too large is not said. 'Aux 10' is none.
+_TENS = r'(?:10+|0?[.,]0*1)'
+_FACTOR = re.compile(
+    rf'(?:(?<![^\W\d_])x|[×*]|(?<=m|n|z)\s?/)\s?{_TENS}(?!\d)|(?<!\d){_TENS}\s?(?:x\b|[×*])|\({_TENS}\)', re.I
+)
 _SWAP = str.maketrans(',.', '.,')
 
 
@@ -106,9 +109,13 @@ def parse_heading(text: str) -> Heading:
 
 def _bare_unit(name: str, words: Sequence[str]) -> str | None:
     """A unit without brackets: behind a comma, or a word that can be nothing else."""
+    if '%' in name:
+        return '%'
     behind = name.rpartition(',')[2].strip()
     if ',' in name and unit_of(behind):
         return behind
+    if '/' in (last := name.rpartition(' ')[2]) and unit_of(last):
+        return last
     is_force = words[-1:] == ['N'] and _FORCES & {word.lower() for word in words}
     return 'N' if is_force else next((word for word in words if word.lower() in _CLEAR), None)
 

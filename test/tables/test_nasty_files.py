@@ -201,6 +201,10 @@ LOGS = {
         'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,2026-04-13 10:00:00,30,900\n'
         '2026-04-13 18:00:01,2026-04-13 10:00:01,31,901\n'
     ),
+    'a set point, and a unit without brackets': Log(
+        'time,n ref [1/min],n 1/min,load [N]\n2026-04-13T10:00:00Z,60,30,900\n'
+        '2026-04-13T10:00:01Z,60,31,901\n'
+    ),
     'revolutions in a second, in superscript': Log(
         'time,n [s⁻¹],load\n2026-04-13T10:00:00Z,0.5,900\n2026-04-13T10:00:01Z,0.55,901\n', speed=[30, 33]
     ),
@@ -674,8 +678,21 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         'time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n',
         'time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n',
         'time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n',
+        'time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n',
+        'time,Shaft RPM,load %\n0,30,60\n1,31,60\n',
+        'time,Shaft RPM,Load limit [N]\n0,30,60\n1,31,60\n',
     ],
-    ids=['knots', 'tons in the heading', 'tons in a row', 'tons in a column', 'thrust', 'a factor'],
+    ids=[
+        'knots',
+        'tons',
+        'tons in a row',
+        'tons in a column',
+        'thrust',
+        'a factor',
+        'tenths',
+        'percent',
+        'limit',
+    ],
 )
 def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> None:
     """12 knots or 1.2 t, taken for 12 kN or 1.2 N, would be judged stable."""
@@ -743,11 +760,24 @@ def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
     assert 'RPM S 1 from ER' in recording.topics
 
 
-@pytest.mark.parametrize('heading', ['Bow thruster rpm', 'rpm setpoint', 'Alternator (1/min)'])
+@pytest.mark.parametrize(
+    'heading',
+    [
+        *('Bow thruster rpm', 'rpm setpoint', 'Alternator (1/min)', 'Shaft RPM std', 'RPM rate [rpm/s]'),
+        *('rpm/10', 'RPM (x0.1)', 'rpm*0.01', 'rpm (0.1)'),
+    ],
+)
 def test_the_speed_of_something_else_is_not_the_shafts(heading: str, tmp_path: Path) -> None:
     path = tmp_path / 'voyage.csv'
     path.write_text(f'time,{heading},load [N]\n0,30,900\n1,31,901\n')
     assert list(open_bag(path).bound(load_config(CONFIG)).absent) == [('aft_stern', 'speed')]
+
+
+def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
+    told = open_bag(path).bound(load_config(CONFIG)).absent['aft_stern', 'speed']
+    assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in told
 
 
 def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
