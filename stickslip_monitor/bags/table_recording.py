@@ -34,6 +34,7 @@ from stickslip_monitor.bags.recording import (
 from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.tables.clock import begun_at
 from stickslip_monitor.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_monitor.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 
@@ -54,6 +55,8 @@ _MOST_WORDS, _MOST_KINDS = 6, 200
 # Lines that share a time so coarse [ns], or the only one: their times were rounded away. A value before
 # and one behind a change share theirs rightly.
 _MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
+# Of 1973: later times are dates, and no time since a trigger [ns].
+_DATES_FROM_NS = 10**17
 # Numbers that are handed on at a time of a table that was sorted.
 _STRETCH = 1 << 16
 
@@ -86,6 +89,11 @@ class TableRecording(Recording):
             self._findings.lose(text)
         known = [*self.table.head, *self.table.tail]
         times = self._times(known)
+        if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
+            # A trigger's time before, and what spreadsheets make of a time of day: neither can be recorded.
+            self.table.clock = begun_at(self.table.clock, int(times.min()))
+            self._findings.note('times begin before 1970, or before zero: counted from the first one')
+            times = self._times(known)
         self._is_falling = times.size > 1 and bool((np.diff(times) <= 0).all() & (times[0] > times[-1]))
         if self._is_falling:
             self._findings.note('the newest line comes first: sorted by time')

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from decimal import Decimal
 from pathlib import Path
@@ -124,6 +124,16 @@ class Clock:
     columns: tuple[int, ...]
     read: ReadTimes
     said: tuple[str, ...]
+
+
+def begun_at(clock: Clock, zero_ns: int) -> Clock:
+    """A clock that counts from a time of another [ns]."""
+
+    def read(columns: Sequence[Cells]) -> Times:
+        time_ns, good = clock.read(columns)
+        return time_ns - zero_ns, good
+
+    return replace(clock, read=read)
 
 
 def find_clock(path: Path, table: TableColumns) -> Clock:

@@ -201,6 +201,14 @@ LOGS = {
         'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,2026-04-13 10:00:00,30,900\n'
         '2026-04-13 18:00:01,2026-04-13 10:00:01,31,901\n'
     ),
+    'before a trigger': Log(
+        'time [s],speed,load\n-1,30,900\n0,31,901\n', times=since(0, 1), says='counted from the first one'
+    ),
+    'a time of day as Access has it': Log(
+        'time,speed,load\n30/12/1899 06:00:00,30,900\n30/12/1899 06:00:01,31,901\n',
+        times=since(0, 1),
+        says='counted from the first one',
+    ),
     'a set point, and a unit without brackets': Log(
         'time,n ref [1/min],n 1/min,load [N]\n2026-04-13T10:00:00Z,60,30,900\n'
         '2026-04-13T10:00:01Z,60,31,901\n'
