@@ -89,11 +89,13 @@ class TableRecording(Recording):
             self._findings.lose(text)
         known = [*self.table.head, *self.table.tail]
         times = self._times(known)
+        zero_ns = 0
         if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
-            # A trigger's time before, and what spreadsheets make of a time of day: neither can be recorded.
-            self.table.clock = begun_at(self.table.clock, int(times.min()))
+            # A trigger's time before, and what spreadsheets make of a time of day.
+            zero_ns = int(times.min())
             self._findings.note('times begin before 1970, or before zero: counted from the first one')
-            times = self._times(known)
+        self.table.clock = begun_at(self.table.clock, zero_ns)
+        times = self._times(known)
         self._is_falling = times.size > 1 and bool((np.diff(times) <= 0).all() & (times[0] > times[-1]))
         if self._is_falling:
             self._findings.note('the newest line comes first: sorted by time')

@@ -127,11 +127,11 @@ class Clock:
 
 
 def begun_at(clock: Clock, zero_ns: int) -> Clock:
-    """A clock that counts from a time of another [ns]."""
+    """A clock that counts from a time of another [ns]; before that there is none."""
 
     def read(columns: Sequence[Cells]) -> Times:
         time_ns, good = clock.read(columns)
-        return time_ns - zero_ns, good
+        return time_ns - zero_ns, good & (time_ns >= zero_ns)
 
     return replace(clock, read=read)
 

@@ -204,6 +204,11 @@ LOGS = {
     'before a trigger': Log(
         'time [s],speed,load\n-1,30,900\n0,31,901\n', times=since(0, 1), says='counted from the first one'
     ),
+    'a clock that was set after the start': Log(
+        'time,speed,load\n1899-12-30 00:00:00,30,900\n2026-04-13 10:00:00,30,900\n'
+        '2026-04-13 10:00:01,31,901\n',
+        lost="1 line without a time was not used, the first '1899-12-30 00:00:00'",
+    ),
     'a time of day as Access has it': Log(
         'time,speed,load\n30/12/1899 06:00:00,30,900\n30/12/1899 06:00:01,31,901\n',
         times=since(0, 1),
