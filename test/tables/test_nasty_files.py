@@ -841,8 +841,9 @@ def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
 
 
 def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Three times 158 years, in nanoseconds, are no number of 64 bits."""
-    (tmp_path / 'voyage.csv').write_text('time,speed,load\n-2500000000,30,900\n2500000000,31,901\n')
+    """Three times 142 years, in nanoseconds, are no number of 64 bits."""
+    text = 'time,speed,load\n1970-01-01 00:00:00,30,900\n2112-01-01 00:00:00,31,901\n'
+    (tmp_path / 'voyage.csv').write_text(text)
     assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) in (0, 1)
     assert 'so its timeout is' in capsys.readouterr().out
 
