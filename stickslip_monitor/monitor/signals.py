@@ -119,32 +119,16 @@ VALUE_FAULTS = {
     for status in (Status.NOT_FINITE, Status.NO_VALUE, Status.IMPLAUSIBLE, Status.BELOW_MINIMUM)
 }
 """What is wrong with a number, whenever it comes."""
+_TENTHS = (3276.7, -3276.7, -3276.8)
 NO_VALUES = (
     1e20,  # and any of greater magnitude: fill values of netCDF and others
-    -999.25,  # LAS
-    -9999.25,
-    -999.0,
-    -9999.0,
-    -99999.0,
-    32767.0,  # 16 bits with a sign, whole or in tenths; 3276.7 in single precision, too
-    -32767.0,
-    -32768.0,
-    3276.7,
-    -3276.7,
-    -3276.8,
-    3276.699951171875,
-    -3276.699951171875,
-    -3276.800048828125,
-    65535.0,  # 16 bits without one, whole, in tenths or in quarters, and the error of NMEA 2000
-    65534.0,
-    6553.5,
-    16383.75,
-    16383.5,
-    2147483647.0,  # 32 bits with a sign, and what single precision makes of it
-    2147483648.0,
-    -2147483648.0,
-    4294967295.0,  # and without one
-    4294967296.0,
+    *(-999.25, -9999.25, -999.0, -9999.0, -99999.0),  # the first is that of LAS
+    # 16 bits with a sign, whole or in tenths, these in single precision, too.
+    *(32767.0, -32767.0, -32768.0, *_TENTHS, *np.array(_TENTHS, np.float32).tolist()),
+    # 16 bits without one, whole, in tenths or in quarters, and the error of NMEA 2000.
+    *(65535.0, 65534.0, 6553.5, 16383.75, 16383.5),
+    # 32 bits with and without a sign, and what single precision makes of their limits.
+    *(2147483647.0, 2147483648.0, -2147483648.0, 4294967295.0, 4294967296.0),
 )
 """Numbers by which senders say that there is no value, as they stand in messages."""
 LEAST_NO_VALUE = min(map(abs, NO_VALUES))
