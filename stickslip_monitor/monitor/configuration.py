@@ -180,17 +180,12 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
     notes = _retired(values, names)
-    bearings = tuple(_build_bearing(name, values) for name in names)
-    notes += [note for name in names for note in _unused(name, values)]
+    sections = [_Section(name, values) for name in names]
+    bearings = tuple(section.build() for section in sections)
+    notes += [note for section in sections for note in section.unused()]
     notes += [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
-    return filled(
-        MonitorConfig,
-        '',
-        node,
-        bearings=bearings,
-        clips=filled(parameters.ClipConfig, 'clips.', node),
-        notes=tuple(notes),
-    )
+    clips = filled(parameters.ClipConfig, 'clips.', node)
+    return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes))
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -245,188 +240,174 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
     return found
 
 
-def _build_bearing(name: str, values: Mapping[str, Any]) -> BearingConfig:
-    values = _at_surface(name, values)
-    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in parameters.BEARING_PARAMETERS}
-    try:
-        bearing = Bearing(
-            **{row.name: own[row.name] for row in parameters.LINING_PARAMETERS}, friction=_friction(name, own)
-        )
-    except PhysicsError as error:
-        raise ConfigurationError(f'{name}: {error}') from error
-    tolerance = Tolerance(
-        **{key.removeprefix('tolerance.'): own[key] for key in own if key.startswith('tolerance.')}
-    )
-    bearing, belief = _believed(name, bearing, own, tolerance)
-    alarm = filled(parameters.AlarmConfig, 'alarm.', own)
-    if math.isnan(own['speed.maximum']):
-        fastest = parameters.FASTEST_RPM * float(bearing.speed.factor('rpm'))
-        own['speed.maximum'] = min(parameters.FASTEST, fastest)
-    if alarm.minimum_speed >= own['speed.maximum']:
-        raise ConfigurationError(
-            f'{name}.alarm.minimum_speed = {alarm.minimum_speed:g} m/s must be below'
-            f' {name}.speed.maximum = {own["speed.maximum"]:g} m/s'
-        )
-    factor = bearing.speed.factor(own['speed.unit'])
-    speed = _input(InputConfig, name, 'speed', own, factor, alarm.minimum_speed)
-    load = _load(name, own, speed)
-    if not load.is_assumed and speed.topic and speed.topic == load.topic:
-        _require_other_field(name, 'load', load, 'speed', speed)
-    level = _level(name, own, speed, load)
-    return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
-
-
-def _believed(
-    name: str, bearing: Bearing, own: Mapping[str, Any], tolerance: Tolerance
-) -> tuple[Bearing, Belief | None]:
-    """The bearing by which alarms go, and how uncertain its boundaries are.
-
-    The belief is ``None`` where all is taken for exact.
-    """
-    path = own['calibration']
-    if not path and tolerance.is_exact:
-        return bearing, None
-    try:
-        if not path:
-            return bearing, _of_tolerance(bearing, tolerance)
-        document = load_calibration(path)
-        sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
-        require_same_sensors(path, document, name, sensors)
-        return calibrated(path, document, bearing, tolerance)
-    except PhysicsError as error:
-        raise ConfigurationError(f'{name}: {error}') from error
-
-
 # A live parameter that changes makes the whole configuration anew.
 _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
-def _friction(name: str, own: Mapping[str, Any]) -> FrictionLaw:
-    make, names = LAWS[own['friction.law']]
-    optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.optional}
-    needed = [key for key in names if f'friction.{key}' in optional]
-    for key in needed:
-        value = own[f'friction.{key}']
-        if value == () or value != value:
-            raise ConfigurationError(
-                f"parameter '{name}.friction.{key}' is missing: the law"
-                f' {own["friction.law"]} needs {", ".join(needed)}'
-            )
-    law: FrictionLaw = make(*(own[f'friction.{key}'] for key in names))
-    return law
+class _Section:
+    """The parameters of one bearing, each checked by itself."""
 
+    def __init__(self, name: str, values: Mapping[str, Any]) -> None:
+        values, rows = _at_surface(name, values), parameters.BEARING_PARAMETERS
+        self.name, self._own = name, {row.name: row.checked(f'{name}.{row.name}', values) for row in rows}
 
-def _unused(name: str, values: Mapping[str, Any]) -> Iterator[str]:
-    """A sentence on each parameter of friction that the law does not take.
+    def _shown(self, key: str, unit: str = '') -> str:
+        """A parameter and its value, as every refusal names them."""
+        value = self._own[key]
+        text = f'{value:g} {unit}'.rstrip() if isinstance(value, float) else repr(value)
+        return f'{self.name}.{key} = {text}'
 
-    One at its default is passed over: over ROS all of them are declared.
-    """
-    own = {row.name: row.checked(f'{name}.{row.name}', values) for row in parameters.FRICTION_PARAMETERS}
-    law = own.pop('friction.law')
-    taken = [f'friction.{key}' for key in LAWS[law][1]]
-    for row in parameters.FRICTION_PARAMETERS[1:]:
-        if row.name not in taken and not row.is_default(own[row.name]):
-            yield (
-                f'{name}.{row.name} = {own[row.name]!r} has no effect: the law {law} takes'
-                f' {", ".join(taken)}; is friction.law right?'
-            )
-
-
-def _load(name: str, own: Mapping[str, Any], speed: InputConfig) -> parameters.LoadConfig:
-    """The input of the load, or the constant that stands for it, which comes with the speed."""
-    constant, factor = own['load.constant'], _NEWTONS[own['load.unit']]
-    if math.isnan(constant):
-        return _input(parameters.LoadConfig, name, 'load', own, factor)
-    for key in ('topic', 'column'):
-        if own[f'load.{key}']:
-            raise ConfigurationError(
-                f'{name}.load.constant = {constant:g} and {name}.load.{key} ='
-                f' {own[f"load.{key}"]!r} are both given: the load is measured, or assumed'
-            )
-    if not 0.0 < constant * factor <= own['load.maximum']:
-        raise ConfigurationError(
-            f'{name}.load.constant = {constant:g} {own["load.unit"]} must be above 0 and not above'
-            f' {name}.load.maximum = {own["load.maximum"]:g} N'
+    def build(self) -> BearingConfig:
+        """The bearing, or one sentence why not."""
+        own, name = self._own, self.name
+        lining = {row.name: own[row.name] for row in parameters.LINING_PARAMETERS}
+        tolerance = Tolerance(
+            **{row.name.removeprefix('tolerance.'): own[row.name] for row in parameters.TOLERANCE_PARAMETERS}
         )
-    beside = {
-        'load.topic': speed.topic,
-        'load.type': speed.type,
-        'load.field': speed.field_text,
-        'load.column': speed.column,
-        'load.scale': 0.0,
-        'load.offset': constant,
-    }
-    values = {**own, **beside, 'load.timeout': own['speed.timeout']}
-    return filled(parameters.LoadConfig, 'load.', values, field=speed.field, factor=factor, is_assumed=True)
+        try:
+            bearing = Bearing(**lining, friction=self._friction())
+            bearing, belief = self._believed(bearing, tolerance)
+        except PhysicsError as error:
+            raise ConfigurationError(f'{name}: {error}') from error
+        alarm = filled(parameters.AlarmConfig, 'alarm.', own)
+        if math.isnan(own['speed.maximum']):
+            fastest = parameters.FASTEST_RPM * float(bearing.speed.factor('rpm'))
+            own['speed.maximum'] = min(parameters.FASTEST, fastest)
+        if alarm.minimum_speed >= own['speed.maximum']:
+            rest, most = self._shown('alarm.minimum_speed', 'm/s'), self._shown('speed.maximum', 'm/s')
+            raise ConfigurationError(f'{rest} must be below {most}')
+        factor = bearing.speed.factor(own['speed.unit'])
+        speed = self._input(InputConfig, 'speed', factor, alarm.minimum_speed)
+        load = self._load(speed)
+        if not load.is_assumed:
+            self._require_other_field('load', load, {'speed': speed})
+        level = self._level({'speed': speed, 'load': load})
+        return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
+    def _believed(self, bearing: Bearing, tolerance: Tolerance) -> tuple[Bearing, Belief | None]:
+        """The bearing by which alarms go, and how uncertain its boundaries are; ``None`` for not at all."""
+        own, path = self._own, self._own['calibration']
+        if not path:
+            return bearing, None if tolerance.is_exact else _of_tolerance(bearing, tolerance)
+        document = load_calibration(path)
+        sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
+        require_same_sensors(path, document, self.name, sensors)
+        return calibrated(path, document, bearing, tolerance)
 
-def _input(
-    kind: type[_Input], name: str, quantity: str, own: Mapping[str, Any], factor: float, deadband: float = 0.0
-) -> _Input:
-    """The configuration of one input, of that dataclass."""
-    topic, type_name = own[f'{quantity}.topic'], own[f'{quantity}.type']
-    if not topic and not own[f'{quantity}.column']:
-        remedy = f', or {name}.load.constant for one that is assumed' if quantity == 'load' else ''
-        raise ConfigurationError(
-            f"parameter '{name}.{quantity}.topic' is missing: give the topic that carries the"
-            f' {quantity}, {name}.{quantity}.column for a log{remedy}'
-        )
-    if topic:
-        check_topic(f'{name}.{quantity}.topic =', topic)
-    if not _TYPE.fullmatch(type_name):
-        raise ConfigurationError(
-            f'{name}.{quantity}.type = {type_name!r} must be written package/msg/Type, e.g.'
-            ' std_msgs/msg/Float64'
-        )
-    try:
-        path: FieldPath = parse_field(own[f'{quantity}.field'])
-    except ConfigurationError as error:
-        raise ConfigurationError(f'{name}.{quantity}.field: {error}') from error
-    return filled(kind, f'{quantity}.', own, field=path, factor=factor, deadband=deadband)
-
-
-def _require_other_field(
-    name: str, quantity: str, source: InputConfig, beside: str, other: InputConfig
-) -> None:
-    if source.field == other.field:
-        raise ConfigurationError(
-            f'{name}.{quantity} is read from the same field as the {beside},'
-            f' {source.topic} {source.field_text}: it must be a number of its own'
-        )
-
-
-def _level(name: str, own: Mapping[str, Any], *others: InputConfig) -> parameters.LevelConfig | None:
-    """The input of measured vibration; ``None`` where there is none."""
-    if not own['level.topic'] and not own['level.column']:
-        for row in parameters.INPUT_PARAMETERS['level']:
-            if not row.is_default(own[row.name]):
+    def _friction(self) -> FrictionLaw:
+        law = self._own['friction.law']
+        make, names = LAWS[law]
+        optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.optional}
+        needed = [key for key in names if f'friction.{key}' in optional]
+        for key in needed:
+            value = self._own[f'friction.{key}']
+            if value == () or value != value:
                 raise ConfigurationError(
-                    f"parameter '{name}.level.topic' is missing, and {name}.{row.name} ="
-                    f' {own[row.name]!r} is given: name the topic of the measured vibration'
+                    f"parameter '{self.name}.friction.{key}' is missing: the law {law} needs"
+                    f' {", ".join(needed)}'
                 )
-        return None
-    level = _input(parameters.LevelConfig, name, 'level', own, 1.0)
-    threshold, unit = level.threshold, level.unit
-    if threshold <= 0.0 and unit != 'dB':
-        raise ConfigurationError(
-            f'{name}.level.threshold = {threshold:g} {unit} must be above 0, as every RMS'
-            ' value is; for a level in decibels set level.unit to dB'
-        )
-    if abs(threshold) > level.maximum:
-        raise ConfigurationError(
-            f'{name}.level.threshold = {threshold:g} {unit} must not be above'
-            f' {name}.level.maximum = {level.maximum:g} {unit}: a value beyond is invalid'
-        )
-    for quantity, other in zip(('speed', 'load'), others, strict=True):
-        if level.topic != other.topic or not level.topic:
-            continue
-        _require_other_field(name, 'level', level, quantity, other)
-        if level.type != other.type:
+        return make(*(self._own[f'friction.{key}'] for key in names))
+
+    def unused(self) -> Iterator[str]:
+        """A sentence on each parameter of friction that the law does not take.
+
+        One at its default is passed over: over ROS all of them are declared.
+        """
+        law = self._own['friction.law']
+        taken = [f'friction.{key}' for key in LAWS[law][1]]
+        for row in parameters.FRICTION_PARAMETERS[1:]:
+            if row.name not in taken and not row.is_default(self._own[row.name]):
+                yield (
+                    f'{self._shown(row.name, row.unit)} has no effect: the law {law} takes'
+                    f' {", ".join(taken)}; is friction.law right?'
+                )
+
+    def _load(self, speed: InputConfig) -> parameters.LoadConfig:
+        """The input of the load, or the constant that stands for it, which comes with the speed."""
+        own, factor = self._own, _NEWTONS[self._own['load.unit']]
+        if math.isnan(own['load.constant']):
+            return self._input(parameters.LoadConfig, 'load', factor)
+        shown = self._shown('load.constant', own['load.unit'])
+        for key in ('load.topic', 'load.column'):
+            if own[key]:
+                raise ConfigurationError(
+                    f'{shown} and {self._shown(key)} are both given: the load is measured, or assumed'
+                )
+        if not 0.0 < own['load.constant'] * factor <= own['load.maximum']:
+            most = self._shown('load.maximum', 'N')
+            raise ConfigurationError(f'{shown} must be above 0 and not above {most}')
+        beside = {
+            'load.topic': speed.topic,
+            'load.type': speed.type,
+            'load.field': speed.field_text,
+            'load.column': speed.column,
+            'load.scale': 0.0,
+            'load.offset': own['load.constant'],
+            'load.timeout': own['speed.timeout'],
+        }
+        more = {'field': speed.field, 'factor': factor, 'is_assumed': True}
+        return filled(parameters.LoadConfig, 'load.', own | beside, **more)
+
+    def _input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
+        """The configuration of one input, of that dataclass."""
+        name, own = f'{self.name}.{quantity}', self._own
+        topic = own[f'{quantity}.topic']
+        if not topic and not own[f'{quantity}.column']:
+            remedy = f', or {name}.constant for one that is assumed' if quantity == 'load' else ''
             raise ConfigurationError(
-                f'{name}.level.type = {level.type!r} must be that of {name}.{quantity},'
-                f' {other.type!r}: both are read from {level.topic}'
+                f"parameter '{name}.topic' is missing: give the topic that carries the {quantity},"
+                f' {name}.column for a log{remedy}'
             )
-    return level
+        if topic:
+            check_topic(f'{name}.topic =', topic)
+        if not _TYPE.fullmatch(own[f'{quantity}.type']):
+            raise ConfigurationError(
+                f'{self._shown(f"{quantity}.type")} must be written package/msg/Type, e.g.'
+                ' std_msgs/msg/Float64'
+            )
+        try:
+            path: FieldPath = parse_field(own[f'{quantity}.field'])
+        except ConfigurationError as error:
+            raise ConfigurationError(f'{name}.field: {error}') from error
+        return filled(kind, f'{quantity}.', own, field=path, factor=factor, deadband=deadband)
+
+    def _require_other_field(self, name: str, own: InputConfig, others: Mapping[str, InputConfig]) -> None:
+        for beside, other in others.items():
+            if own.topic and (own.topic, own.field) == (other.topic, other.field):
+                raise ConfigurationError(
+                    f'{self.name}.{name} is read from the same field as the {beside},'
+                    f' {own.topic} {own.field_text}: it must be a number of its own'
+                )
+
+    def _level(self, others: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
+        """The input of measured vibration; ``None`` where there is none."""
+        own = self._own
+        if not own['level.topic'] and not own['level.column']:
+            for row in parameters.INPUT_PARAMETERS['level']:
+                if not row.is_default(own[row.name]):
+                    raise ConfigurationError(
+                        f"parameter '{self.name}.level.topic' is missing, and {self._shown(row.name)} is"
+                        ' given: name the topic of the measured vibration'
+                    )
+            return None
+        level = self._input(parameters.LevelConfig, 'level', 1.0)
+        threshold = self._shown('level.threshold', level.unit)
+        if level.threshold <= 0.0 and level.unit != 'dB':
+            raise ConfigurationError(
+                f'{threshold} must be above 0, as every RMS value is; for a level in decibels set level.unit'
+                ' to dB'
+            )
+        if abs(level.threshold) > level.maximum:
+            most = self._shown('level.maximum', level.unit)
+            raise ConfigurationError(f'{threshold} must not be above {most}: a value beyond is invalid')
+        self._require_other_field('level', level, others)
+        for quantity, other in others.items():
+            if level.topic and level.topic == other.topic and level.type != other.type:
+                raise ConfigurationError(
+                    f'{self._shown("level.type")} must be that of {self.name}.{quantity}, {other.type!r}:'
+                    f' both are read from {level.topic}'
+                )
+        return level
 
 
 THICKEST = 1.0
