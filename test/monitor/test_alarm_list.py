@@ -19,6 +19,7 @@ from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.signals import VALUE_FAULTS, Input, Status
 
 T0 = 1_700_000_000 * SECOND
+CONDITIONS = {condition.value for condition in Condition}
 
 
 class Panel:
@@ -64,6 +65,24 @@ class Panel:
         changes = self.alarms.act(Action(action), self.stamp, by, 'aft', AlarmKind(kind) if kind else None)
         self.log += changes
         return changes
+
+    def plays(self, script: str) -> Panel:
+        """Times [s], conditions, and what somebody does, `shelve:stick_slip` to one alarm."""
+        for word in script.split():
+            what, _, whom = word.partition(':')
+            if word[0].isdigit():
+                self.at(float(word))
+            elif what in CONDITIONS:
+                self.goes(what)
+            elif what == 'turns':
+                self.turns(float(whom))
+            elif what in ('begins', 'absurd'):
+                getattr(self, what)()
+            elif what == 'restart':
+                self.alarms.restart()
+            else:
+                self.does(what, whom or None)
+        return self
 
     def state(self, kind: str) -> str:
         return self.alarms.alarms['aft'][AlarmKind(kind)].state.value
@@ -123,33 +142,99 @@ def test_it_comes_and_goes_before_and_after_somebody_looks(panel: Build, kind: s
     assert aft.states == {}
 
 
-def test_latching_waits_for_its_reset(panel: Build) -> None:
-    aft = panel(alarm__latch=True).at(1).goes('stick_slip')
-    assert aft.does('reset') == []  # the cause is there
-    aft.at(2).goes('normal')
-    assert aft.does('reset') == []  # it went by itself and waits for somebody
-    aft.does('acknowledge')
-    assert aft.states == {'stick_slip': 'latched'}
-    aft.at(3).goes('stick_slip')
-    assert aft.given == ['stick_slip', 'stick_slip']
-    aft.does('acknowledge')
-    aft.at(4).goes('normal').does('reset')
-    assert aft.states == {}
+RUNGS = ('amplitude_limit', 'stick_slip', 'bistable', 'margin_low')
+RESTING = dict.fromkeys(RUNGS, 'suppressed')
+UP = '0 turns:0 10 turns:20 12 stick_slip'
+COVERED = dict.fromkeys(('bistable', 'margin_low'), 'acknowledged')
+GONE, NEW, SEEN = 'returned_unacknowledged', 'unacknowledged', 'acknowledged'
+WORSE = '100 bistable 200 normal 300 bistable 400 stick_slip 500 caution 600 bistable'
+LATCH, INHIBIT = {'alarm__latch': True}, {'alarm__startup_inhibit': 60.0}
+BAD, BISTABLE, STICK_SLIP = 'input_implausible', ['bistable'], ['stick_slip']
+# What happens, the states that are not normal in the end, and what was given to people meanwhile.
+SCENES: list[tuple[str, dict[str, Any], dict[str, str], list[str]]] = [
+    # Latched is reset by a person, once it has cleared and somebody has seen it.
+    ('1 stick_slip reset', LATCH, COVERED | {'stick_slip': NEW}, STICK_SLIP),
+    ('1 stick_slip 2 normal reset', LATCH, {'stick_slip': GONE}, STICK_SLIP),
+    ('1 stick_slip 2 normal acknowledge', LATCH, {'stick_slip': 'latched'}, STICK_SLIP),
+    ('1 stick_slip 2 normal acknowledge reset', LATCH, {}, STICK_SLIP),
+    ('1 stick_slip 2 normal acknowledge 3 stick_slip acknowledge 4 normal reset', LATCH, {}, 2 * STICK_SLIP),
+    # Absurd values count from the on-delay of 2 s on, until none has come for the off-delay of 10 s.
+    ('1 absurd 2 absurd', {}, {}, []),
+    ('1 absurd 2 absurd 3 absurd', {}, {BAD: NEW}, [BAD]),
+    ('1 absurd 2 absurd 3 absurd acknowledge 12.9', {}, {BAD: SEEN}, [BAD]),
+    ('1 absurd 2 absurd 3 absurd acknowledge 13', {}, {}, [BAD]),
+    # A shelved alarm speaks for no other, and what is shelved hides nothing that comes.
+    ('1 shelve:stick_slip stick_slip', {}, {'stick_slip': 'shelved', 'bistable': NEW}, BISTABLE),
+    ('1 caution shelve 2 stick_slip', {}, {'margin_low': 'shelved'}, ['margin_low', 'stick_slip']),
+    ('1 shelve:stick_slip 2 stick_slip 3 normal 601', LATCH, {'stick_slip': GONE}, [*BISTABLE]),
+    # A lost input neither clears nor gives what was there.
+    (
+        '1 stick_slip acknowledge 10 input_stale 500 stick_slip 600',
+        {},
+        {'stick_slip': SEEN},
+        ['stick_slip', 'input_lost'],
+    ),
+    # A shaft comes to rest after the off-delay, and turns after the on-delay.
+    ('0 turns:0 9.9', {}, {}, []),
+    ('0 turns:0 10', {}, RESTING, []),
+    ('0 turns:0 10 20 turns:20 21.9', {}, RESTING, []),
+    ('0 turns:0 10 20 turns:20 22', {}, {}, []),
+    (f'{UP} 71.9', INHIBIT, RESTING, []),
+    (f'{UP} 72', INHIBIT, COVERED | {'stick_slip': NEW}, STICK_SLIP),
+    # A locked shaft suppresses the inputs, too.
+    ('1 suppress 2 input_stale', {}, RESTING | {'input_lost': 'suppressed', BAD: 'suppressed'}, []),
+    ('1 suppress 2 input_stale 3 unsuppress', {}, {'input_lost': NEW}, ['input_lost']),
+    # What is not found again after a restart clears once the ladder would have found it.
+    ('1 stick_slip acknowledge restart 20 turns:60 31.9', {}, COVERED | {'stick_slip': SEEN}, STICK_SLIP),
+    ('1 stick_slip acknowledge restart 20 turns:60 32', {}, {}, STICK_SLIP),
+    # A worse alarm acknowledges what it covers, and easing gives nothing.
+    ('0 bistable 1 stick_slip', {}, COVERED | {'stick_slip': NEW}, ['bistable', 'stick_slip']),
+    ('0 normal 1 stick_slip', {}, COVERED | {'stick_slip': NEW}, STICK_SLIP),
+    ('0 stick_slip 30 bistable', {}, COVERED | {'stick_slip': GONE}, STICK_SLIP),
+]
 
 
-def test_absurd_values(panel: Build) -> None:
-    aft = panel().at(1).absurd().at(2).absurd()
-    assert aft.states == {}  # not yet for the on-delay of 2 s
-    aft.at(3).absurd()
-    assert aft.states == {'input_implausible': 'unacknowledged'}
-    assert aft.log[-1].text == (
+@pytest.mark.parametrize(('script', 'settings', 'states', 'given'), SCENES)
+def test_what_becomes_of_alarms(
+    panel: Build, script: str, settings: dict[str, Any], states: dict[str, str], given: list[str]
+) -> None:
+    aft = panel(**settings).plays(script)
+    assert aft.given == given
+    assert aft.states.items() >= states.items()
+    assert states or not aft.states
+
+
+@pytest.mark.parametrize(
+    ('script', 'aloud', 'sounding'),
+    [
+        # A caution makes no sound: IMO MSC.302(87), and manuals of equipment by IEC 62923 (docs/rule.md).
+        ('0 caution absurd 1 absurd 2 absurd 900 silence', [], False),
+        # The ladder sounds as it gets worse than anything in ten minutes.
+        (WORSE, ['bistable', 'stick_slip'], False),
+        (f'{WORSE} acknowledge 700 normal 1199 bistable', ['bistable', 'stick_slip'], False),
+        (
+            f'{WORSE} acknowledge 700 normal 1199 bistable acknowledge normal 1800 bistable',
+            ['bistable', 'stick_slip', 'bistable'],
+            True,
+        ),
+        # What flickers keeps its silence; what came without a sound and still waits sounds in the end.
+        ('1 bistable silence 2 normal 3 bistable', ['bistable'], False),
+        ('0 bistable 20 normal 40 bistable 639.9', ['bistable'], False),
+        ('0 bistable 20 normal 40 bistable 640', ['bistable'], True),
+        # An onset on the shelf is silent, and no milder alarm speaks for it.
+        ('0 stick_slip shelve:stick_slip 20 begins', ['stick_slip'], False),
+        ('0 amplitude_limit shelve:amplitude_limit 20 begins', ['amplitude_limit', 'stick_slip'], True),
+    ],
+)
+def test_what_sounds(panel: Build, script: str, aloud: list[str], sounding: bool) -> None:
+    aft = panel().plays(script)
+    assert (aft.aloud, aft.alarms.sounding) == (aloud, sounding)
+
+
+def test_absurd_values_are_named(panel: Build) -> None:
+    assert panel().plays('1 absurd 2 absurd 3 absurd').log[-1].text == (
         'aft: Input speed implausible: on /shaft/speed, values are beyond the largest plausible magnitude.'
     )
-    aft.does('acknowledge')
-    aft.at(12.9)
-    assert aft.states == {'input_implausible': 'acknowledged'}
-    aft.at(13)  # none for the off-delay of 10 s
-    assert aft.states == {}
 
 
 def test_an_input_that_flickers_is_one_alarm(panel: Build) -> None:
@@ -160,37 +245,6 @@ def test_an_input_that_flickers_is_one_alarm(panel: Build) -> None:
     assert aft.given == ['input_lost']
     aft.at(3600 + 5)
     assert aft.states == {}
-
-
-def test_a_shelved_alarm_speaks_for_no_other(panel: Build) -> None:
-    aft = panel().at(1)
-    aft.does('shelve', 'stick_slip')
-    aft.goes('stick_slip')
-    assert aft.given == ['bistable']
-    assert aft.state('stick_slip') == 'shelved'
-
-
-def test_a_lost_input_neither_clears_nor_gives_what_was_there(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    aft.does('acknowledge')
-    aft.at(10).goes('input_stale').at(500).goes('stick_slip').at(600)
-    assert aft.state('stick_slip') == 'acknowledged'
-    assert aft.given == ['stick_slip', 'input_lost']
-
-
-def test_a_latching_alarm_that_came_and_went_on_the_shelf_is_not_lost(panel: Build) -> None:
-    aft = panel(alarm__latch=True).at(1)
-    aft.does('shelve', 'stick_slip')
-    aft.at(2).goes('stick_slip').at(3).goes('normal').at(601)
-    assert aft.state('stick_slip') == 'returned_unacknowledged'
-
-
-def test_to_shelve_what_stands_does_not_hide_what_comes(panel: Build) -> None:
-    aft = panel().at(1).goes('caution')
-    aft.does('shelve')
-    assert aft.states == {'margin_low': 'shelved'}
-    aft.at(2).goes('stick_slip')
-    assert aft.given == ['margin_low', 'stick_slip']
 
 
 def test_the_shelf_ends_by_itself(panel: Build) -> None:
@@ -211,43 +265,12 @@ def test_the_shelf_ends_by_itself(panel: Build) -> None:
     assert aft.given == ['stick_slip', 'stick_slip']
 
 
-def test_a_shaft_at_rest_suppresses_the_ladder(panel: Build) -> None:
-    aft = panel().at(0).turns(0.0)
-    aft.at(9.9)
-    assert aft.states == {}
-    aft.at(10)
-    ladder = ['amplitude_limit', 'stick_slip', 'bistable', 'margin_low']
-    assert aft.states == dict.fromkeys(ladder, 'suppressed')
-    aft.at(20).turns(20.0).at(21.9)
-    assert aft.state('stick_slip') == 'suppressed'
-    aft.at(22)
-    assert aft.states == {}
-
-
 def test_noise_about_the_minimum_speed_changes_nothing(panel: Build) -> None:
     aft = panel().at(0).turns(0.0).at(11)
     changes = len(aft.log)
     for second in range(12, 3600):
         aft.at(second).turns(20.0 if second % 2 else 0.0)
     assert len(aft.log) == changes == 4
-
-
-def test_start_up_is_inhibited(panel: Build) -> None:
-    aft = panel(alarm__startup_inhibit=60.0).at(0).turns(0.0).at(10)
-    aft.turns(20.0).at(12).goes('stick_slip').at(71.9)
-    assert (aft.given, aft.state('stick_slip')) == ([], 'suppressed')
-    aft.at(72)
-    assert aft.given == ['stick_slip']
-
-
-def test_a_locked_shaft_suppresses_the_inputs_too(panel: Build) -> None:
-    aft = panel().at(1)
-    assert len(aft.does('suppress')) == 6
-    assert aft.does('suppress') == []
-    aft.at(2).goes('input_stale')
-    assert (aft.given, set(aft.states.values())) == ([], {'suppressed'})
-    aft.at(3).does('unsuppress')
-    assert aft.states == {'input_lost': 'unacknowledged'}
 
 
 def test_silence_is_a_flag_beside_the_life(panel: Build) -> None:
@@ -271,33 +294,6 @@ def test_silence_is_a_flag_beside_the_life(panel: Build) -> None:
         ('unsilence', 'timer', 'bistable'),
         ('unsilence', 'timer', 'input_lost'),
     ]
-
-
-def test_a_caution_is_shown_and_makes_no_sound(panel: Build) -> None:
-    """IMO MSC.302(87), and the manuals of equipment by IEC 62923 (docs/rule.md)."""
-    aft = panel().at(0).goes('caution')
-    aft.absurd().at(1).absurd().at(2).absurd()
-    assert aft.states == {'margin_low': 'unacknowledged', 'input_implausible': 'unacknowledged'}
-    assert (aft.aloud, aft.alarms.sounding) == ([], False)
-    assert aft.at(900).does('silence') == []
-
-
-def test_what_flickers_keeps_its_silence(panel: Build) -> None:
-    aft = panel().at(1).goes('bistable')
-    aft.does('silence')
-    aft.at(2).goes('normal').at(3).goes('bistable')
-    assert not aft.alarms.sounding
-    assert aft.given == ['bistable']
-
-
-def test_what_is_not_found_again_after_a_restart_clears(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    aft.does('acknowledge')
-    aft.alarms.restart()
-    aft.at(20).turns(60.0).at(31.9)
-    assert aft.state('stick_slip') == 'acknowledged'
-    aft.at(32)  # on-delay and off-delay: by now the ladder would have found it
-    assert aft.states == {}
 
 
 def test_an_unknown_bearing_is_refused(panel: Build) -> None:
@@ -329,55 +325,6 @@ def test_every_onset_sounds(panel: Build, acknowledged: bool) -> None:
     assert aft.aloud == ['stick_slip'] * 30
     # A flood counts what was raised, not what sounded.
     assert aft.alarms.flood.most == (30 if acknowledged else 1)
-
-
-def test_the_ladder_sounds_as_it_gets_worse(panel: Build) -> None:
-    aft, lasting = panel(), 0
-    for condition in ('bistable', 'normal', 'bistable', 'stick_slip', 'caution', 'bistable'):
-        lasting += 100
-        aft.at(lasting).goes(condition)
-    assert aft.given == ['bistable', 'stick_slip', 'bistable']
-    assert aft.aloud == ['bistable', 'stick_slip']
-    aft.does('acknowledge')
-    aft.at(700).goes('normal').at(1199).goes('bistable')  # ten minutes after it came last
-    assert aft.aloud[2:] == []
-    aft.does('acknowledge')
-    aft.goes('normal').at(1800).goes('bistable')
-    assert aft.aloud[2:] == ['bistable']
-
-
-def test_what_came_without_a_sound_and_still_waits_sounds_after_ten_minutes(panel: Build) -> None:
-    aft = panel().at(0).goes('bistable').at(20).goes('normal').at(40).goes('bistable')
-    assert (aft.state('bistable'), aft.alarms.sounding) == ('unacknowledged', False)
-    assert not aft.at(639.9).alarms.sounding
-    assert aft.at(640).alarms.sounding
-
-
-def test_an_onset_on_the_shelf_is_silent_and_no_milder_alarm_speaks_for_it(panel: Build) -> None:
-    aft = panel().at(0).goes('stick_slip')
-    aft.does('shelve', 'stick_slip')
-    aft.at(20).begins()
-    assert (aft.aloud, aft.alarms.sounding) == (['stick_slip'], False)
-    assert aft.state('bistable') == 'acknowledged'
-    assert aft.alarms.alarms['aft'][AlarmKind.STICK_SLIP].came_back == 1
-
-
-def test_an_onset_sounds_where_only_the_amplitude_limit_is_shelved(panel: Build) -> None:
-    aft = panel().at(0).goes('amplitude_limit')
-    aft.does('shelve', 'amplitude_limit')
-    aft.at(20).begins()
-    assert aft.aloud == ['amplitude_limit', 'stick_slip']
-
-
-@pytest.mark.parametrize('before', ['bistable', 'normal'])
-def test_a_worse_alarm_acknowledges_what_it_covers(panel: Build, before: str) -> None:
-    aft = panel().at(0).goes(before).at(1).goes('stick_slip')
-    assert aft.given[-1:] == ['stick_slip']
-    assert aft.state('stick_slip') == 'unacknowledged'
-    assert aft.state('bistable') == aft.state('margin_low') == 'acknowledged'
-    assert aft.log[-1].by == 'monitor'
-    aft.at(30).goes('bistable')  # easing gives nothing
-    assert aft.state('bistable') == 'acknowledged'
 
 
 def test_one_row_a_bearing() -> None:
