@@ -8,29 +8,19 @@ import math
 import re
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, NamedTuple
 
 from rclpy.exceptions import NameValidationException
 from rclpy.lifecycle import LifecycleNode
-from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSCompatibility,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.fields import ByName, FieldPath, NumberField
-from stickslip_monitor.monitor.input_faults import Graph, Publisher
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
 
@@ -53,7 +43,6 @@ MOST_ANSWERED = 20
 OVERRIDES = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 """What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
 _PUBLISHERS_KNOWN = 100
-_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 Tap = Callable[[str, str, bytes, int], None]
 """Takes topic, type, encoded message and its time [ns]."""
@@ -127,7 +116,6 @@ class Inputs:
         config: The configuration as given: names of topics are resolved once.
         clock: Now.
         simulated: Whether a message came when ROS time says so, not the middleware.
-        graph: Is given what comes on the topics.
         tap: Called with topic, type, encoded message and time before the numbers of it, if given.
 
     Attributes:
@@ -140,7 +128,6 @@ class Inputs:
         config: MonitorConfig,
         clock: Callable[[], Moment],
         simulated: bool,
-        graph: RosGraph,
         tap: Tap | None = None,
     ) -> None:
         self._clock, self._simulated, self._tap = clock, simulated, tap
@@ -151,7 +138,6 @@ class Inputs:
                 lane = lanes[key] = lanes.get(key) or Lane(node, *key)
                 lane.readings.append((bearing.name, place, number_reader(source.field)))
         self.lanes = list(lanes.values())
-        graph.lanes = {lane.name: lane for lane in self.lanes}
         self.piled = False
         self._waiting: deque[Waiting] = deque()
         self._turned = 0, 0  # of the middleware, and ROS time
@@ -344,62 +330,6 @@ class Lane:
             self.lost += missing
         if not late:
             self._excused.discard(name)
-
-
-class RosGraph(Graph):
-    """The graph as a node sees it.
-
-    Args:
-        topics: Topics of inputs as they are given: what is resolved twice is remapped twice.
-
-    Attributes:
-        lanes: What comes on the topics, by their full names.
-    """
-
-    def __init__(self, node: Node, topics: Iterable[str]) -> None:
-        self._node = node
-        self._given = {node.resolve_topic_name(topic): topic for topic in topics}
-        self.lanes: dict[str, Lane] = {}
-
-    def publishers(self, topic: str) -> tuple[Publisher, ...]:
-        """Who publishes on a topic, with what speaks against its quality of service."""
-        name = self._given.get(topic, topic)
-        asked, lane = self._quality(name), self.lanes.get(topic)
-        infos = self._node.get_publishers_info_by_topic(name)
-        if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
-            # Some middleware names senders otherwise than publishers.
-            lane = None
-        return tuple(_publisher(info, asked, lane) for info in infos)
-
-    def is_undecodable(self, topic: str) -> bool:
-        """Whether the latest message could not be decoded."""
-        return topic in self.lanes and self.lanes[topic].undecodable
-
-    def _quality(self, name: str) -> QoSProfile:
-        """What the subscription asks for, after overrides."""
-        own = self._node.get_name(), self._node.get_namespace()
-        for info in self._node.get_subscriptions_info_by_topic(name):
-            if (info.node_name, info.node_namespace) == own:
-                return info.qos_profile
-        return telemetry()
-
-
-def node_name(info: Any) -> str:
-    """The full name of the node of an end of a topic."""
-    if info.node_name == _UNKNOWN_NODE:
-        return 'a program that names no node'
-    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-
-
-def _publisher(info: Any, asked: QoSProfile, lane: Lane | None) -> Publisher:
-    match, reason = qos_check_compatible(info.qos_profile, asked)
-    fault = ''
-    if match is QoSCompatibility.ERROR:
-        fault = str(reason).strip(' ;.') or 'no reason is given'
-    latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    sends = lane is None or lane.sends(bytes(info.endpoint_gid))
-    return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)
 
 
 def message_type(name: str) -> Any:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node beside those of monitors: what they publish, what people ask, what buses bring."""
+"""Other nodes: who publishes what a monitor reads, and the node beside monitors.
+
+That one shows what they publish, and hands on what people ask and what buses bring.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +19,18 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64, String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarm_records import ActionRequest, request_record
+from stickslip_monitor.monitor.input_faults import Graph, Publisher
 from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Display
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.ros.inputs import ROS_FAULTS
+from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, telemetry
 
 
 def without_log_files(arguments: Sequence[str]) -> list[str]:
@@ -37,6 +40,62 @@ def without_log_files(arguments: Sequence[str]) -> list[str]:
     year, and without a folder that can be written nothing started.
     """
     return ['--ros-args', '--disable-external-lib-logs', '--', *arguments]
+
+
+class RosGraph(Graph):
+    """The graph as a node sees it.
+
+    Args:
+        topics: Topics of inputs as they are given: what is resolved twice is remapped twice.
+
+    Attributes:
+        lanes: What comes on the topics, by their full names.
+    """
+
+    def __init__(self, node: Node, topics: Iterable[str]) -> None:
+        self._node = node
+        self._given = {node.resolve_topic_name(topic): topic for topic in topics}
+        self.lanes: dict[str, Lane] = {}
+
+    def publishers(self, topic: str) -> tuple[Publisher, ...]:
+        """Who publishes on a topic, with what speaks against its quality of service."""
+        name = self._given.get(topic, topic)
+        asked, lane = self._quality(name), self.lanes.get(topic)
+        infos = self._node.get_publishers_info_by_topic(name)
+        if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
+            # Some middleware names senders otherwise than publishers.
+            lane = None
+        return tuple(_publisher(info, asked, lane) for info in infos)
+
+    def is_undecodable(self, topic: str) -> bool:
+        """Whether the latest message could not be decoded."""
+        return topic in self.lanes and self.lanes[topic].undecodable
+
+    def _quality(self, name: str) -> QoSProfile:
+        """What the subscription asks for, after overrides."""
+        own = self._node.get_name(), self._node.get_namespace()
+        for info in self._node.get_subscriptions_info_by_topic(name):
+            if (info.node_name, info.node_namespace) == own:
+                return info.qos_profile
+        return telemetry()
+
+
+def node_name(info: Any) -> str:
+    """The full name of the node of an end of a topic."""
+    if info.node_name == _UNKNOWN_NODE:
+        return 'a program that names no node'
+    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+
+
+def _publisher(info: Any, asked: QoSProfile, lane: Lane | None) -> Publisher:
+    match, reason = qos_check_compatible(info.qos_profile, asked)
+    fault = ''
+    if match is QoSCompatibility.ERROR:
+        fault = str(reason).strip(' ;.') or 'no reason is given'
+    latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    sends = lane is None or lane.sends(bytes(info.endpoint_gid))
+    return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)
 
 
 class Listener(Display, Protocol):
@@ -57,6 +116,7 @@ _ALARMS = QoSProfile(
 _RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 _NAME = 'stickslip_dashboard'
 """What the security policy allows a reader to be called."""
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 NUMBER_TYPE, NUMBER_FIELD = 'std_msgs/msg/Float64', 'data'
 
 
@@ -143,7 +203,7 @@ class Bridge:
     def __init__(
         self, node: Node, monitor: str, config: MonitorConfig, inputs: Iterable[tuple[str, Input]]
     ) -> None:
-        self._publishers: dict[tuple[str, Input], Publisher[Float64]] = {}
+        self._publishers: dict[tuple[str, Input], Any] = {}
         topics = set()
         space, _, name_of_node = monitor.rpartition('/')
         for name, place in inputs:

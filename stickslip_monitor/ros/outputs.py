@@ -35,7 +35,8 @@ from stickslip_monitor.monitor.messages import (
 from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.ros.inputs import RosGraph, definition, message_type
+from stickslip_monitor.ros.inputs import definition, message_type
+from stickslip_monitor.ros.other_nodes import RosGraph
 from stickslip_monitor.state_file import Background, StateFile, StateWriter
 
 WARNINGS_KEPT = 100

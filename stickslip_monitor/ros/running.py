@@ -24,7 +24,8 @@ from stickslip_monitor.monitor.messages import CLOCKS
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
-from stickslip_monitor.ros.inputs import ROS_FAULTS, Inputs, Number, node_name
+from stickslip_monitor.ros.inputs import ROS_FAULTS, Inputs, Number
+from stickslip_monitor.ros.other_nodes import node_name
 from stickslip_monitor.ros.outputs import Configured
 
 TURN_PERIOD = 0.05
@@ -84,7 +85,8 @@ class Running:
         self._session, self._health = configured.session, configured.health
         self._log, self._take, self._now = node.get_logger(), survived(self._receive), clock
         tap = None if configured.clips is None else configured.clips.tap
-        self.inputs = Inputs(node, configured.config, clock, simulated, configured.graph, tap)
+        self.inputs = Inputs(node, configured.config, clock, simulated, tap)
+        configured.graph.lanes = {lane.name: lane for lane in self.inputs.lanes}
         self._actions = Actions(node, list(self._session.monitor.bearings), self._act)
         self._ticker: Any = None
         try:

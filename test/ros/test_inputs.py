@@ -37,13 +37,12 @@ from stickslip_monitor.ros.inputs import (
     TURN_NS,
     Inputs,
     Lane,
-    RosGraph,
     _type,
     check_inputs,
     definition,
-    node_name,
     number_reader,
 )
+from stickslip_monitor.ros.other_nodes import RosGraph, node_name
 
 BEGIN = 1_700_000_000 * 10**9
 STAMPED = 'geometry_msgs/msg/Vector3Stamped'
@@ -101,7 +100,7 @@ def _inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool 
         del bearing['bearings']
         values |= {key.replace('aft', name, 1): value for key, value in bearing.items()}
     config = build_config(values)
-    inputs = Inputs(node, config, _Clocks(node, step_ns), simulated, RosGraph(node, []))
+    inputs = Inputs(node, config, _Clocks(node, step_ns), simulated)
     inputs.subscribe()
     return config, inputs
 
