@@ -28,7 +28,8 @@ class PageShip(Ship):
         self.shown, self.deaf = shown, False
         self.asked: list[Any] = []
         super().__init__(load_config(CONFIG), display=shown)
-        shown.act = self.act
+        # However long the machine is held up, the monitor is heard.
+        shown.act, shown._clock = self.act, lambda: self.steady_ns / SECOND
 
     def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:  # type: ignore[override]
         """So long at an operating point, with a sample of each input a second."""
@@ -39,6 +40,10 @@ class PageShip(Ship):
         self.steady_ns += round(seconds * SECOND)
         self.tick()
         self.look()
+
+    def fall_silent(self, seconds: float) -> None:
+        """So long without a word."""
+        self.steady_ns += round(seconds * SECOND)
 
     def act(self, request: Any) -> None:
         """Do what is asked for."""
