@@ -25,6 +25,7 @@ from benchmarks.signalk_servers import free_port
 parser = pytest.importorskip('prometheus_client.parser', reason="the extra 'dashboard' is not installed")
 
 SHIPPED = ROOT / 'launch_configs' / 'dashboards'
+RULE_TESTS = [str(Path(__file__).parent / f'prometheus_{name}_test.yml') for name in ('rules', 'day')]
 SPACE = {'namespace': '/'}
 TOKEN = 'correct-horse-battery'
 Figures = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -138,7 +139,7 @@ def test_names_keep_the_conventions(dashboard: Any) -> None:
     'arguments',
     [
         ('check', 'rules', str(SHIPPED / 'prometheus_rules.yml')),
-        ('test', 'rules', str(Path(__file__).parent / 'prometheus_rules_test.yml')),
+        ('test', 'rules', *RULE_TESTS),
         # Without --syntax-only it asks for the token's file, which a ship has.
         ('check', 'config', '--syntax-only', str(SHIPPED / 'prometheus.yml')),
     ],
@@ -215,10 +216,11 @@ def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> Non
     every = [rule for group in rules['groups'] for rule in group['rules']]
     own = {rule['alert']: rule['expr'] for rule in every if 'alert' in rule}
     made = {rule['record'] for rule in every if 'record' in rule}
-    tests = yaml.safe_load((Path(__file__).parent / 'prometheus_rules_test.yml').read_text())
+    tests = [yaml.safe_load(Path(path).read_text()) for path in RULE_TESTS]
     fired = {
         test['alertname']
-        for group in tests['tests']
+        for file in tests
+        for group in file['tests']
         for test in group['alert_rule_test']
         if test.get('exp_alerts')
     }
