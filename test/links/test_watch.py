@@ -17,6 +17,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -27,7 +28,9 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.watch import LinkStates, without_copies
+from stickslip_monitor.commands.watch import LinkStates, load_watch, without_copies
+from stickslip_monitor.links.buses import LiveMonitor
+from stickslip_monitor.monitor.session import NoLog
 from stickslip_monitor.monitor.signals import Input
 
 # No rclpy can be imported, as on a machine without ROS.
@@ -64,13 +67,25 @@ def watch(tmp_path: Path) -> Iterator[Callable[..., Program]]:
         each.end()
 
 
-def test_a_ship_without_ros(watch: Callable[..., Program], tmp_path: Path) -> None:
-    bus = Bus()
-    path = ship_file(tmp_path, bus.links('aft_stern'))
+@pytest.fixture
+def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    """The socket of a service manager, which wants to hear of a program twice a second."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / 'notify'))
+        manager.settimeout(DEADLINE)
+        monkeypatch.setenv('NOTIFY_SOCKET', str(tmp_path / 'notify'))
+        monkeypatch.setenv('WATCHDOG_USEC', '1000000')
+        yield manager
+
+
+def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socket, tmp_path: Path) -> None:
+    bus, alarm = Bus(), BEARING['alarm'] | {'amplitude_limit': 0.9}  # meant in mm
+    path = ship_file(tmp_path, bus.links('aft_stern'), alarm=alarm)
     document = yaml.safe_load(path.read_text())
     document['/**']['ros__parameters']['state_file'] = str(tmp_path / 'alarms.json')
     path.write_text(yaml.safe_dump(document))
     ship = watch(path, '--port', '0')
+    assert [manager.recv(100) for _ in range(3)] == [b'READY=1', *[b'WATCHDOG=1'] * 2]
     page = ship.until(lambda: re.search(r'Dashboard on (\S+)\n', ship.output))[1]
     ship.until(bus.sails('20.0', lambda: bus.alarms.get('10002') == 'V'))
     bus.say('BNACN,060130.00,,10002,1,A,C')
@@ -89,6 +104,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], tmp_path: Path) -> No
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics()
     assert main(['health', '--page', page]) == 0
     assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
+    assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
     assert ship.stop() == 0
     assert main(['health', '--page', page]) == 2
     bus.listen()
@@ -97,16 +113,16 @@ def test_a_ship_without_ros(watch: Callable[..., Program], tmp_path: Path) -> No
     assert (tmp_path / 'alarms.json').exists()
 
 
-def test_a_constant_load_needs_no_bus(watch: Callable[..., Program], tmp_path: Path) -> None:
-    bus = Bus()
-    links = bus.links('aft_stern')
+def test_a_constant_load_needs_no_bus(tmp_path: Path) -> None:
+    links, records = Bus().links('aft_stern'), list[dict[str, Any]]()
     del links['aft_stern.load']
-    alarm = BEARING['alarm'] | {'amplitude_limit': 0.9}  # meant in mm
-    ship = watch(ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'}, alarm=alarm))
-    ship.until(bus.sails('20.0', lambda: bus.alarms.get('10002') == 'V'))
-    assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
-    assert 'Now 20 rpm, 1 kN (assumed)' in ship.output
-    assert ship.stop() == 0
+    path = ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'})
+    display: Any = SimpleNamespace(take_record=records.append, take_alarms=lambda _: None)
+    live = LiveMonitor(load_watch(str(path), None)[0], display, NoLog())
+    live.begin()
+    live.take('aft_stern', Input.SPEED, 20.0)
+    live.tick()
+    assert 'Now 20 rpm, 1 kN (assumed)' in records[-1]['text']
 
 
 def refusal(path: Path, *arguments: str) -> str:
@@ -232,19 +248,6 @@ def test_health_by_a_page(
     monkeypatch.setattr(urllib.request, 'urlopen', lambda *_, **__: io.BytesIO(figures.encode()))
     assert main(['health', '--page', 'http://127.0.0.1:1']) == code
     assert capsys.readouterr().out == f'{said}\n'
-
-
-def test_systemd_hears_that_it_lives(
-    watch: Callable[..., Program], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind(str(tmp_path / 'notify'))
-        manager.settimeout(DEADLINE)
-        monkeypatch.setenv('NOTIFY_SOCKET', str(tmp_path / 'notify'))
-        monkeypatch.setenv('WATCHDOG_USEC', '1000000')
-        ship = watch(ship_file(tmp_path, Bus().links('aft_stern')))
-        assert [manager.recv(100) for _ in range(3)] == [b'READY=1', *[b'WATCHDOG=1'] * 2]
-        assert ship.stop() == 0
 
 
 @pytest.mark.slow
