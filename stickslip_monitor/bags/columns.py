@@ -54,8 +54,8 @@ _UNMEASURED = {
     ),
     *('error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
 }
-# What may turn the shaft by a gear.
-_GEARED = {'engine', 'motor', 'maschine'}
+# What may turn the shaft by a gear; E is an engine of NMEA 0183, and propulsion one of Signal K.
+_GEARED = {'engine', 'motor', 'maschine', 'e', 'propulsion'}
 # How local IDs of ISO 19848 name a quantity; they have no units.
 _LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
 

@@ -142,7 +142,7 @@ def _quads(fields: Sequence[str]) -> list[Sequence[str]]:
 
 
 def _number(text: str) -> float:
-    return float(text) if _NUMBER.fullmatch(text) else math.nan
+    return float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
 
 
 class NmeaInputs(BusInputs):

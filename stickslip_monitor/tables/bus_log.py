@@ -83,7 +83,9 @@ def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]
         yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'not valid', 'rpm'
     elif kind == 'XDR':
         for at in range(0, len(fields) - 3, 4):
-            yield fields[at + 3], fields[at + 1], fields[at + 2] if fields[at] == 'N' else ''
+            kind, value, unit, name = fields[at : at + 4]
+            # A pressure in bar, or volts, is no force whatever it is called.
+            yield name, value, unit if kind == 'N' or not unit else f'{kind} {unit}'
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:

@@ -52,6 +52,7 @@ RPM = '$RCRPM,S,1,74.6,30.0,A'  # its checksum is 56
         ('RCRPM,S,1,,30.0,V', [NAN]),
         ('RCRPM,S,1,,30.0,A', [NAN]),
         ('RCRPM,S,1,74.6,30.0', [NAN]),  # no flag
+        ('RCRPM,S,1, 74.6,30.0,A', [74.6]),  # numbers of one width
         ('ERRPM,S,1,251.0,A', [251.0]),  # a ship's form, without pitch
         ('ERRPM,S,1,251.0,V', [NAN]),
         ('RCRPM,S,1,74.6,30.0,', [NAN]),

@@ -692,6 +692,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         'time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n',
         'time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n',
         'time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n',
+        '2026-04-13T10:00:00Z $IIRPM,S,1,30,,A*43\n2026-04-13T10:00:00Z $IIXDR,P,12.3,B,LOAD*44\n',
         'time,Shaft RPM,load %\n0,30,60\n1,31,60\n',
         'time,Shaft RPM,Load limit [N]\n0,30,60\n1,31,60\n',
     ],
@@ -703,6 +704,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         'thrust',
         'a factor',
         'tenths',
+        'bar',
         'percent',
         'limit',
     ],
@@ -800,9 +802,18 @@ def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> Non
     assert not open_bag(path).bound(load_config(config)).absent
 
 
-def test_the_speed_of_an_engine_is_asked_about(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    'text',
+    [
+        'time,Engine speed [rpm],load [N]\n0,500,900\n1,500,901\n',
+        '2026-04-13T10:00:00Z $IIRPM,E,1,500,,A*63\n2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n',
+        '{"updates":[{"timestamp":"2026-04-13T10:00:00Z","values":['
+        '{"path":"propulsion.port.revolutions","value":0.5},{"path":"shaft.load","value":900}]}]}\n',
+    ],
+)
+def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'voyage.csv'
-    path.write_text('time,Engine speed [rpm],load [N]\n0,500,900\n1,500,901\n')
+    path.write_text(text)
     recording = open_bag(path)
     assert not recording.bound(load_config(CONFIG)).absent
     assert any(text.endswith("is it the shaft's own, with no gear between?") for text in recording.warnings)
