@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, IntArray
-from stickslip_monitor.bags.mcap_chunks import Block, DamagedBlock, Piece, loading, walk
+from stickslip_monitor.bags.mcap_chunks import Block, DamagedBlock, Piece, load, walk
 from stickslip_monitor.bags.mcap_file import McapFile
 from stickslip_monitor.bags.recording import Request, Series, TimeSpans
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.
 _STEP_GAPS, STEP_NS = 2.5, 10**9
-
+# Of each topic of a recorder whose clock is set, or of what is played in a loop, so many step back,
+# or two.
+_SELDOM = 0.25
 # How far behind the last message the next one is put [ns].
 _BEHIND_NS = 10**7
 _NONE = np.empty(0, np.int64)
@@ -48,6 +51,57 @@ def question_of_unit(start_ns: int | None, end_ns: int | None, most: int) -> str
     return ''
 
 
+class Order:
+    """Whether times are in an order, in which a clock may have been set back, or in none.
+
+    Where a clock was set back all topics step back, and seldom: some are written newest first, one
+    topic after the other, or in any order.
+
+    Args:
+        limit_ns: Smaller steps back are messages that came late [ns].
+    """
+
+    def __init__(self, limit_ns: int = STEP_NS) -> None:
+        self._limit_ns, self._goes_back = limit_ns, False
+        self._latest_ns: int | None = None
+        self._last: dict[int, int] = {}
+        self._counts, self._steps = Counter[int](), Counter[int]()
+
+    def add(self, time_ns: IntArray, topic: IntArray) -> None:
+        """Take up the next messages: log times [ns] and the numbers of their topics, shape (n,)."""
+        if not time_ns.size:
+            return
+        latest = _latest(self._latest_ns, time_ns)
+        self._goes_back |= bool((time_ns < latest[:-1] - self._limit_ns).any())
+        self._latest_ns = int(latest[-1])
+        for key in np.unique(topic).tolist():
+            own = time_ns[topic == key]
+            gaps = np.diff(own, prepend=self._last.get(key, own[0]))
+            self._steps[key] += int(np.count_nonzero(gaps < -self._limit_ns))
+            self._counts[key] += own.size
+            self._last[key] = int(own[-1])
+
+    @property
+    def steps_often(self) -> bool:
+        """Whether a topic steps back more often than a clock is set."""
+        return any(n > max(2, _SELDOM * self._counts[key]) for key, n in self._steps.items())
+
+    @property
+    def is_none(self) -> bool:
+        """Whether they are in none."""
+        return self.steps_often or (self._goes_back and not self._steps.total())
+
+
+def no_order(what: str) -> str:
+    """That something is in no order of time, and what is made of it."""
+    return f'{what} in no order of time: sorted by time'
+
+
+def _latest(before_ns: int | None, time_ns: IntArray) -> IntArray:
+    """The latest time before each of some, and behind them [ns], shape (n + 1,)."""
+    return np.maximum.accumulate(np.append(time_ns[0] if before_ns is None else before_ns, time_ns))
+
+
 class StepClock:
     """Makes the times of lines go on where the clock of their writer was set back.
 
@@ -56,41 +110,41 @@ class StepClock:
     """
 
     def __init__(self, gap_ns: int) -> None:
-        self._gap_ns = gap_ns
-        self._limit_ns = min(max(STEP_NS, round(_STEP_GAPS * gap_ns)), 1 << 60)
+        self._gap_ns, self._limit_ns = gap_ns, limit_of(gap_ns)
         self.latest_ns: int | None = None
         self._shift_ns = 0
         self.steps_ns: list[int] = []
 
     def follow(self, time_ns: IntArray) -> tuple[IntArray, IntArray]:
         """Times as they go on, and when each came [ns], shape (n,)."""
-        shifted = time_ns + self._shift_ns
-        begin = 0
-        while shifted.size:
-            start = self.latest_ns if self.latest_ns is not None else int(shifted[0])
-            before = np.maximum.accumulate(np.append(start, shifted))[:-1]
-            below = shifted < before - self._limit_ns
+        if not time_ns.size:
+            return time_ns, time_ns
+        shifted, begin = time_ns + self._shift_ns, 0
+        while True:
+            latest = _latest(self.latest_ns, shifted)
+            below = shifted < latest[:-1] - self._limit_ns
             # Two in a row: one alone is a line that came late.
             set_back = np.flatnonzero(below[begin:-1] & below[begin + 1 :])
             if not set_back.size:
                 break
             begin += int(set_back[0])
-            step = int(before[begin]) - int(shifted[begin]) + self._gap_ns
-            if self._shift_ns + step > LATEST_NS:
+            step = int(latest[begin]) - int(shifted[begin])
+            if self._shift_ns + step + self._gap_ns > LATEST_NS:
                 break
-            self.steps_ns.append(step - self._gap_ns)
-            self._shift_ns += step
-            shifted = np.append(shifted[:begin], shifted[begin:] + step)
-        arrival = shifted
-        if shifted.size:
-            start = self.latest_ns if self.latest_ns is not None else int(shifted[0])
-            arrival = np.maximum.accumulate(np.append(start, shifted))[1:]
-            self.latest_ns = int(arrival[-1])
-        return shifted, arrival
+            self.steps_ns.append(step)
+            self._shift_ns += step + self._gap_ns
+            shifted[begin:] += step + self._gap_ns
+        self.latest_ns = int(latest[-1])
+        return shifted, latest[1:]
 
     def sentence(self, whose: str) -> str:
         """That the clock of somebody was set back, and what is made of it."""
         return set_back(whose, self.steps_ns)
+
+
+def limit_of(gap_ns: float) -> int:
+    """Steps back of lines with some gaps that are larger are those of a clock that was set [ns]."""
+    return min(max(STEP_NS, round(_STEP_GAPS * gap_ns)), 1 << 60)
 
 
 def set_back(whose: str, steps_ns: Sequence[int]) -> str:
@@ -116,7 +170,7 @@ class BlockSteps:
     """
 
     def __init__(self, files: Sequence[McapFile], least_ns: int) -> None:
-        self._least_ns, self._shift_ns = least_ns, 0
+        self._least_ns, self._shift_ns, self._no_order = least_ns, 0, ''
         # From which byte of which block on, and by how much.
         self._steps: list[tuple[int, int, int]] = []
         self._latest: dict[str, int] = {}
@@ -125,15 +179,15 @@ class BlockSteps:
         self._last = len(blocks) - 1
         for (file, block), (other, behind) in itertools.pairwise(blocks):
             names = file.topics_of(block)
-            end = block.end_ns + self._shift_ns
-            is_next = self._is_early(other.topics_of(behind), behind, self._later(dict.fromkeys(names, end)))
+            ends = dict.fromkeys(names, block.end_ns + self._shift_ns)
+            is_next = self._is_early(other.topics_of(behind), behind, self._later(ends))
             is_odd = is_next or self._is_early(names, block, self._latest)
-            is_odd = is_odd and block.size <= _MOST_LOOKED
-            found = _messages(file, block, least_ns) if is_odd else None
+            found = _messages(file, block, least_ns) if is_odd and block.size <= _MOST_LOOKED else None
             if found is None or not found[0].size:
-                self._go_on(dict.fromkeys(names, end), block.start_ns + self._shift_ns)
+                self._go_on(ends, block.start_ns + self._shift_ns)
             elif not self._look(*found, is_next):
-                self._steps, self._last = [], -1
+                self._no_order = no_order(f"file '{file.path.name}' is written")
+                self._steps, self._spans, self._shift_ns, self._last = [], [], 0, -1
                 break
 
     def _is_early(self, names: Iterable[str], block: Block, ends: Mapping[str, int]) -> bool:
@@ -154,11 +208,10 @@ class BlockSteps:
         ``is_next`` is whether the block behind it begins too early as well.
         """
         time_ns = time_ns + self._shift_ns
-        is_back = np.zeros(time_ns.size, np.bool_)
         rows = {name: np.flatnonzero(topic == name) for name in np.unique(topic).tolist()}
+        is_back = np.zeros(time_ns.size, np.bool_)
         for name, own in rows.items():
-            known = np.append(self._latest.get(name, time_ns[own[0]]), time_ns[own])
-            is_back[own] = time_ns[own] < np.maximum.accumulate(known)[:-1] - STEP_NS
+            is_back[own] = time_ns[own] < _latest(self._latest.get(name), time_ns[own])[:-1] - STEP_NS
         # Of one alone it is not known.
         if np.count_nonzero(is_back) + is_next > 1 and is_back.any():
             k = int(is_back.argmax())
@@ -169,20 +222,20 @@ class BlockSteps:
             # A clock that stands still was not set back.
             if not goes_on or not had or (behind.size > 1 and behind.max() == behind.min()):
                 return False
-            step = max([*self._latest.values(), *before.tolist()]) - int(behind[0])
+            step = max([*self._latest.values(), *before.tolist()]) - int(behind[0]) + _BEHIND_NS
             # Behind late ones time leaps to where it was.
-            if is_back[k:].all() or 2 * int(np.diff(behind).max()) < step:
-                self._steps.append((len(self._spans), int(byte[k]), step + _BEHIND_NS))
-                self._shift_ns += step + _BEHIND_NS
-                time_ns[k:] += step + _BEHIND_NS
+            if is_back[k:].all() or 2 * int(np.diff(behind).max()) < step - _BEHIND_NS:
+                self._steps.append((len(self._spans), int(byte[k]), step))
+                self._shift_ns += step
+                time_ns[k:] += step
         self._go_on({name: int(time_ns[own].max()) for name, own in rows.items()}, int(time_ns.min()))
         return True
 
     @property
     def text(self) -> str:
-        """That the clock was set back, as far as that is known; else empty."""
+        """That the clock was set back, or that there is no order, as far as it is known; else empty."""
         steps = [step - _BEHIND_NS for *_, step in self._steps]
-        return set_back('of the recorder', steps) if steps else ''
+        return set_back('of the recorder', steps) if steps else self._no_order
 
     def span(self, number: int, block: Block) -> tuple[int, int]:
         """First and last time of the block of a number, as they go on [ns]."""
@@ -206,8 +259,7 @@ def _messages(file: McapFile, block: Block, least_ns: int) -> tuple[IntArray, In
     """Log times of the messages of a block [ns], where in it they are, and their topics."""
     found = [(_NONE, _NONE, np.empty(0, 'U1'))]
     with contextlib.suppress(DamagedBlock):
-        for _, take in loading([block]):
-            found += [_of_piece(file, piece, piece.log_time_ns >= least_ns) for piece in walk(take())]
+        found += [_of_piece(file, piece, piece.log_time_ns >= least_ns) for piece in walk(load(block))]
     time_ns, byte, topic = (np.concatenate(each) for each in zip(*found, strict=True))
     return time_ns, byte, topic
 

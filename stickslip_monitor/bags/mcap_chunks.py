@@ -7,16 +7,14 @@ A block is a chunk, or a run of records outside of chunks. What a definition hol
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
@@ -136,7 +134,7 @@ def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bo
     return b''.join(parts)[:size]
 
 
-def load(block: Block, file: IO[bytes]) -> bytes:
+def load(block: Block) -> bytes:
     """Bring the records of a block into memory.
 
     Raises:
@@ -145,9 +143,10 @@ def load(block: Block, file: IO[bytes]) -> bytes:
     """
     most = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
     try:
-        data = os.pread(file.fileno(), most, block.offset)
+        with open_file(block.path) as file:
+            data = os.pread(file.fileno(), most, block.offset)
     except OSError as error:
-        raise _unreadable(block, error) from None
+        raise BagError(f"bag file '{block.path}' cannot be read: {error.strerror}") from None
     if len(data) < most:
         raise DamagedBlock('the file became shorter while it was read')
     if not block.is_chunk:
@@ -170,28 +169,6 @@ def load(block: Block, file: IO[bytes]) -> bytes:
     if checksum and zlib.crc32(plain) != checksum:
         raise DamagedBlock('its checksum is wrong')
     return plain
-
-
-def _unreadable(block: Block, error: OSError) -> BagError:
-    return BagError(f"bag file '{block.path}' cannot be read: {error.strerror}")
-
-
-def loading(blocks: Iterable[Block]) -> Iterator[tuple[Block, Callable[[], bytes]]]:
-    """Yield blocks in order, each with what gives its records, or raises as :func:`load`.
-
-    Raises:
-        BagError: A file cannot be opened.
-    """
-    with contextlib.ExitStack() as opened:
-        path: Path | None = None
-        for block in blocks:
-            if block.path != path:
-                opened.close()
-                try:
-                    file, path = opened.enter_context(open_file(block.path)), block.path
-                except OSError as error:
-                    raise _unreadable(block, error) from None
-            yield block, partial(load, block, file)
 
 
 def view(data: bytes, code: str, begin: int = 0) -> NDArray[Any]:

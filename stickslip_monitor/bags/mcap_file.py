@@ -11,7 +11,7 @@ import contextlib
 import os
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from stickslip_monitor.bags.mcap_chunks import (
     Block,
     DamagedBlock,
     Piece,
-    loading,
+    load,
     walk,
 )
 from stickslip_monitor.bags.message_fields import LONGEST_TEXT
@@ -209,9 +209,9 @@ class McapFile:
     def _count(self, blocks: list[Block]) -> int:
         """Read all blocks for what they hold; return the messages of the last one."""
         count, way = 0, FilePass(self)
-        for block, take in loading(blocks):
+        for block in blocks:
             count, block.channels, spans = 0, 0, []
-            for piece, groups in way.groups(block, take):
+            for piece, groups in way.groups(block):
                 spans += self._spans(piece)
                 for key, rows in groups:
                     count += rows.size
@@ -317,9 +317,7 @@ class FilePass:
                 f' more than {self._most} bytes, the limit for its size'
             )
 
-    def groups(
-        self, block: Block, take: Callable[[], bytes]
-    ) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
+    def groups(self, block: Block) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
         """Walk through a block, take the definitions in it, and report what is wrong with it.
 
         Yields:
@@ -330,7 +328,7 @@ class FilePass:
             return
         lose = self.file.findings.lose
         try:
-            data = take()
+            data = load(block)
         except DamagedBlock as damage:
             if not block.is_cut:
                 lose(f'{block.place} is damaged ({damage}) and was skipped')

@@ -13,25 +13,26 @@ import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mcap.records import Channel
-from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import BoolArray, IntArray
+from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.log_times import BlockSteps, question_of_unit
-from stickslip_monitor.bags.mcap_chunks import Block, Piece, loading
+from stickslip_monitor.bags.mcap_chunks import Block, Piece
 from stickslip_monitor.bags.mcap_file import DATED, FilePass, McapFile
 from stickslip_monitor.bags.message_fields import FieldReader, MessageReading, TopicNumbers
 from stickslip_monitor.bags.recording import (
+    Columns,
     Findings,
     Message,
     Progress,
     Recording,
     Request,
+    Scratch,
     TimeSpans,
     TopicInfo,
+    part,
 )
 from stickslip_monitor.errors import BagError, plural
 
@@ -45,9 +46,6 @@ _BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not us
 _UNSET = 'have log time 0, as of a clock that was not set, and were not used'
 _REFUSED = 'come behind a definition that does not fit, and were not used'
 
-Columns = tuple[NDArray[Any], ...]
-"""Messages: log times [ns], numbers of their blocks, and what else there is of each: shape
-(n,) or (k, n)."""
 Chosen = list[tuple[int, Channel, IntArray]]
 """The number of a topic, one of its channels, and which messages of a piece."""
 
@@ -64,10 +62,6 @@ class Job:
 
 
 MakeColumns = Callable[[Job, Piece, Chosen], Columns]
-
-
-def _part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
-    return tuple(column[..., rows] for column in columns)
 
 
 class Pass:
@@ -122,10 +116,16 @@ class Pass:
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
-        for k, take in self._loaded():
-            own = list(self._read(self._jobs[k], take, columns_of, handed))
+        total, done = sum(job.block.length for job in self._jobs), 0
+        for k, job in enumerate(self._jobs):
+            if job.way.is_over:
+                continue
+            own = list(self._read(job, columns_of, handed))
             waiting += own
             size += sum(columns[0].size for columns in own)
+            done += job.block.length
+            if self._progress is not None:
+                self._progress(done, total)
             if not waiting or size < limit or k + 1 == len(self._jobs):
                 continue
             handed = self._jobs[k + 1].start_ns
@@ -134,8 +134,8 @@ class Pass:
             if not cut and columns[1].max() < rest[k + 1]:
                 # So many of one time: it is split, rather than to wait for more.
                 cut = columns[0].searchsorted(handed, 'right')
-            yield from _some(_part(columns, slice(cut)), most)
-            waiting = [_part(columns, slice(cut, None))]
+            yield from _some(part(columns, slice(cut)), most)
+            waiting = [part(columns, slice(cut, None))]
             size = waiting[0][0].size
             limit = least + 2 * size
         if waiting:
@@ -143,26 +143,14 @@ class Pass:
         if self._steps.text:
             self._ways[0].file.findings.note(self._steps.text)
 
-    def _loaded(self) -> Iterator[tuple[int, Callable[[], bytes]]]:
-        """Go through the blocks: place of each in the order of time, and what gives its data."""
-        total, done = sum(job.block.length for job in self._jobs), 0
-        places = {job.block: k for k, job in enumerate(self._jobs)}
-        for block, take in loading(job.block for job in self._jobs if not job.way.is_over):
-            yield places[block], take
-            done += block.length
-            if self._progress is not None:
-                self._progress(done, total)
-
-    def _read(
-        self, job: Job, take: Callable[[], bytes], columns_of: MakeColumns, handed: int
-    ) -> Iterator[Columns]:
+    def _read(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
         """What is made of a block, as far as it can be read.
 
         Messages from before a time were handed on [ns], and are left out here: a block may lie
         about its times.
         """
         file, late = job.way.file, 0
-        for piece, groups in job.way.groups(job.block, take):
+        for piece, groups in job.way.groups(job.block):
             chosen: Chosen = []
             for key, rows in groups:
                 channel = file.channels.get(key)
@@ -180,7 +168,7 @@ class Pass:
                 break
             is_late = columns[0] < handed
             late += int(np.count_nonzero(is_late))
-            yield _part(columns, ~is_late) if is_late.any() else columns
+            yield part(columns, ~is_late) if is_late.any() else columns
         if late:
             file.findings.lose(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
@@ -201,7 +189,7 @@ def _in_order(parts: Sequence[Columns]) -> Columns:
     later, same = time[1:] > time[:-1], time[1:] == time[:-1]
     if (later | (same & (number[1:] >= number[:-1]))).all():
         return columns
-    return _part(columns, np.lexsort((number, time)))
+    return part(columns, np.lexsort((number, time)))
 
 
 def _some(columns: Columns, most: int) -> Iterator[Columns]:
@@ -209,8 +197,8 @@ def _some(columns: Columns, most: int) -> Iterator[Columns]:
     while columns[0].size > most:
         times = columns[0][:most]
         end = int(times.searchsorted(times[-1])) or most
-        yield _part(columns, slice(end))
-        columns = _part(columns, slice(end, None))
+        yield part(columns, slice(end))
+        columns = part(columns, slice(end, None))
     if columns[0].size:
         yield columns
 
@@ -277,7 +265,7 @@ class McapReading(MessageReading):
                 stamp[rows] = stamps
         is_wanted = (topic >= 0) & (times >= self._least)
         columns = times, block, topic, stamp, values
-        return columns if is_wanted.all() else _part(columns, is_wanted)
+        return columns if is_wanted.all() else part(columns, is_wanted)
 
 
 class McapRecording(Recording):
@@ -290,11 +278,8 @@ class McapRecording(Recording):
         steps: Where the clock of the recorder was set back.
     """
 
-    def __init__(
-        self, path: Path, files: Sequence[McapFile], findings: Findings, kept: object = None
-    ) -> None:
-        # Holds a folder of unpacked files for as long as the recording lives.
-        self.path, self._kept = path, kept
+    def __init__(self, path: Path, files: Sequence[McapFile], findings: Findings, scratch: Scratch) -> None:
+        self.path, self._scratch = path, scratch
         self._topics = _list_topics(files)
         self.contents, self._findings = tuple(files), findings
         self.files = tuple(file.path for file in files)

@@ -18,7 +18,7 @@ import struct
 import threading
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -66,7 +66,7 @@ _MOST_TOKENS = 500
 # A type that contains itself has no end.
 _DEEPEST = 50
 
-_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?')
+_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<number>\d*)\])?')
 _SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
 _CONSTANT = re.compile(r'\S+\s+\w+\s*=')
 
@@ -90,23 +90,20 @@ class SchemaError(Exception):
 class Field:
     """A field of a type.
 
-    ``base`` is a primitive or a type's name, ``size`` the length of a fixed array, ``bound`` the
-    largest length of a bounded sequence.
+    ``base`` is a primitive or a type's name. ``array`` is how the definition writes that it is an
+    array, empty for none; ``size`` the length of a fixed one, ``most`` the largest of any.
     """
 
     name: str
     base: str
-    is_array: bool = False
+    array: str = ''
     size: int | None = None
-    bound: int | None = None
+    most: int = _LONGEST_SEQUENCE
 
     @property
     def text(self) -> str:
         """The type as a message definition writes it."""
-        if not self.is_array:
-            return self.base
-        limit = f'<={self.bound}' if self.bound is not None else ''
-        return f'{self.base}[{self.size if self.size is not None else limit}]'
+        return self.base + self.array
 
 
 Definitions = Mapping[str, tuple[Field, ...]]
@@ -124,23 +121,20 @@ def parse_schema(name: str, data: bytes) -> Definitions:
     if len(data) > LONGEST_TEXT:
         raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
     try:
-        text = data.decode()
+        first, *others = _SEPARATOR.split(data.decode())
     except UnicodeDecodeError:
         raise SchemaError('its definition is not text') from None
     found: dict[str, tuple[Field, ...]] = {
         'builtin_interfaces/Time': _TIME,
         'builtin_interfaces/Duration': _TIME,
     }
-    for number, part in enumerate(_SEPARATOR.split(text)):
-        lines = [line.partition('#')[0].strip() for line in part.splitlines()]
-        lines = [line for line in lines if line]
-        if lines and lines[0].startswith('MSG:'):
-            name = lines.pop(0).removeprefix('MSG:').strip()
-        elif number:
+    found[short_name(name)] = _fields(_lines(first), name)
+    for part in others:
+        head, *lines = _lines(part) or ['']
+        if not head.startswith('MSG:'):
             raise SchemaError('its definition has a part without a name')
-        package = name.split('/')[0]
-        fields = [_field(line, package) for line in lines if not _CONSTANT.match(line)]
-        found[short_name(name)] = tuple(fields)
+        name = head.removeprefix('MSG:').strip()
+        found[short_name(name)] = _fields(lines, name)
     for name, members in found.items():
         for member in members:
             if '/' in member.base and member.base not in found:
@@ -148,24 +142,32 @@ def parse_schema(name: str, data: bytes) -> Definitions:
     return found
 
 
+def _lines(text: str) -> list[str]:
+    """The lines of a definition that say something."""
+    lines = (line.partition('#')[0].strip() for line in text.splitlines())
+    return [line for line in lines if line]
+
+
+def _fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
+    """The fields of a type; a SchemaError where a line is none."""
+    package = name.split('/')[0]
+    return tuple(_field(line, package) for line in lines if not _CONSTANT.match(line))
+
+
 def _field(line: str, package: str) -> Field:
     type_text, *rest = line.split()
     match = _TYPE.fullmatch(type_text)
     if match is None or not rest:
         raise SchemaError(f"its definition has the line '{line}', which is not a field")
-    base, array = match['base'], match['array']
+    base, array, number = match['base'], match['array'] or '', match['number'] or ''
     if base not in NUMBERS and base not in TEXTS and '/' not in base:
         base = f'{package}/{base}'
-    if array is None:
-        return Field(rest[0], base)
-    limit = array[1:-1].removeprefix('<=')
-    if len(limit) > _MOST_DIGITS or (limit and int(limit) > _LONGEST_SEQUENCE):
+    if len(number) > _MOST_DIGITS or int(number or 0) > _LONGEST_SEQUENCE:
         raise SchemaError(f"its definition has the line '{line}', an array that is too long")
-    if not array.startswith('[<='):
-        return Field(rest[0], base, True, size=int(limit) if limit else None)
-    if not limit:
+    if match['bound'] and not number:
         raise SchemaError(f"its definition has the line '{line}', a bound without a number")
-    return Field(rest[0], base, True, bound=int(limit))
+    most = int(number) if number else _LONGEST_SEQUENCE
+    return Field(rest[0], base, array, most if number and not match['bound'] else None, most)
 
 
 def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
@@ -183,7 +185,7 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
             names = ', '.join(members) or 'none'
             raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
         member = members[step]
-        if member.is_array:
+        if member.array:
             _check_element(member, steps, members)
         elif steps and not isinstance(steps[0], str):
             raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
@@ -203,15 +205,14 @@ def _check_element(member: Field, steps: list[str | int | ByName], members: Mapp
     name, text = member.name, member.text
     if isinstance(index, ByName):
         names = members.get(NAMES)
-        if names is None or names.base != 'string' or not names.is_array:
+        if names is None or names.base != 'string' or not names.array:
             raise SchemaError(
                 f"'{name}' has no list '{NAMES}' beside it to choose [{index}] by: give a number"
             )
         return
     if not isinstance(index, int):
         raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
-    limits = (member.size, member.bound, _LONGEST_SEQUENCE)
-    if index >= next(limit for limit in limits if limit is not None):
+    if index >= member.most:
         raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
 
 
@@ -262,15 +263,13 @@ def _tokens(
         yield (*prefix, ''), Token('u1')
     for member in definitions[root]:
         path = (*prefix, member.name)
-        is_sequence = member.is_array and member.size is None
+        count = member.size if member.array else 1
         if member.base in NUMBERS:
-            count = None if is_sequence else member.size if member.is_array else 1
             yield path, Token(NUMBERS[member.base], count)
-        elif member.base == 'wstring' or is_sequence:
+        elif member.base == 'wstring' or count is None:
             yield path, None
         else:
-            for index in range(member.size) if member.size is not None else ['']:
-                own = (*path, index) if member.is_array else path
+            for own in ((*path, index) for index in range(count)) if member.array else [path]:
                 if member.base in TEXTS:
                     yield own, Token('u1', None)
                 else:
@@ -537,10 +536,7 @@ class MessageReading(ABC):
 
 
 _BUILT_IN = Path(__file__).with_name('definitions.txt')
-_FIELD = re.compile(r'^\s*([A-Za-z]\w*(?:/\w+)*)(?:<=\d+)?(?:\[.*?\])?\s+\w+', re.MULTILINE)
 _RULE = '=' * 80
-# Of a definition [bytes].
-_LARGEST = 1 << 18
 
 
 def definition_of(kind: str) -> str | None:
@@ -558,13 +554,11 @@ def _collect(name: str, parts: dict[str, str]) -> bool:
     if text is None:
         return False
     parts[name] = text
-    package = name.partition('/')[0]
-    for base in _FIELD.findall(re.sub('#.*', '', text)):
-        own = short_name(base) if '/' in base else f'{package}/{base}'
-        known = base in NUMBERS or base in TEXTS or own in parts
-        if not known and not _collect(own, parts):
-            return False
-    return True
+    try:
+        bases = [member.base for member in _fields(_lines(text), name)]
+    except SchemaError:
+        return False
+    return all('/' not in base or base in parts or _collect(short_name(base), parts) for base in bases)
 
 
 @cache
@@ -575,13 +569,13 @@ def _built_in() -> dict[str, str]:
 
 def _sourced(name: str) -> str | None:
     """The definition among the packages of ROS 2."""
-    package, _, own = name.partition('/')
     if not re.fullmatch(r'\w+/\w+', name):
         return None
+    package, own = name.split('/')
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        path = Path(prefix) / 'share' / package / 'msg' / f'{own}.msg'
         try:
-            path = Path(prefix) / 'share' / package / 'msg' / f'{own}.msg'
-            return read_file(path, _LARGEST).decode('utf-8', 'replace').rstrip() + '\n'
+            return read_file(path, LONGEST_TEXT).decode('utf-8', 'replace').rstrip() + '\n'
         except OSError:
             continue
     return None

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gzip
 import itertools
 import os
@@ -22,7 +23,14 @@ import zstandard
 from stickslip_monitor.bags.mcap_chunks import MAGIC
 from stickslip_monitor.bags.mcap_file import McapFile, scan_file
 from stickslip_monitor.bags.mcap_recording import McapRecording
-from stickslip_monitor.bags.recording import METADATA_NAME, METADATA_ROOT, MOST_NAMED, Findings, Recording
+from stickslip_monitor.bags.recording import (
+    METADATA_NAME,
+    METADATA_ROOT,
+    MOST_NAMED,
+    Findings,
+    Recording,
+    Scratch,
+)
 from stickslip_monitor.bags.sqlite_recording import MAGIC as SQLITE
 from stickslip_monitor.bags.sqlite_recording import SqliteRecording
 from stickslip_monitor.bags.table_recording import TableRecording
@@ -94,17 +102,17 @@ def _opened(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
     """A recording of some files of one format, which stay where they are."""
-    kept = tempfile.TemporaryDirectory(prefix='stickslip-')
-    whole = [_unpacked(file, Path(kept.name)) for file in files]
+    scratch = Scratch()
+    whole = [_unpacked(file, scratch) for file in files]
     if any(is_sqlite(file.name) or _begin(file).startswith(SQLITE) for file in whole):
-        return SqliteRecording(path, whole, packed == 'message', findings, kept)
+        return SqliteRecording(path, whole, packed == 'message', findings, scratch)
     contents = [scan_file(file, findings) for file in whole]
     if not is_one and not _follow_on(contents):
         raise BagError(
             f"folder '{path}' holds {len(files)} recordings that lap over in time or lie more than"
             ' an hour apart: name one of them'
         )
-    return McapRecording(path, contents, findings, kept)
+    return McapRecording(path, contents, findings, scratch)
 
 
 def _begin(path: Path) -> bytes:
@@ -115,7 +123,9 @@ def _begin(path: Path) -> bytes:
     """
     try:
         with open_file(path) as file:
-            begin = file.read(_LOOK)
+            begin: bytes | None = file.read(_LOOK)
+        if begin is None:
+            raise OSError(errno.EAGAIN, 'it has nothing to read yet')
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror or error}") from None
     for magic, what in _FOREIGN:
@@ -141,7 +151,7 @@ def _is_table(path: Path, begin: bytes) -> bool:
     return is_text and any(mark in text for mark in (b',', b';', b'\t', b'|', b' '))
 
 
-def _unpacked(path: Path, folder: Path) -> Path:
+def _unpacked(path: Path, scratch: Scratch) -> Path:
     """A file, or what it holds where it is packed as a whole.
 
     Raises:
@@ -149,7 +159,7 @@ def _unpacked(path: Path, folder: Path) -> Path:
     """
     if not _begin(path).startswith(_ZSTD):
         return path
-    target = folder / path.stem
+    target = scratch.folder / path.stem
     most = _FREE + _FOR_EACH * path.stat().st_size
     try:
         with open_file(path) as packed, target.open('wb') as file:

@@ -4,13 +4,18 @@
 from __future__ import annotations
 
 import difflib
+import shutil
+import tempfile
+import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.errors import BagError
@@ -18,9 +23,27 @@ from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 
+Columns = tuple[NDArray[Any], ...]
+"""Messages: log times [ns], and what else there is of each: shape (n,) or (k, n)."""
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""
 _MOST_TOLD = 50
+
+
+def part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
+    """Some of the messages of columns."""
+    return tuple(column[..., rows] for column in columns)
+
+
+class Scratch:
+    """A folder for what is unpacked, made when it is asked for, that goes with its recording."""
+
+    @cached_property
+    def folder(self) -> Path:
+        """The folder."""
+        path = tempfile.mkdtemp(prefix='stickslip-')
+        weakref.finalize(self, shutil.rmtree, path, ignore_errors=True)
+        return Path(path)
 
 
 class Findings:

@@ -11,29 +11,31 @@ import contextlib
 import shutil
 import sqlite3
 import sys
-import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import zstandard
 from mcap.records import Schema
-from numpy.typing import NDArray
 
-from stickslip_monitor.bags.log_times import LATEST_NS, STEP_NS, StepClock
-from stickslip_monitor.bags.message_fields import FieldReader, MessageReading, TopicNumbers, definition_of
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.bags.log_times import LATEST_NS, Order, StepClock, no_order
+from stickslip_monitor.bags.message_fields import MessageReading, TopicNumbers, definition_of
 from stickslip_monitor.bags.recording import (
+    Columns,
     Findings,
     Message,
     Progress,
     Recording,
     Request,
+    Scratch,
     TimeSpans,
     TopicInfo,
     other_encoding,
+    part,
 )
 from stickslip_monitor.errors import BagError, plural
 
@@ -46,17 +48,7 @@ _ERRORS = sqlite3.Error, MemoryError
 _DISORDER_NS = 10**9
 # Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
 _SKIP, _MOST_SKIPS = 64, 40
-# Of each topic of a recorder whose clock is set, or of what is played in a loop, so many step back,
-# or two. In the order newest first those of a slow topic all do.
-_SELDOM = 0.25
-
-
-class _Row(NamedTuple):
-    """One message."""
-
-    time_ns: int
-    topic: str
-    data: bytes
+Rows = list[tuple[Any, ...]]
 
 
 class SqliteRecording(Recording):
@@ -67,23 +59,17 @@ class SqliteRecording(Recording):
         files: The files in order.
         is_packed: Whether each message is compressed.
         findings: Takes what is wrong.
-        kept: A folder for what is unpacked, as long as the recording lives.
+        scratch: Where copies are made.
     """
 
     def __init__(
-        self,
-        path: Path,
-        files: Sequence[Path],
-        is_packed: bool,
-        findings: Findings,
-        kept: tempfile.TemporaryDirectory[str],
+        self, path: Path, files: Sequence[Path], is_packed: bool, findings: Findings, scratch: Scratch
     ) -> None:
         self.path, self.files = path, tuple(files)
-        self._is_packed, self._findings = is_packed, findings
+        self._is_packed, self._findings, self._scratch = is_packed, findings, scratch
         self._texts: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
         self._types: dict[str, tuple[str, str]] = {}
-        self._kept = kept
         self._unsorted: set[Path] = set()
         times = [time for file in files for time in self._look(file)]
         self.start_ns = min(times, default=None)
@@ -127,7 +113,7 @@ class SqliteRecording(Recording):
         ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
         if not any(end.is_file() and end.stat().st_size for end in ends):
             return file
-        copy = Path(self._kept.name) / file.name
+        copy = self._scratch.folder / file.name
         if not copy.exists():
             for each in (file, *filter(Path.is_file, ends)):
                 shutil.copyfile(each, copy.with_name(each.name))
@@ -158,86 +144,41 @@ class SqliteRecording(Recording):
                 ):
                     if encoding == 'ros2msg' and text and isinstance(text, str):
                         self._texts.setdefault(kind, text)
-            counts, times = self._count(file, database)
-            if self._is_unsorted(database, counts):
-                self._unsorted.add(file)
-                self._findings.note(f"file '{file.name}' is written in no order of time: sorted by time")
-            for key, count in counts.items():
-                if key in names:
-                    self._counts[names[key]] += count
-                else:
-                    self._findings.lose(
-                        f"file '{file.name}': {plural(count, 'message')} of topic {key}, which is"
-                        ' defined nowhere, were not read'
-                    )
-        return times
+            return self._count(file, database, names)
 
-    def _count(self, file: Path, database: sqlite3.Connection) -> tuple[Counter[int], list[int]]:
-        """Messages by the id of their topic, and first and last time [ns]."""
-        try:
-            counts = Counter(
-                dict(
-                    database.execute('SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id')
+    def _count(self, file: Path, database: sqlite3.Connection, names: Mapping[int, str]) -> list[int]:
+        """Count the messages of a file, and judge their order; its first and last time [ns]."""
+        counts, order, ends = Counter[Any](), Order(), list[int]()
+        for rows in self._rows(file, database, 'timestamp, topic_id'):
+            counts.update(key for _, _, key in rows)
+            times = [time for _, time, _ in rows if _is_time(time)]
+            ends += [min(times), max(times)] if times else []
+            # Time 0 is that of a clock that was not set.
+            known = [(time, key) for _, time, key in rows if time and _is_time(time) and key in names]
+            order.add(*np.array(known, np.int64).reshape(-1, 2).T)
+        if order.is_none:
+            self._unsorted.add(file)
+            self._findings.note(no_order(f"file '{file.name}' is written"))
+        for key, count in counts.items():
+            if key in names:
+                self._counts[names[key]] += count
+            else:
+                self._findings.lose(
+                    f"file '{file.name}': {plural(count, 'message')} of topic {key}, which is"
+                    ' defined nowhere, were not read'
                 )
-            )
-            ends = database.execute(
-                'SELECT min(timestamp), max(timestamp) FROM messages NOT INDEXED'
-                f' WHERE timestamp BETWEEN 0 AND {LATEST_NS}'
-            ).fetchone()
-            return counts, [time for time in ends if isinstance(time, int)]
-        except _ERRORS:
-            counts, times = Counter(), []
-            for rows in self._rows(file, database, 'timestamp, topic_id'):
-                counts.update(row[2] for row in rows)
-                known = [row[1] for row in rows if _is_time(row[1])]
-                times += [min(known), max(known)] if known else []
-            return counts, [min(times), max(times)] if times else []
-
-    @staticmethod
-    def _is_unsorted(database: sqlite3.Connection, counts: Counter[int]) -> bool:
-        """Whether messages are in no order of time: topic by topic, or newest first.
-
-        Where the clock of a recorder was set, all topics step back, and seldom.
-        """
-        back = (
-            'SELECT topic_id, count(*) FROM (SELECT topic_id, timestamp - max(timestamp) OVER'
-            ' ({} ORDER BY rowid ROWS UNBOUNDED PRECEDING) AS step FROM messages NOT INDEXED'
-            f' WHERE timestamp BETWEEN 1 AND {LATEST_NS}) WHERE step < {-STEP_NS}'
-            ' GROUP BY topic_id'
-        )
-        try:
-            if database.execute(back.format('')).fetchone() is None:
-                return False
-            each = back.format('PARTITION BY topic_id').replace('max(timestamp)', 'lag(timestamp, 1, 0)')
-            steps = dict(database.execute(each))
-            return not steps or any(n > max(2, _SELDOM * counts[topic]) for topic, n in steps.items())
-        except _ERRORS:
-            return False
-
-    def _by_time(
-        self, file: Path, database: sqlite3.Connection, where: str
-    ) -> Iterator[list[tuple[Any, ...]]]:
-        """Rows as of :meth:`_rows`, in the order of time."""
-        try:
-            found = database.execute(
-                f'SELECT rowid, timestamp, topic_id, data FROM messages WHERE {where}'
-                ' ORDER BY timestamp, rowid'
-            )
-            while batch := list(islice(found, _BATCH)):
-                yield batch
-        except _ERRORS as error:
-            self._findings.lose(f"file '{file.name}' is damaged ({error}): not read from there on")
+        return ends
 
     def _rows(
         self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
-    ) -> Iterator[list[tuple[Any, ...]]]:
+    ) -> Iterator[Rows]:
         """Some columns behind the id in batches, in the order of writing; damaged pages are told.
 
         The ids are looked for behind a damaged page in growing steps.
         """
         begin, step, skips = -(1 << 63), _SKIP, 0
-        while begin < 1 << 63:
-            batch: list[tuple[Any, ...]] = []
+        while begin < 1 << 63 and skips <= _MOST_SKIPS:
+            batch: Rows = []
             try:
                 found = database.execute(
                     f'SELECT rowid, {columns} FROM messages NOT INDEXED'
@@ -253,17 +194,26 @@ class SqliteRecording(Recording):
                     yield batch
                     batch = []
             except _ERRORS as error:
-                skips += 1
-                if batch:
-                    begin, step = batch[-1][0] + 1, _SKIP
-                    yield batch
                 self._findings.lose(
                     f"file '{file.name}' is damaged ({str(error) or 'out of memory'}): messages of the"
                     ' damaged pages were not read'
                 )
-                if skips > _MOST_SKIPS:
-                    return
-                begin, step = max(begin, 0) + step, 2 * step
+            if batch:
+                begin, step = batch[-1][0] + 1, _SKIP
+                yield batch
+            begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
+
+    def _by_time(self, file: Path, database: sqlite3.Connection, where: str) -> Iterator[Rows]:
+        """Messages in the order of time."""
+        try:
+            found = database.execute(
+                f'SELECT rowid, timestamp, topic_id, data FROM messages WHERE {where}'
+                ' ORDER BY timestamp, rowid'
+            )
+            while batch := list(islice(found, _BATCH)):
+                yield batch
+        except _ERRORS as error:
+            self._findings.lose(f"file '{file.name}' is damaged ({error}): not read from there on")
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""
@@ -273,40 +223,38 @@ class SqliteRecording(Recording):
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
         """Yield messages in the order of time."""
-        names = list(self.topics if topics is None else topics)
-        for name in names:
-            self._topic(name)
-        for batch in self.batches(names):
-            for time_ns, topic, data in batch:
+        names = [self._topic(name) for name in (self.topics if topics is None else topics)]
+        for columns in self.batches([topic.name for topic in names]):
+            for time_ns, number, data in zip(*(column.tolist() for column in columns), strict=True):
                 if spans is None or spans.overlap(time_ns, time_ns):
-                    yield Message(topic, self.topics[topic].type, time_ns, data)
+                    yield Message(names[number].name, names[number].type, time_ns, data)
 
-    def batches(self, topics: Collection[str]) -> Iterator[list[_Row]]:
-        """Messages of some topics in batches, in the order of events, with times to match."""
-        clock, waiting = StepClock(0), list[_Row]()
-        for batch in self._written(topics):
-            times, _ = clock.follow(np.array([row.time_ns for row in batch], np.int64))
-            waiting += [r._replace(time_ns=t) for r, t in zip(batch, times.tolist(), strict=True)]
-            waiting.sort(key=lambda row: row.time_ns)
-            edge = waiting[-1].time_ns - _DISORDER_NS
-            count = sum(row.time_ns < edge for row in waiting)
+    def batches(self, topics: Sequence[str]) -> Iterator[Columns]:
+        """Messages of some topics: times [ns], numbers of topics and data, in the order of events."""
+        clock, waiting = StepClock(0), _columns([])
+        for time_ns, *others in self._written(topics):
+            columns = clock.follow(time_ns)[0], *others
+            waiting = tuple(np.concatenate(pair) for pair in zip(waiting, columns, strict=True))
+            waiting = part(waiting, waiting[0].argsort(kind='stable'))
+            count = int(waiting[0].searchsorted(waiting[0][-1] - _DISORDER_NS))
             if count:
-                yield waiting[:count]
-                waiting = waiting[count:]
-        if waiting:
+                yield part(waiting, slice(count))
+                waiting = part(waiting, slice(count, None))
+        if waiting[0].size:
             yield waiting
         if clock.steps_ns:
             self._findings.note(clock.sentence('of the recorder'))
 
-    def _written(self, topics: Collection[str]) -> Iterator[list[_Row]]:
-        """Messages in the order in which they were written."""
-        unpack, odd = zstandard.ZstdDecompressor(), 0
+    def _written(self, topics: Sequence[str]) -> Iterator[Columns]:
+        """The same in the order in which they were written."""
+        numbers, odd = {topic: number for number, topic in enumerate(topics)}, 0
+        unpack = self._unpacker()
         for file in self.files:
             with self._opened(file) as database:
                 ids = {
-                    key: str(name)
+                    key: numbers[str(name)]
                     for key, name in database.execute('SELECT id, name FROM topics')
-                    if isinstance(key, int) and str(name) in topics
+                    if isinstance(key, int) and str(name) in numbers
                 }
                 if not ids:
                     continue
@@ -317,18 +265,32 @@ class SqliteRecording(Recording):
                     else self._rows(file, database, 'timestamp, topic_id, data', where)
                 )
                 for rows in found:
-                    batch = []
-                    for _, time_ns, key, data in rows:
-                        sound = _is_time(time_ns) and isinstance(data, bytes)
-                        if sound and self._is_packed:
-                            data = _unpacked(unpack, data)
-                        if sound and data is not None:
-                            batch.append(_Row(time_ns, ids[key], data))
-                    odd += len(rows) - len(batch)
-                    if batch:
-                        yield batch
+                    sound = [
+                        (time_ns, ids[key], plain)
+                        for _, time_ns, key, data in rows
+                        if _is_time(time_ns)
+                        and isinstance(data, bytes)
+                        and (plain := unpack(data)) is not None
+                    ]
+                    odd += len(rows) - len(sound)
+                    if sound:
+                        yield _columns(sound)
         if odd:
             self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
+
+    def _unpacker(self) -> Callable[[bytes], bytes | None]:
+        """What gives a message, or nothing of one that is damaged."""
+        if not self._is_packed:
+            return lambda data: data
+        decompress = zstandard.ZstdDecompressor().decompress
+
+        def unpack(data: bytes) -> bytes | None:
+            try:
+                return decompress(data, max_output_size=_MOST_MESSAGE)
+            except zstandard.ZstdError:
+                return None
+
+        return unpack
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> SqliteReading:
         """Read numbers in blocks."""
@@ -336,15 +298,15 @@ class SqliteRecording(Recording):
         return SqliteReading(self, wanted, progress)
 
 
-def _is_time(value: object) -> bool:
+def _is_time(value: Any) -> bool:
     return isinstance(value, int) and 0 <= value <= LATEST_NS
 
 
-def _unpacked(unpack: zstandard.ZstdDecompressor, data: bytes) -> bytes | None:
-    try:
-        return unpack.decompress(data, max_output_size=_MOST_MESSAGE)
-    except zstandard.ZstdError:
-        return None
+def _columns(rows: Sequence[tuple[int, int, bytes]]) -> Columns:
+    data = np.empty(len(rows), np.object_)
+    data[:] = [own for _, _, own in rows]
+    times, topics = ([row[k] for row in rows] for k in (0, 1))
+    return np.array(times, np.int64), np.array(topics, np.int64), data
 
 
 class SqliteReading(MessageReading):
@@ -359,35 +321,29 @@ class SqliteReading(MessageReading):
     ) -> None:
         super().__init__(wanted)
         self._recording, self._progress = recording, progress
-        self._readers: list[FieldReader] = []
+        self._readers = []
         for each in wanted:
-            reader = each.reader(_schema(recording, each.topic))
+            kind, text = recording.topics[each.topic].type, recording.definition(each.topic)
+            reader = each.reader(Schema(id=1, data=text.encode(), encoding='ros2msg', name=kind))
             if isinstance(reader, BagError):
                 raise reader
             self._readers.append(reader)
 
-    def _stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
-        numbers = {each.topic: number for number, each in enumerate(self._wanted)}
-        total, done = sum(self._recording.topics[topic].count for topic in numbers), 0
-        for batch in self._recording.batches(numbers):
-            yield self._columns(batch, numbers)
-            done += len(batch)
+    def _stretches(self) -> Iterator[Columns]:
+        topics = [each.topic for each in self._wanted]
+        total, done = sum(self._recording.topics[topic].count for topic in topics), 0
+        for times, topic, messages in self._recording.batches(topics):
+            yield self._numbers(times, topic, messages.tolist())
+            done += times.size
             if self._progress is not None:
                 self._progress(done, max(total, done))
 
-    def _columns(self, batch: Sequence[_Row], numbers: Mapping[str, int]) -> tuple[NDArray[Any], ...]:
-        times = np.array([row.time_ns for row in batch], np.int64)
-        topic = np.array([numbers[row.topic] for row in batch], np.int64)
-        size = np.array([len(row.data) for row in batch], np.int64)
-        offset, data = np.cumsum(size) - size, b''.join(row.data for row in batch)
+    def _numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
+        size = np.fromiter(map(len, messages), np.int64, len(messages))
+        offset, data = np.cumsum(size) - size, b''.join(messages)
         stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
         for number, reader in enumerate(self._readers):
             rows = np.flatnonzero(topic == number)
             found, stamps[rows] = reader.read(data, offset[rows], size[rows], times[rows])
             values[: len(found), rows] = found
         return times, topic, stamps, values
-
-
-def _schema(recording: SqliteRecording, topic: str) -> Schema:
-    text = recording.definition(topic).encode()
-    return Schema(id=1, data=text, encoding='ros2msg', name=recording.topics[topic].type)

@@ -7,17 +7,18 @@ unit of the column. What the file does not say is guessed, and told.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.bags.columns import FLOAT64, ColumnBinding, LogColumn, SourceColumn
-from stickslip_monitor.bags.log_times import StepClock
+from stickslip_monitor.bags.log_times import Order, StepClock, limit_of, no_order
 from stickslip_monitor.bags.recording import (
     Bound,
     Fault,
@@ -34,7 +35,7 @@ from stickslip_monitor.bags.recording import (
 from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.tables.clock import begun_at
+from stickslip_monitor.tables.clock import Cells, begun_at
 from stickslip_monitor.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_monitor.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 
@@ -87,42 +88,59 @@ class TableRecording(Recording):
             self._findings.note(text)
         for text in self.table.losses:
             self._findings.lose(text)
-        known = [*self.table.head, *self.table.tail]
-        times = self._times(known)
-        zero_ns = 0
-        if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
-            # A trigger's time before, and what spreadsheets make of a time of day.
-            zero_ns = int(times.min())
-            self._findings.note('times begin before 1970, or before zero: counted from the first one')
-        self.table.clock = begun_at(self.table.clock, zero_ns)
-        times = self._times(known)
-        self._is_falling = times.size > 1 and bool((np.diff(times) <= 0).all() & (times[0] > times[-1]))
-        if self._is_falling:
-            self._findings.note('the newest line comes first: sorted by time')
-        gaps = np.diff(self._times(self.table.head))
-        self._gap_ns = int(np.median(np.abs(gaps[gaps != 0]))) if gaps.any() else 0
-        self._names = self._long_columns()
-        self._is_by_name = False
+        self._begin_at_zero()
+        self.gap_ns = int(_usual_gap(self._timed(self.table.head)[1]))
+        """The usual time between two lines [ns]."""
+        self.names = self._long_columns()
+        """The columns of names and of values of a table of one value a line, else None."""
+        known, times = self._timed([*self.table.head, *self.table.tail])
+        self.is_ordered = self._judge_order(known, times)
+        """Whether the order of the lines is that of events."""
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
         """What stands for the topics of the configuration that was bound."""
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
-        is_sorted = not (self._is_falling or self._is_by_name)
         # What a clock that was set back says of a start before the first line is none.
-        begins = StepClock(self._gap_ns).follow(times)[0] if is_sorted else times
+        begins = StepClock(self.gap_ns).follow(times)[0] if self.is_ordered else times
         self.start_ns = int(begins.min()) if times.size else None
         self.end_ns = int(times.max()) if times.size else None
 
-    def _times(self, rows: Sequence[Sequence[Any]]) -> IntArray:
-        """The times of rows that have one [ns]."""
+    def _begin_at_zero(self) -> None:
+        """Let times that begin before zero, or before 1970, count from the first one."""
+        times = self._timed([*self.table.head, *self.table.tail])[1]
+        zero_ns = 0
+        if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
+            # A trigger's time before, and what spreadsheets make of a time of day.
+            zero_ns = int(times.min())
+            self._findings.note('times begin before 1970, or before zero: counted from the first one')
+        self.table.clock = begun_at(self.table.clock, zero_ns)
+
+    def _timed(self, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
+        """The rows that have a time, and these [ns]."""
         most = max(self.table.clock.columns)
-        cells = [[row[k] for row in rows if len(row) > most] for k in self.table.clock.columns]
-        if not cells[0]:
-            return np.empty(0, np.int64)
-        times, is_timed = self.table.clock.read(cells)
-        return times[is_timed]
+        long = [row for row in rows if len(row) > most]
+        if not long:
+            return [], np.empty(0, np.int64)
+        times, is_timed = self.table.clock.read([[row[k] for row in long] for k in self.table.clock.columns])
+        return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
+
+    def _judge_order(self, rows: Sequence[Cells], times: IntArray) -> bool:
+        """Whether rows with times are in the order of events; it is said where they are in none."""
+        if times.size > 1 and (np.diff(times) <= 0).all() and times[0] > times[-1]:
+            self._findings.note('the newest line comes first: sorted by time')
+            return False
+        name = -1 if self.names is None else self.names[0]
+        names = [row[name] if 0 <= name < len(row) else '' for row in rows]
+        head = {row[name] for row in self.table.head if 0 <= name < len(row)}
+        # One name after the other: those of the middle may be in no head and no tail.
+        is_by_name = name >= 0 and (len(head) < 2 or not head >= {*names} - {''})
+        order = Order(limit_of(_usual_gap(np.sort(times))))
+        order.add(times, np.unique(names, return_inverse=True)[1] if names else times)
+        if order.steps_often or (self.names is None and order.is_none):
+            self._findings.note(no_order('the lines are'))
+        return not (is_by_name or order.is_none)
 
     def _long_columns(self) -> tuple[int, int] | None:
         """The columns of names and of values of a table with one value a line."""
@@ -149,12 +167,12 @@ class TableRecording(Recording):
 
     def _list_columns(self) -> Iterator[LogColumn]:
         table = self.table
-        if self._names is None:
+        if self.names is None:
             for k, heading in enumerate(table.names):
                 if k not in table.clock.columns:
                     yield LogColumn(heading, k, unit=table.units[k], status=self._status_of(k))
             return
-        name, value = self._names
+        name, value = self.names
         units = [k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)]
         seen: dict[str, str] = {}
         for row in self._all_rows(name):
@@ -168,7 +186,7 @@ class TableRecording(Recording):
         names = [parse_heading(name).name.split() for name in self.table.names]
         for k, words in enumerate(names):
             rest = [word for word in words if word not in _STATUS]
-            is_behind = words != ['q'] and (k == column + 1 or self._names is not None)
+            is_behind = words != ['q'] and (k == column + 1 or self.names is not None)
             if k != column and rest != words and (rest == names[column] or (not rest and is_behind)):
                 return k if self.least_good(k) is not None else None
         return None
@@ -181,27 +199,14 @@ class TableRecording(Recording):
         is_yes_or_no = {'valid', 'good'} & {*parse_heading(self.table.names[status]).name.split()}
         return 1.0 if is_yes_or_no else -np.inf if None in codes else None
 
-    def _all_rows(self, name: int) -> Iterator[Sequence[Any]]:
+    def _all_rows(self, name: int) -> Iterator[Cells]:
         """Rows that have every name, with one row of each at least."""
-        known = [row for row in (*self.table.head, *self.table.tail) if len(row) > name]
-        yield from known
-        head = {row[name] for row in self.table.head if len(row) > name}
-        # One name after the other: those of the middle are in no head and no tail.
-        self._is_by_name = len(head) < 2 or any(row[name] not in head for row in known)
-        self._is_by_name |= self._goes_back(known) and not any(
-            self._goes_back([row for row in known if row[name] == own]) for own in head
-        )
-        if self._is_by_name:
+        yield from (row for row in (*self.table.head, *self.table.tail) if len(row) > name)
+        if not self.is_ordered:
             blank = [''] * len(self.table.names)
             for rows in self.table.blocks([name], _silent, _silent):
                 for text in dict.fromkeys(texts_of(rows.columns[0])):
                     yield [*blank[:name], text, *blank[name + 1 :]]
-
-    def _goes_back(self, rows: Sequence[Sequence[Any]]) -> bool:
-        """Whether the times of rows look like those of a clock that was set back."""
-        clock = StepClock(self._gap_ns)
-        clock.follow(self._times(rows))
-        return bool(clock.steps_ns)
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
@@ -236,13 +241,13 @@ class TableRecording(Recording):
 
     def _interval(self, column: LogColumn) -> float:
         """The usual time between two numbers of a column [s]."""
-        most = max([column.place, *(self._names or ())])
+        most = max([column.place, *(self.names or ())])
         rows = [row for row in self.table.head if len(row) > most]
-        if column.name is not None and self._names is not None:
-            rows = [row for row in rows if row[self._names[0]] == column.name]
+        if column.name is not None and self.names is not None:
+            rows = [row for row in rows if row[self.names[0]] == column.name]
         rows = [row for row in rows if str(row[column.place]).strip()]
-        gaps = np.abs(np.diff(self._times(rows)))
-        return float(np.median(gaps[gaps > 0])) * 1e-9 if gaps.any() else 0.0
+        times = self._timed(rows)[1]
+        return _usual_gap(times if self.is_ordered else np.sort(times)) * 1e-9
 
     def definition(self, topic: str) -> str:
         """The definition of what the sensors would have sent."""
@@ -261,8 +266,9 @@ class TableRecording(Recording):
         """Read numbers in blocks."""
         asked = list(requests)
         columns = {request.topic: self._column(request.topic) for request in asked}
-        is_sorted = not (self._is_falling or self._is_by_name)
-        return TableReading(self, asked, columns, self._names, is_sorted, self._gap_ns, progress)
+        # Those of one line count from left to right, in whatever order they are asked for.
+        columns = dict(sorted(columns.items(), key=lambda own: (own[1].column.place, own[1].column.heading)))
+        return TableReading(self, asked, columns, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -280,6 +286,12 @@ class TableRecording(Recording):
                 topic = [request.topic] * len(data)
                 rows += zip(numbers, topic, times, data, strict=True)
             yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
+
+
+def _usual_gap(time_ns: IntArray) -> float:
+    """The usual time between two lines that differ in it, 0 where none do [ns]."""
+    gaps = np.abs(np.diff(time_ns))
+    return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
 
 
 def _silent(text: str) -> None:
@@ -303,15 +315,11 @@ class TableReading:
         recording: TableRecording,
         requests: Sequence[Request],
         columns: Mapping[str, SourceColumn],
-        names: tuple[int, int] | None,
-        is_sorted: bool,
-        gap_ns: int,
         progress: Progress | None,
     ) -> None:
         self._recording, self._requests, self._columns = recording, requests, columns
-        self._names, self._is_sorted, self._progress = names, is_sorted, progress
-        self._gap_ns, self._rows = gap_ns, 0
-        self._last_ns, self._distinct = -1, 0
+        self._names, self._progress = recording.names, progress
+        self._last_ns, self._rows, self._distinct = -1, 0, 0
         places = self._names or [own.column.place for own in columns.values()]
         statuses = {k for own in columns.values() if (k := own.column.status) is not None}
         self._wanted = [*places, *statuses]
@@ -321,8 +329,8 @@ class TableReading:
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other."""
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
-        parts = self._parts() if self._is_sorted else self._sorted()
-        clock, is_empty = StepClock(self._gap_ns), True
+        parts = self._parts() if self._recording.is_ordered else self._sorted()
+        clock, is_empty = StepClock(self._recording.gap_ns), True
         for part in parts:
             is_empty = False
             yield self._series(part, clock)

@@ -389,15 +389,24 @@ def _maybe_thousands(rows: Sequence[Cells]) -> str:
 
 def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
     """The first row of numbers of a table; rows of a preamble may have some, too."""
-    found = None
-    for k, row in enumerate(rows):
-        if not _is_data(row, decimal, width):
-            continue
-        found = k if found is None else found
+    data = [k for k, row in enumerate(rows) if _is_data(row, decimal, width)]
+    for k in data:
         run = [_is_data(each, decimal, width) for each in rows[k : k + 2 * _RUN] if each][:_RUN]
         if sum(run) > 0.5 * len(run):
-            return k
-    return found
+            break
+    else:
+        return data[0] if data else None
+    if _headings(rows[:k], width)[0]:
+        return k
+    # Numbers may stand above the headings, too.
+    named = next((n for n, row in enumerate(rows[k:], k) if _has_time_heading(row, width)), -1)
+    return next((n for n in data if n > named >= k), k)
+
+
+def _has_time_heading(row: Cells, width: int) -> bool:
+    """Whether a row is surely one of headings: words all, with that of a time among them."""
+    is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
+    return is_words and any(NAMED.search(parse_heading(cell).name) for cell in row)
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:

@@ -102,6 +102,16 @@ def test_blocks_in_no_order_of_time_keep_their_times(tmp_path: Path, order: str)
     assert 'set back' not in ' '.join(recording.warnings)
 
 
+def test_a_step_back_to_a_time_that_was_not_had_is_sorted_and_named(tmp_path: Path) -> None:
+    """Chunks in another order look the same, so that the order of the file proves nothing."""
+    times = START + np.arange(400) * SECOND
+    times[200:] -= 4000 * SECOND
+    write_chunks(tmp_path / 'a.mcap', in_chunks(counted(times.tolist()), 50))
+    recording = open_bag(tmp_path / 'a.mcap')
+    np.testing.assert_array_equal(recording.read([X])[X].value, [*range(200, 400), *range(200)])
+    assert "'a.mcap' is written in no order of time: sorted by time" in ' '.join(recording.warnings)
+
+
 @pytest.mark.parametrize('before', [-1, 0, 1])
 def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path, before: int) -> None:
     """A slow-down on either side of a step, whose chunk begins beside it, is told as without it."""

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import gc
 import gzip
 import io
 import sqlite3
 import struct
 import unicodedata
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -151,6 +153,35 @@ def test_a_file_cut_in_a_folder_does_not_hide_the_others(tmp_path: Path) -> None
     bag = open_bag(tmp_path / 'bag')
     assert [cut.path.name for cut in bag.cuts] == ['b.mcap', 'c.mcap']
     assert read_values(tmp_path / 'bag') == [1, 2, 4]
+
+
+def test_what_was_unpacked_goes_with_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path / 'a.mcap', {'/x': ([1, 2], [1, 2])})
+    packed, scratch = tmp_path / 'b.mcap.zstd', tmp_path / 'scratch'
+    packed.write_bytes(zstandard.compress((tmp_path / 'a.mcap').read_bytes()))
+    scratch.mkdir()
+    monkeypatch.setattr('tempfile.tempdir', str(scratch))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter('always')
+        bag = open_bag(packed)
+        assert len(list(scratch.iterdir())) == bag.message_count // 2
+        del bag
+        gc.collect()
+    assert said == []
+    assert list(scratch.iterdir()) == []
+
+
+def test_a_file_with_nothing_to_read_yet_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As /proc/kmsg: a file by its kind, and its reader would wait."""
+
+    class Waiting(io.BytesIO):
+        def read(self, _: int | None = None) -> bytes | None:  # type: ignore[override]
+            return None
+
+    (tmp_path / 'log').touch()
+    monkeypatch.setattr('stickslip_monitor.bags.reader.open_file', lambda path: Waiting())
+    with pytest.raises(BagError, match="log' cannot be read: it has nothing to read yet"):
+        open_bag(tmp_path / 'log')
 
 
 def write_odd_topics(path: Path) -> None:

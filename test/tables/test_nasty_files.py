@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import gzip
 import math
-import random
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import NamedTuple
@@ -19,11 +19,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from fuzz.mutants import mutant
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
+from stickslip_monitor.bags.table_recording import TableRecording
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import InputConfig
 
 CONFIG = Path(__file__).resolve().parents[2] / 'launch_configs/reference_bearing.yaml'
 NAN = math.nan
@@ -43,24 +46,31 @@ def since(*seconds: float) -> list[int]:
 
 
 class Log(NamedTuple):
+    """A log and what is read of it; '@0' stands for 2026-04-13T10:00:00Z, '~1' for 2026-04-13 10:00:01."""
+
     data: str | bytes
     times: Sequence[int] = after(0, 1)
     speed: Sequence[float] = (30, 31)
     load: Sequence[float] = (900, 901)
     says: str = ''
     lost: str = ''
+    encoding: str = 'utf-8'
+
+    @property
+    def raw(self) -> bytes:
+        if isinstance(self.data, bytes):
+            return self.data
+        text = re.sub(r'@(\d)', r'2026-04-13T10:00:0\1Z', self.data)
+        return re.sub(r'~(\d)', r'2026-04-13 10:00:0\1', text).encode(self.encoding)
 
 
 LOGS = {
     'comma, units in brackets': Log(
-        'time,speed [rpm],load [kN]\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n',
+        'time,speed [rpm],load [kN]\n@0,30,1.5\n@1,31,1.6\n',
         load=[1500, 1600],
         says="column 'load [kN]' in kN, by its heading",
     ),
-    'tab': Log(
-        'time\tspeed\tload\n2026-04-13T10:00:00Z\t30\t900\n2026-04-13T10:00:01Z\t31\t901\n',
-        says='as aft_stern.speed.unit says',
-    ),
+    'tab': Log('time\tspeed\tload\n@0\t30\t900\n@1\t31\t901\n', says='as aft_stern.speed.unit says'),
     'semicolon, decimal comma, German dates': Log(
         'Zeit;Drehzahl (1/min);Last (kN)\n13.04.2026 10:00:00;30,25;1,5\n13.04.2026 10:00:01;31,5;0,5\n',
         speed=[30.25, 31.5],
@@ -68,27 +78,19 @@ LOGS = {
         says='no zone: taken as UTC',
     ),
     'decimal comma and points of thousands': Log(
-        'Zeit;n (1/min);Last (N)\n2026-04-13 10:00:00;30,5;1.234,5\n2026-04-13 10:00:01;31;999,5\n',
-        speed=[30.5, 31],
-        load=[1234.5, 999.5],
+        'Zeit;n (1/min);Last (N)\n~0;30,5;1.234,5\n~1;31;999,5\n', speed=[30.5, 31], load=[1234.5, 999.5]
     ),
     'commas of thousands in quotation marks': Log(
-        'time,speed [rpm],load [N]\n2026-04-13T10:00:00Z,30.5,"1,234.5"\n'
-        '2026-04-13T10:00:01Z,31.0,"12,345"\n',
+        'time,speed [rpm],load [N]\n@0,30.5,"1,234.5"\n@1,31.0,"12,345"\n',
         speed=[30.5, 31],
         load=[1234.5, 12345],
     ),
     'units in a row of their own': Log(
-        'Timestamp,n,Force\n-,rpm,kN\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n',
-        load=[1500, 1600],
+        'Timestamp,n,Force\n-,rpm,kN\n@0,30,1.5\n@1,31,1.6\n', load=[1500, 1600]
     ),
-    'units behind underscores': Log(
-        'ts,ME1_RPM,brg_kN\n2026-04-13T10:00:00Z,30,1.5\n2026-04-13T10:00:01Z,31,1.6\n', load=[1500, 1600]
-    ),
+    'units behind underscores': Log('ts,ME1_RPM,brg_kN\n@0,30,1.5\n@1,31,1.6\n', load=[1500, 1600]),
     'Hz is turned into rpm': Log(
-        'time,n [Hz],load [N]\n2026-04-13T10:00:00Z,0.5,900\n2026-04-13T10:00:01Z,0.75,901\n',
-        speed=[30, 45],
-        says='in Hz, by its heading',
+        'time,n [Hz],load [N]\n@0,0.5,900\n@1,0.75,901\n', speed=[30, 45], says='in Hz, by its heading'
     ),
     'epoch in s with nanoseconds': Log(
         'time,speed,load\n1776074400.000000001,30,900\n1776074401.123456789,31,901\n',
@@ -177,36 +179,27 @@ LOGS = {
         load=[900, 900, 901, 901, 902],
     ),
     'words of quality': Log(
-        'time,speed [rpm],speed.Status,load [N],load.Status\n2026-04-13T10:00:00Z,30,Bad,900,Good\n'
-        '2026-04-13T10:00:01Z,31,Good,901,Uncertain\n',
+        'time,speed [rpm],speed.Status,load [N],load.Status\n@0,30,Bad,900,Good\n@1,31,Good,901,Uncertain\n',
         speed=[NAN, 31],
         load=[900, NAN],
         says="numbers of 'speed [rpm]' count where 'speed.Status' says so",
     ),
     'codes of OPC, one value a line': Log(
-        'time,tag,value,quality\n2026-04-13T10:00:00Z,speed,30,192\n2026-04-13T10:00:00Z,load,900,192\n'
-        '2026-04-13T10:00:01Z,speed,31,0\n2026-04-13T10:00:01Z,load,901,216\n',
+        'time,tag,value,quality\n@0,speed,30,192\n@0,load,900,192\n@1,speed,31,0\n@1,load,901,216\n',
         speed=[30, NAN],
     ),
-    'a flag of validity': Log(
-        'time,speed,valid,load\n2026-04-13T10:00:00Z,30,0,900\n2026-04-13T10:00:01Z,31,1,901\n',
-        speed=[NAN, 31],
-    ),
-    'a flow Q beside': Log(
-        'time,speed,Q,load\n2026-04-13T10:00:00Z,30,100,900\n2026-04-13T10:00:01Z,31,200,901\n'
-    ),
+    'a flag of validity': Log('time,speed,valid,load\n@0,30,0,900\n@1,31,1,901\n', speed=[NAN, 31]),
+    'a flow Q beside': Log('time,speed,Q,load\n@0,30,100,900\n@1,31,200,901\n'),
     'ISO 8601 without separators': Log('time,speed,load\n20260413T100000Z,30,900\n20260413T100001Z,31,901\n'),
     'fourteen digits': Log('time,speed,load\n20260413100000,30,900\n20260413100001,31,901\n'),
     'local time beside that of UTC': Log(
-        'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,2026-04-13 10:00:00,30,900\n'
-        '2026-04-13 18:00:01,2026-04-13 10:00:01,31,901\n'
+        'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,~0,30,900\n2026-04-13 18:00:01,~1,31,901\n'
     ),
     'before a trigger': Log(
         'time [s],speed,load\n-1,30,900\n0,31,901\n', times=since(0, 1), says='counted from the first one'
     ),
     'a clock that was set after the start': Log(
-        'time,speed,load\n1899-12-30 00:00:00,30,900\n2026-04-13 10:00:00,30,900\n'
-        '2026-04-13 10:00:01,31,901\n',
+        'time,speed,load\n1899-12-30 00:00:00,30,900\n~0,30,900\n~1,31,901\n',
         lost="1 line without a time was not used, the first '1899-12-30 00:00:00'",
     ),
     'a time of day as Access has it': Log(
@@ -215,11 +208,10 @@ LOGS = {
         says='counted from the first one',
     ),
     'a set point, and a unit without brackets': Log(
-        'time,n ref [1/min],n 1/min,load [N]\n2026-04-13T10:00:00Z,60,30,900\n'
-        '2026-04-13T10:00:01Z,60,31,901\n'
+        'time,n ref [1/min],n 1/min,load [N]\n@0,60,30,900\n@1,60,31,901\n'
     ),
     'revolutions in a second, in superscript': Log(
-        'time,n [s⁻¹],load\n2026-04-13T10:00:00Z,0.5,900\n2026-04-13T10:00:01Z,0.55,901\n', speed=[30, 33]
+        'time,n [s⁻¹],load\n@0,0.5,900\n@1,0.55,901\n', speed=[30, 33]
     ),
     'a minus of a Swedish locale': Log(
         'time;speed;load\n0;\u221230,5;900\n1;31;901\n', times=since(0, 1), speed=[-30.5, 31]
@@ -237,7 +229,7 @@ LOGS = {
     'milliseconds by their name': Log(
         't_ms,n_rpm,load_kN\n0,30,0.9\n100,31,0.901\n', times=since(0, 0.1), says='ms since the start'
     ),
-    'no heading': Log('2026-04-13 10:00:00,30,900\n2026-04-13 10:00:01,31,901\n'),
+    'no heading': Log('~0,30,900\n~1,31,901\n'),
     'date and time apart': Log(
         'Date,Time,speed,load\n13/04/2026,10:00:00,30,900\n13/04/2026,10:00:01.5,31,901\n',
         times=after(0, 1.5),
@@ -260,66 +252,64 @@ LOGS = {
         says='of the day, without a date',
     ),
     'words and empty cells': Log(
-        'time,speed [rpm],load [N]\n2026-04-13T10:00:00Z,30,900\n2026-04-13T10:00:01Z,Bad,901\n'
-        '2026-04-13T10:00:02Z,I/O Timeout,902\n2026-04-13T10:00:03Z,---,903\n',
+        'time,speed [rpm],load [N]\n@0,30,900\n@1,Bad,901\n@2,I/O Timeout,902\n@3,---,903\n',
         times=after(0, 1, 2, 3),
         speed=[30, NAN, NAN, NAN],
         load=[900, 901, 902, 903],
     ),
     'the first line of numbers has a word': Log(
-        'time,speed [rpm],load [N]\n2026-04-13T10:00:00Z,No Data,900\n2026-04-13T10:00:01Z,31,901\n',
-        speed=[NAN, 31],
+        'time,speed [rpm],load [N]\n@0,No Data,900\n@1,31,901\n', speed=[NAN, 31]
     ),
     'a preamble': Log(
-        'Vessel: Example\nExported by historian 4.2\n\nTime;RPM [rpm];Load [kN]\n'
-        '2026-04-13 10:00:00;30;1.5\n2026-04-13 10:00:01;31;1.6\n',
+        'Vessel: Example\nExported by historian 4.2\n\nTime;RPM [rpm];Load [kN]\n~0;30;1.5\n~1;31;1.6\n',
         load=[1500, 1600],
     ),
-    'comments': Log('# made by hand\n# time,speed,load\n0,30,900\n1,31,901\n', times=since(0, 1)),
-    'the separator named for spreadsheets': Log(
-        'sep=;\ntime;speed;load\n2026-04-13 10:00:00;30;900\n2026-04-13 10:00:01;31;901\n'
+    'a line of numbers above the headings': Log(
+        '7,250,3\ntime,speed,load\n0,30,900\n1,31,901\n', times=since(0, 1)
     ),
+    'lines of another table above the headings': Log(
+        ''.join(f'{k},1,2\n' for k in range(5, 10)) + 'time,speed,load\n0,30,900\n1,31,901\n',
+        times=since(0, 1),
+        lost="5 lines of another table above were not read, the first '5 1 2'",
+    ),
+    'in no order of time': Log(
+        'time,speed,load\n' + ''.join(f'{10 * k},{k},{900 + k}\n' for k in (3, 0, 5, 9, 1, 7, 4, 8, 2, 6)),
+        times=since(*range(0, 100, 10)),
+        speed=range(10),
+        load=range(900, 910),
+        says='the lines are in no order of time: sorted by time',
+    ),
+    'comments': Log('# made by hand\n# time,speed,load\n0,30,900\n1,31,901\n', times=since(0, 1)),
+    'the separator named for spreadsheets': Log('sep=;\ntime;speed;load\n~0;30;900\n~1;31;901\n'),
     'newest first': Log(
-        'time,speed,load\n2026-04-13T10:00:02Z,32,902\n2026-04-13T10:00:01Z,31,901\n'
-        '2026-04-13T10:00:00Z,30,900\n',
+        'time,speed,load\n@2,32,902\n@1,31,901\n@0,30,900\n',
         times=after(0, 1, 2),
         speed=[30, 31, 32],
         load=[900, 901, 902],
         says='newest line comes first',
     ),
-    'UTF-16 with its mark': Log(
-        'time\tspeed\tload\r\n2026-04-13T10:00:00Z\t30\t900\r\n2026-04-13T10:00:01Z\t31\t901\r\n'.encode(
-            'utf-16'
-        )
-    ),
+    'UTF-16 with its mark': Log('time\tspeed\tload\r\n@0\t30\t900\r\n@1\t31\t901\r\n', encoding='utf-16'),
     'UTF-16 without its mark': Log(
-        'time\tspeed\tload\r\n2026-04-13T10:00:00Z\t30\t900\r\n2026-04-13T10:00:01Z\t31\t901\r\n'.encode(
-            'utf-16-le'
-        )
+        'time\tspeed\tload\r\n@0\t30\t900\r\n@1\t31\t901\r\n', encoding='utf-16-le'
     ),
     'Windows-1252': Log(
-        'Zeit;Wellendrehzahl, rückwärts [rpm];Last [N]\n2026-04-13 10:00:00;30;900\n'
-        '2026-04-13 10:00:01;31;901\n'.encode('cp1252'),
+        'Zeit;Wellendrehzahl, rückwärts [rpm];Last [N]\n~0;30;900\n~1;31;901\n',
         says='Windows-1252',
+        encoding='cp1252',
     ),
     'gzip': Log(gzip.compress(b'time,speed,load\n0,30,900\n1,31,901\n'), times=since(0, 1)),
-    'long, names in turn': Log(
-        'time,tag,value\n2026-04-13T10:00:00Z,speed,30\n2026-04-13T10:00:00Z,load,900\n'
-        '2026-04-13T10:00:01Z,speed,31\n2026-04-13T10:00:01Z,load,901\n'
-    ),
+    'long, names in turn': Log('time,tag,value\n@0,speed,30\n@0,load,900\n@1,speed,31\n@1,load,901\n'),
     'long, one name after the other': Log(
-        'time,tag,value,unit\n2026-04-13T10:00:00Z,n,30,rpm\n2026-04-13T10:00:01Z,n,31,rpm\n'
-        '2026-04-13T10:00:00Z,F,0.9,kN\n2026-04-13T10:00:01Z,F,1.1,kN\n',
-        load=[900, 1100],
+        'time,tag,value,unit\n@0,n,30,rpm\n@1,n,31,rpm\n@0,F,0.9,kN\n@1,F,1.1,kN\n', load=[900, 1100]
     ),
     'InfluxDB, annotated': Log(
         '#group,false,false,true,true,false,false,true\r\n'
         '#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string\r\n'
         '#default,_result,,,,,,\r\n,result,table,_start,_stop,_time,_value,_field\r\n'
-        ',,0,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:00Z,30,speed\r\n'
-        ',,0,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:01Z,31,speed\r\n'
-        ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:00Z,900,load\r\n'
-        ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,2026-04-13T10:00:01Z,901,load\r\n'
+        ',,0,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,@0,30,speed\r\n'
+        ',,0,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,@1,31,speed\r\n'
+        ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,@0,900,load\r\n'
+        ',,1,2026-04-13T09:00:00Z,2026-04-13T11:00:00Z,@1,901,load\r\n'
     ),
     'long, a name with hundreds of lines after another': Log(
         'time,tag,value\n'
@@ -352,18 +342,18 @@ LOGS = {
     ),
     'NMEA 0183': Log(
         '2026-04-13T10:00:00.000Z $IIRPM,S,1,30.0,,A*5D\n'
-        '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
+        '@0 $IIXDR,N,900.0,N,LOAD*6F\n'
         '2026-04-13T10:00:01.000Z $IIRPM,S,1,31.0,,V*4B\n'
-        '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n',
+        '@1 $IIXDR,N,901.0,N,LOAD*6E\n',
         speed=[30, NAN],
     ),
     'NMEA 0183: without the pitch, and without a status': Log(
-        '2026-04-13T10:00:00Z $IIRPM,S,1,30.0,A*71\n'
-        '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
-        '2026-04-13T10:00:01Z $IIRPM,S,1,31.0,V*67\n'
-        '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n'
-        '2026-04-13T10:00:02Z $IIRPM,S,1,32.0*1E\n'
-        '2026-04-13T10:00:02Z $IIXDR,N,902.0,N,LOAD*6D\n',
+        '@0 $IIRPM,S,1,30.0,A*71\n'
+        '@0 $IIXDR,N,900.0,N,LOAD*6F\n'
+        '@1 $IIRPM,S,1,31.0,V*67\n'
+        '@1 $IIXDR,N,901.0,N,LOAD*6E\n'
+        '@2 $IIRPM,S,1,32.0*1E\n'
+        '@2 $IIXDR,N,902.0,N,LOAD*6D\n',
         times=after(0, 1, 2),
         speed=[30, NAN, NAN],
         load=[900, 901, 902],
@@ -411,7 +401,7 @@ LOGS = {
     'Campbell TOA5: rows of units and of what was averaged': Log(
         '"TOA5","Stern","CR1000X","1234","OS5","CPU:s.CR1X","61234","Fast"\n'
         '"TIMESTAMP","RECORD","ShaftRPM_Avg","Brg_Avg"\n"TS","RN","rpm","kN"\n"","","Avg","Avg"\n'
-        '"2026-04-13 10:00:00",0,30,1.5\n"2026-04-13 10:00:01",1,31,1.6\n',
+        '"~0",0,30,1.5\n"~1",1,31,1.6\n',
         load=[1500, 1600],
     ),
     'LabVIEW LVM: numbers in its preamble': Log(
@@ -432,7 +422,7 @@ LOGS = {
         'Model,GL840\nStart time,2026-04-13,10:00:00\nCH,Signal,Input,Range,Filter,Span\n'
         'CH1,RPM,DC,10V,0.0,100.0,rpm\nCH2,Load,DC,10V,0.0,100.0,kN\nLogic,Off\n'
         'Number,Date&Time,ms,CH1,CH2,Alarm\nNO.,Time,ms,rpm,kN,A12\n'
-        '1,2026-04-13 10:00:00,0,+ 30.0,+ 1.5,LLL\n2,2026-04-13 10:00:01,0,+ 31.0,+ 1.6,LLL\n',
+        '1,~0,0,+ 30.0,+ 1.5,LLL\n2,~1,0,+ 31.0,+ 1.6,LLL\n',
         load=[1500, 1600],
     ),
     'WinCC: names and values, status lines': Log(
@@ -447,7 +437,7 @@ LOGS = {
             '\n'.join(
                 [heading]
                 + [
-                    row.format(time=f'2026-04-13T10:00:0{k}Z', n=f'{own}{unit}', value=value)
+                    row.format(time=f'@{k}', n=f'{own}{unit}', value=value)
                     for k in (0, 1)
                     for own, unit, value in (('speed', ' rpm', 30 + k), ('load', ' N', 900 + k))
                 ]
@@ -465,8 +455,7 @@ LOGS = {
         )
     },
     'Grafana: units behind numbers': Log(
-        '"Time","Shaft","Bearing"\n2026-04-13 10:00:00,30 rpm,1.5 kN\n2026-04-13 10:00:01,31 rpm,1.6 kN\n',
-        load=[1500, 1600],
+        '"Time","Shaft","Bearing"\n~0,30 rpm,1.5 kN\n~1,31 rpm,1.6 kN\n', load=[1500, 1600]
     ),
     'MATLAB timetable: a unit behind times': Log(
         'Time,Speed_rpm,Load_kN\n0 sec,30,1.5\n1 sec,31,1.6\n', times=since(0, 1), load=[1500, 1600]
@@ -476,24 +465,19 @@ LOGS = {
         '1776074400.0,30,\n1776074400.0,,900\n1776074401.0,31,\n1776074401.0,,901\n'
     ),
     'Swiss thousands': Log(
-        "time;speed;load\n2026-04-13 10:00:00;30.0;1'234.5\n2026-04-13 10:00:01;31.5;12'345.0\n",
-        speed=[30, 31.5],
-        load=[1234.5, 12345],
+        "time;speed;load\n~0;30.0;1'234.5\n~1;31.5;12'345.0\n", speed=[30, 31.5], load=[1234.5, 12345]
     ),
     'points that may part thousands': Log(
-        'time;speed;load\n2026-04-13 10:00:00;30;1.234\n2026-04-13 10:00:01;31;1.235\n',
+        'time;speed;load\n~0;30;1.234\n~1;31;1.235\n',
         load=[1.234, 1.235],
         says="'1.234' is read with a decimal point: nothing in the file tells it from thousands",
     ),
     'a position north is no load': Log(
-        'time,rpm,lat,kN\n2026-04-13T10:00:00Z,30,51.5 N,1.5\n2026-04-13T10:00:01Z,31,51.5 N,1.6\n',
-        load=[1500, 1600],
+        'time,rpm,lat,kN\n@0,30,51.5 N,1.5\n@1,31,51.5 N,1.6\n', load=[1500, 1600]
     ),
-    'lines that end in three ways': Log(
-        'time,speed,load\r\n2026-04-13T10:00:00Z,30,900\r2026-04-13T10:00:01Z,31,901\n'
-    ),
+    'lines that end in three ways': Log('time,speed,load\r\n@0,30,900\r@1,31,901\n'),
     'no heading, a line without a time': Log(
-        '2026-04-13T10:00:00Z,30,900\nrestarted,,\n2026-04-13T10:00:01Z,31,901\n',
+        '@0,30,900\nrestarted,,\n@1,31,901\n',
         lost="1 line without a time was not used, the first 'restarted'",
     ),
     'R: rows have numbers, and these no heading': Log(
@@ -519,8 +503,7 @@ LOGS = {
         says='5 headings stand above 3 cells: they were matched from the left',
     ),
     'no heading, a status in words': Log(
-        '2026-04-13T10:00:00Z,RUN,30\n2026-04-13T10:00:01Z,STOP,31\n'
-        '2026-04-13T10:00:02Z,RUN,32\n2026-04-13T10:00:03Z,STOP,33\n',
+        '@0,RUN,30\n@1,STOP,31\n@2,RUN,32\n@3,STOP,33\n',
         times=after(0, 1, 2, 3),
         speed=[30, 31, 32, 33],
         load=[30, 31, 32, 33],
@@ -564,8 +547,8 @@ LOGS = {
         says='as aft_stern.speed.unit says',
     ),
     'NMEA 0183: times of two kinds': Log(
-        '2026-04-13T10:00:00Z $ERRPM,S,1,30,10.5,A*4E\n2026-04-13T10:00:00Z $ERXDR,N,900,N,load*66\n'
-        '2026-04-13T10:00:01Z $ERRPM,S,1,31,10.5,A*4F\n2026-04-13T10:00:01Z $ERXDR,N,901,N,load*67\n'
+        '@0 $ERRPM,S,1,30,10.5,A*4E\n@0 $ERXDR,N,900,N,load*66\n'
+        '@1 $ERRPM,S,1,31,10.5,A*4F\n@1 $ERXDR,N,901,N,load*67\n'
         '1776074402 $ERRPM,S,1,32,10.5,A*4C\n',
         lost='1 line damaged, or without a time was not used',
     ),
@@ -583,11 +566,7 @@ LOGS = {
         ''.join(
             f'{{"updates": [{{"timestamp": {time}, "values": [{{"path": "shaft.revolutions", "value": {n}}},'
             f' {{"path": "shaft.load", "value": {load}}}]}}]}}\n'
-            for time, n, load in (
-                ('"2026-04-13T10:00:00Z"', 0.5, 900),
-                (1776074400, 0.75, 9),
-                ('"2026-04-13T10:00:01Z"', 0.52, 901),
-            )
+            for time, n, load in (('"@0"', 0.5, 900), (1776074400, 0.75, 9), ('"@1"', 0.52, 901))
         ),
         speed=[30, 31.2],
         lost='1 line damaged, or without a time was not used',
@@ -604,23 +583,45 @@ COLUMNS = {
 }
 
 
+def opened(folder: Path, data: str | bytes) -> TableRecording:
+    """A log of some text."""
+    (folder / 'voyage.csv').write_bytes(Log(data).raw)
+    recording = open_bag(folder / 'voyage.csv')
+    assert isinstance(recording, TableRecording)
+    return recording
+
+
+def bound_inputs(recording: TableRecording, config: Path = CONFIG) -> Mapping[str, InputConfig]:
+    """The inputs of the bearing, as the log has them all."""
+    bound = recording.bound(load_config(config))
+    assert bound.absent == {}
+    return bound.config.bearings[0].inputs
+
+
 @pytest.mark.parametrize('name', LOGS)
 def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
-    log, path, text = LOGS[name], tmp_path / 'voyage.csv', CONFIG.read_text()
-    path.write_bytes(log.data if isinstance(log.data, bytes) else log.data.encode())
+    log, text = LOGS[name], CONFIG.read_text()
     speed, load = COLUMNS.get(name, ('', ''))
     text = text.replace('speed: {topic', f"speed: {{column: '{speed}', topic")
     (tmp_path / 'ship.yaml').write_text(text.replace('load: {topic', f"load: {{column: '{load}', topic"))
-    recording = open_bag(path)
-    bound = recording.bound(load_config(tmp_path / 'ship.yaml'))
-    assert bound.absent == {}
-    found = recording.read([Request(i.topic, 'data') for i in bound.config.bearings[0].inputs.values()])
+    recording = opened(tmp_path, log.raw)
+    inputs = bound_inputs(recording, tmp_path / 'ship.yaml')
+    found = recording.read([Request(source.topic, 'data') for source in inputs.values()])
     for series, expected in zip(found.values(), (log.speed, log.load), strict=True):
         assert series.stamp_ns.tolist() == list(log.times)
         assert series.value.tolist() == pytest.approx(list(expected), rel=1e-12, nan_ok=True)
     assert log.says in ' | '.join(recording.warnings)
     assert log.lost in ' | '.join(recording.losses)
     assert bool(recording.losses) == bool(log.lost)
+
+
+@pytest.mark.parametrize('order', [('speed', 'load'), ('load', 'speed')])
+def test_the_cells_of_a_line_count_from_left_to_right(order: tuple[str, str], tmp_path: Path) -> None:
+    """Whatever is asked for first: a set of requests has no order, and verdicts must not go by it."""
+    recording = opened(tmp_path, 'time,speed,load\n0,30,900\n1,31,901\n')
+    found = recording.read([Request(name, 'data') for name in order])
+    assert found[Request('speed', 'data')].sequence.tolist() == [0, 2]
+    assert found[Request('load', 'data')].sequence.tolist() == [1, 3]
 
 
 def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
@@ -635,87 +636,66 @@ def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings('error')
 def test_a_number_that_its_unit_takes_beyond_all_is_read_in_silence(tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.csv'
-    path.write_text('time,speed [Hz],load [N]\n0,0.5,900\n1,1e308,901\n')
-    recording = open_bag(path)
-    (bearing,) = recording.bound(load_config(CONFIG)).config.bearings
-    (series,) = recording.read([Request(bearing.speed.topic, 'data')]).values()
+    recording = opened(tmp_path, 'time,speed [Hz],load [N]\n0,0.5,900\n1,1e308,901\n')
+    (series,) = recording.read([Request(bound_inputs(recording)['speed'].topic, 'data')]).values()
     assert series.value.tolist() == pytest.approx([30.0, math.inf])
 
 
 def test_times_that_a_spreadsheet_rounded_away_are_a_loss(tmp_path: Path) -> None:
     """1.77787E+09 in each line: in no time nothing can be predicted, and nothing was judged."""
-    path = tmp_path / 'voyage.csv'
-    path.write_text('time,rpm,kN\n' + '1.77787E+09,20,1\n' * 5000 + '1.77788E+09,20,1\n' * 5000)
-    recording = open_bag(path)
-    recording.bound(load_config(CONFIG))
-    recording.read([Request('/shaft/speed', 'data')])
+    rows = '1.77787E+09,20,1\n' * 5000 + '1.77788E+09,20,1\n' * 5000
+    recording = opened(tmp_path, f'time,rpm,kN\n{rows}')
+    recording.read([Request('rpm', 'data')])
     assert any('10000 lines have 2 times between them' in text for text in recording.losses)
 
 
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Data with some bytes changed, put in, taken out or cut off."""
-    found = bytearray(data)
-    for _ in range(rng.randint(1, 6)):
-        k = rng.randrange(len(found) + 1)
-        put = rng.choice([b'"', b',', b'\n', bytes(20), b'-', b'9' * 30, b'1e999', b'nan', b'\r'])
-        taken = rng.choice([0, 0, 1, 20, len(found)])
-        found[k : k + taken] = put if rng.random() < 0.7 else b''
-    return bytes(found)
-
-
 def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> None:
-    config, path, rng = load_config(CONFIG), tmp_path / 'a.csv', random.Random(1)
-    logs = [log.data if isinstance(log.data, bytes) else log.data.encode() for log in LOGS.values()]
-    refused = []
-    for _ in range(400):
-        path.write_bytes(damaged(rng.choice(logs), rng))
+    logs, path, refused = [log.raw for log in LOGS.values()], tmp_path / 'a.csv', []
+    for seed in range(300):
+        path.write_bytes(mutant(seed, logs, 'csv'))
         try:
             recording = open_bag(path)
-            bound = recording.bound(config)
-            inputs = bound.config.bearings[0].inputs.values()
-            if not bound.absent:
-                recording.read([Request(source.topic, 'data') for source in inputs])
+            recording.bound(load_config(CONFIG))
+            recording.read([Request(topic, 'data') for topic in recording.topics])
         except BagError as error:
             refused.append(str(error))
-    assert len(refused) < 300
-    assert [text for text in refused if not text.strip()] == []
+    assert len(refused) < 200
+    assert all(text.strip() for text in refused)
 
 
 @pytest.mark.parametrize(
-    'text',
+    ('text', 'quantity'),
     [
-        'time,Shaft RPM,Speed over ground (kn)\n0,30,12\n1,31,12\n',
-        'time,Shaft RPM,load [t]\n0,30,1.2\n1,31,1.2\n',
-        'time,Shaft RPM,load\ns,rpm,t\n0,30,1.2\n1,31,1.2\n',
-        'time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n',
-        'time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n',
-        'time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n',
-        'time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n',
-        '2026-04-13T10:00:00Z $IIRPM,S,1,30,,A*43\n2026-04-13T10:00:00Z $IIXDR,P,12.3,B,LOAD*44\n',
-        'time,Shaft RPM,load %\n0,30,60\n1,31,60\n',
-        'time,Shaft RPM,Load limit [N]\n0,30,60\n1,31,60\n',
-    ],
-    ids=[
-        'knots',
-        'tons',
-        'tons in a row',
-        'tons in a column',
-        'thrust',
-        'a factor',
-        'tenths',
-        'bar',
-        'percent',
-        'limit',
+        ('time,Shaft RPM,Speed over ground (kn)\n0,30,12\n1,31,12\n', 'load'),
+        ('time,Shaft RPM,load [t]\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,Shaft RPM,load\ns,rpm,t\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n', 'load'),
+        ('time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n', 'load'),
+        ('time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n', 'load'),
+        ('time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n', 'load'),
+        ('@0 $IIRPM,S,1,30,,A*43\n@0 $IIXDR,P,12.3,B,LOAD*44\n', 'load'),
+        ('time,Shaft RPM,load %\n0,30,60\n1,31,60\n', 'load'),
+        ('time,Shaft RPM,Load limit [N]\n0,30,60\n1,31,60\n', 'load'),
+        *(
+            (f'time,{heading},load [N]\n0,30,900\n1,31,901\n', 'speed')
+            for heading in (
+                *(
+                    'Bow thruster rpm',
+                    'rpm setpoint',
+                    'Alternator (1/min)',
+                    'Shaft RPM std',
+                    'RPM rate [rpm/s]',
+                ),
+                *('rpm/10', 'RPM (x0.1)', 'rpm*0.01', 'rpm (0.1)'),
+            )
+        ),
     ],
 )
-def test_a_column_of_another_quantity_is_no_load(text: str, tmp_path: Path) -> None:
+def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_path: Path) -> None:
     """12 knots or 1.2 t, taken for 12 kN or 1.2 N, would be judged stable."""
-    path = tmp_path / 'voyage.csv'
-    path.write_text(text)
-    bound = open_bag(path).bound(load_config(CONFIG))
-    assert list(bound.absent) == [('aft_stern', 'load')]
-    assert 'write aft_stern.load.column' in bound.absent['aft_stern', 'load']
+    absent = opened(tmp_path, text).bound(load_config(CONFIG)).absent
+    assert list(absent) == [('aft_stern', quantity)]
+    assert f'write aft_stern.{quantity}.column' in absent['aft_stern', quantity]
 
 
 OTHERS_FIRST = (
@@ -748,10 +728,8 @@ def test_of_signal_k_one_source_of_the_own_vessel_counts(
                 f'{{"context": "vessels.{context}", "updates": [{{"$source": "{source}",'
                 f' "timestamp": "2026-04-13T10:00:0{second}Z", "values": [{item}]}}]}}\n'
             )
-    path = tmp_path / 'voyage.log'
-    path.write_text(first + ''.join(lines))
-    recording = open_bag(path)
-    assert [column.heading for column in recording.all_columns] == [  # type: ignore[attr-defined]
+    recording = opened(tmp_path, first + ''.join(lines))
+    assert [column.heading for column in recording.all_columns] == [
         'propulsion.port.revolutions',
         'propulsion.port.revolutions from sim',
     ]
@@ -760,76 +738,51 @@ def test_of_signal_k_one_source_of_the_own_vessel_counts(
 
 
 def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.log'
-    path.write_text(
-        '2026-04-13T10:00:00Z $IIRPM,S,1,30.0,,A*5D\n'
-        '2026-04-13T10:00:00Z $ERRPM,S,1,99.0,,A*49\n'
-        '2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n'
-        '2026-04-13T10:00:01Z $ERRPM,S,1,99.0,,A*49\n'
-        '2026-04-13T10:00:01Z $IIRPM,S,1,31.0,,A*5C\n'
-        '2026-04-13T10:00:01Z $IIXDR,N,901.0,N,LOAD*6E\n'
+    recording = opened(
+        tmp_path,
+        '@0 $IIRPM,S,1,30.0,,A*5D\n@0 $ERRPM,S,1,99.0,,A*49\n@0 $IIXDR,N,900.0,N,LOAD*6F\n'
+        '@1 $ERRPM,S,1,99.0,,A*49\n@1 $IIRPM,S,1,31.0,,A*5C\n@1 $IIXDR,N,901.0,N,LOAD*6E\n',
     )
-    recording = open_bag(path)
     request = Request('RPM S 1', 'data')
     assert recording.read([request])[request].value.tolist() == [30, 31]
     assert 'RPM S 1 from ER' in recording.topics
 
 
-@pytest.mark.parametrize(
-    'heading',
-    [
-        *('Bow thruster rpm', 'rpm setpoint', 'Alternator (1/min)', 'Shaft RPM std', 'RPM rate [rpm/s]'),
-        *('rpm/10', 'RPM (x0.1)', 'rpm*0.01', 'rpm (0.1)'),
-    ],
-)
-def test_the_speed_of_something_else_is_not_the_shafts(heading: str, tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.csv'
-    path.write_text(f'time,{heading},load [N]\n0,30,900\n1,31,901\n')
-    assert list(open_bag(path).bound(load_config(CONFIG)).absent) == [('aft_stern', 'speed')]
-
-
 def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.csv'
-    path.write_text('time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
-    told = open_bag(path).bound(load_config(CONFIG)).absent['aft_stern', 'speed']
+    recording = opened(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
+    told = recording.bound(load_config(CONFIG)).absent['aft_stern', 'speed']
     assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in told
 
 
 def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
-    path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
-    path.write_text('time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n')
+    config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('aft_stern', 'stern_thruster'))
-    assert not open_bag(path).bound(load_config(config)).absent
+    bound_inputs(opened(tmp_path, 'time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n'), config)
 
 
 @pytest.mark.parametrize(
     'text',
     [
         'time,Engine speed [rpm],load [N]\n0,500,900\n1,500,901\n',
-        '2026-04-13T10:00:00Z $IIRPM,E,1,500,,A*63\n2026-04-13T10:00:00Z $IIXDR,N,900.0,N,LOAD*6F\n',
-        '{"updates":[{"timestamp":"2026-04-13T10:00:00Z","values":['
+        '@0 $IIRPM,E,1,500,,A*63\n@0 $IIXDR,N,900.0,N,LOAD*6F\n',
+        '{"updates":[{"timestamp":"@0","values":['
         '{"path":"propulsion.port.revolutions","value":0.5},{"path":"shaft.load","value":900}]}]}\n',
     ],
 )
 def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.csv'
-    path.write_text(text)
-    recording = open_bag(path)
-    assert not recording.bound(load_config(CONFIG)).absent
+    recording = opened(tmp_path, text)
+    bound_inputs(recording)
     assert any(text.endswith("is it the shaft's own, with no gear between?") for text in recording.warnings)
 
 
 def test_the_end_of_a_log_of_many_short_lines_is_known(tmp_path: Path) -> None:
     """More lines than are looked at of a head, in fewer bytes than a head has."""
-    path = tmp_path / 'voyage.csv'
-    path.write_text('time,rpm,kN\n' + ''.join(f'{t},30,1\n' for t in range(6000)))
-    assert (open_bag(path).start_ns, open_bag(path).end_ns) == (0, 5999 * 10**9)
+    recording = opened(tmp_path, 'time,rpm,kN\n' + ''.join(f'{t},30,1\n' for t in range(6000)))
+    assert (recording.start_ns, recording.end_ns) == (0, 5999 * 10**9)
 
 
 def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.csv'
-    path.write_text('time,speed,load\n' + ''.join(f'{t},30,900\n' for t in (100, 101, 2, 3)))
-    recording = open_bag(path)
+    recording = opened(tmp_path, 'time,speed,load\n' + ''.join(f'{t},30,900\n' for t in (100, 101, 2, 3)))
     assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 101 * 10**9)
     recording.read([Request('speed', 'data')])
     # The usual gap of a second takes the place of the step.
@@ -837,13 +790,10 @@ def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(tm
 
 
 def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
-    path, text = tmp_path / 'voyage.csv', CONFIG.read_text()
-    own = text.replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
-    assert own != text
+    own = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
     (tmp_path / 'own.yaml').write_text(own)
-    path.write_text('time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
-    recording = open_bag(path)
-    assert not recording.bound(load_config(tmp_path / 'own.yaml')).absent
+    recording = opened(tmp_path, 'time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
+    bound_inputs(recording, tmp_path / 'own.yaml')
     assert any(
         "column 'Load [klbf]' in N, as aft_stern.load.unit says: is that right? Its heading says"
         " 'klbf'" in said
@@ -860,11 +810,9 @@ def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
-    path = tmp_path / 'voyage.csv'
-    path.write_text('time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
-    recording = open_bag(path)
-    (bearing,) = recording.bound(load_config(CONFIG)).config.bearings
-    assert bearing.speed.timeout_ns == bearing.load.timeout_ns == 60 * 10**9
+    recording = opened(tmp_path, 'time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
+    inputs = bound_inputs(recording)
+    assert inputs['speed'].timeout_ns == inputs['load'].timeout_ns == 60 * 10**9
     said = ' '.join(recording.warnings)
     assert said.count('lines are 20 s apart, so its timeout is 60 s here') == 2
 
