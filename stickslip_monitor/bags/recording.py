@@ -331,7 +331,8 @@ class Recording(ABC):
     def _asked(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
         """The requests by topic and field; a BagError where a topic is not of its type."""
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
-        for request in requests:
+        # They may be a set, whose order is by chance.
+        for request in sorted(requests, key=lambda own: (own.topic, own.field)):
             path, topic = parse_field(request.field), self._readable(request.topic)
             if request.type is not None and short_name(request.type) != short_name(topic.type):
                 raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
