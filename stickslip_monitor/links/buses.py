@@ -270,7 +270,7 @@ def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: s
 
 
 SHARE = 0.5
-"""Of the time-out: a source that is silent for longer is given up, before the input is lost."""
+"""Of the time-out: a source without a number for longer is given up, before the input is lost."""
 
 
 class SourceAdmission:
@@ -283,20 +283,25 @@ class SourceAdmission:
 
     def __init__(self, item: BusInput, log: Callable[[str], object]) -> None:
         self._item, self._log = item, log
-        self._used, self._heard = item.only, 0.0
+        self._used, self._heard = item.only, -math.inf
         self._left_out: set[str] = set()
 
-    def admits(self, source: str, now: float) -> bool:
-        """Whether a value of a source is used; ``now`` is of a steady clock [s]."""
+    def admits(self, source: str, now: float, *, valid: bool = True) -> bool:
+        """Whether a value of a source is used; ``now`` is of a steady clock [s].
+
+        One that is no number (not valid) keeps no other source out: a device that has none, or an
+        engine that is stopped, may send that for ever.
+        """
         silent = now - self._heard
-        gone = not self._used or silent > SHARE * self._item.timeout
+        gone = not self._used or (valid and silent > SHARE * self._item.timeout)
         if source != self._used and gone and not self._item.only:
             if self._used:
-                self._say(f"'{source}' is used; '{self._used}' has been silent for {silent:.3g} s")
+                since = f' for {silent:.3g} s' if silent < math.inf else ''
+                self._say(f"'{source}' is used; '{self._used}' has sent no number{since}")
                 self._left_out.clear()
             self._used = source
         if source == self._used:
-            self._heard = now
+            self._heard = now if valid else self._heard
             return True
         if source not in self._left_out:
             self._left_out.add(source)

@@ -26,7 +26,8 @@ BY = 'nmea'
 """Who acts, as far as a sentence says."""
 LONGEST = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
-_SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!]*)\*([0-9A-Fa-f]{2})')
+# Of a maker's own, such as $PFEC, the rest of the name stands for the formatter.
+_SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{2,}),([^*$!]*)\*([0-9A-Fa-f]{2})')
 _LONGEST_KEPT = 1024
 _UNREADABLE = 'unreadable (another baud rate?)'
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
@@ -105,7 +106,7 @@ class SentenceStream:
             elif number == len(pieces) - 1 and not re.search('[\r\n]', piece):
                 self._rest = piece[-_LONGEST_KEPT:]
             else:
-                named = re.match('[$!][A-Z0-9]{5},', piece)
+                named = re.match('[$!][A-Z0-9]{4,},', piece)
                 self.unused['no checksum' if named else _UNREADABLE] += 1
         if not pieces and text.strip():
             self.unused[_UNREADABLE] += 1
@@ -163,7 +164,7 @@ class NmeaInputs(BusInputs):
             values = numbers(first, fields) if first.sentence == formatter else []
             if not values:
                 self._others[first][passed_over(first, formatter, fields)] += 1
-            elif admission.admits(talker, now):
+            elif admission.admits(talker, now, valid=not all(map(math.isnan, values))):
                 for value in values:
                     self._note(first, value, now)
                     yield from ((item.bearing, item.place, value) for item in items)
@@ -184,6 +185,8 @@ class NmeaInputs(BusInputs):
         for item in self.silent(now):
             own = Counter({text: n for text, n in self._others[item].items() if text}) + Counter(unused)
             named = ', '.join(f'{count} x {text}' for text, count in own.most_common(4))
+            if others := self._others[item]['']:
+                named = named or f'{others} sentences of other kinds'
             heard = f'heard: {named}' if named else 'nothing is heard'
             self.log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {heard}')
 

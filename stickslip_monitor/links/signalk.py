@@ -103,10 +103,10 @@ class SignalKInputs(BusInputs):
             if not groups or not self._fresh((path, source), stamp, groups[0][0][0].timeout, now):
                 continue
             stamp_ns = round(stamp * 1e9) if stamp == stamp else None
+            number = math.nan if path in self._foreign else _number(value)
             for items, admission in groups:
                 self.brought(items[0], now)
-                for item in items if admission.admits(source, now) else ():
-                    number = math.nan if path in self._foreign else _number(value)
+                for item in items if admission.admits(source, now, valid=number == number) else ():
                     yield item.bearing, item.place, number, stamp_ns
 
     def _take_units(self, frame: object) -> None:
