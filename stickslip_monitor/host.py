@@ -13,6 +13,7 @@ import math
 import os
 import re
 import select
+import signal
 import socket
 import sys
 import threading
@@ -55,6 +56,15 @@ class HostClock:
             return moment
         self._set_ns += step_ns
         return moment._replace(set_ns=self._set_ns)
+
+
+def end_signals() -> list[signal.Signals]:
+    """The signals that end the program: Ctrl-C, a service manager, and that the terminal has gone.
+
+    One that is ignored from the start (nohup) stays so.
+    """
+    ends = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    return [one for one in ends if signal.getsignal(one) is not signal.SIG_IGN]
 
 
 LINES_KEPT = 1000

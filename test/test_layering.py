@@ -38,7 +38,7 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
     'lab': ('offline',),
     'drawing': ('lab',),
     'report': ('drawing',),
-    'dashboard': ('offline', 'state_file'),
+    'dashboard': ('offline', 'state_file', 'host'),
     'links': ('root', 'host'),
     'live': ('ros', 'offline'),
     'commands': ('report', 'dashboard', 'links', 'ros'),

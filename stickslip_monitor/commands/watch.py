@@ -14,7 +14,6 @@ import logging
 import math
 import os
 import re
-import signal
 import socket
 import time
 import uuid
@@ -30,7 +29,7 @@ from urllib.parse import urlsplit
 
 from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
-from stickslip_monitor.host import ServiceManager, unblocked
+from stickslip_monitor.host import ServiceManager, end_signals, unblocked
 from stickslip_monitor.links.buses import (
     NMEA,
     SECTION,
@@ -273,7 +272,7 @@ async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: F
         await server.serve(args.host, args.port, dashboard.say_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in end_signals():
         loop.add_signal_handler(number, stop.set)
     await stop.wait()
 
@@ -305,12 +304,17 @@ def _monitor(
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
     for question in chain.from_iterable(map(asked, config.bearings)):
         _log.warning(question)
-    store = StateFile(config.state_file) if config.state_file else None
+    store = StateFile(config.state_file, user='monitor') if config.state_file else None
     if store is not None:
         store.check()
+        store.lock()
     live = LiveMonitor(config, feed, _log, store)
     feed.act = live.act
-    yield live.take, live.run
+    try:
+        yield live.take, live.run
+    finally:
+        if store is not None:
+            store.unlock()
 
 
 def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:

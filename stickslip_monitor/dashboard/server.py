@@ -8,7 +8,6 @@ import contextlib
 import json
 import logging
 import math
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -29,6 +28,7 @@ from stickslip_monitor.dashboard.checked_records import OFFERED
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
+from stickslip_monitor.host import end_signals
 from stickslip_monitor.monitor.alarm_records import ActionRequest, parse_request
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ class Server:
     async def serve(self, address: str, port: int, started: Callable[[str], None]) -> None:
         """Listen, and serve until a signal comes; ``started`` is told the page's address."""
         stop = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in end_signals():
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
         try:
             listening = await self.listen(address, port)

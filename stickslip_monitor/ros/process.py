@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import RosError, StickslipError, program_fault
 from stickslip_monitor.files import printable
-from stickslip_monitor.host import ServiceManager, unblocked
+from stickslip_monitor.host import ServiceManager, end_signals, unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.ros.inputs import ROS_FAULTS
@@ -26,8 +26,6 @@ from stickslip_monitor.ros.node import MonitorNode, sentence
 from stickslip_monitor.ros.other_nodes import without_log_files
 
 LONGEST_WAIT = 0.2
-ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals that end the node."""
 EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
 """The environment variable that chooses the executor: ``events`` or ``single``."""
 
@@ -116,7 +114,7 @@ def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, e
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
     signals: list[int] = []
-    ends = [one for one in ENDS if signal.getsignal(one) is not signal.SIG_IGN]  # nohup
+    ends = end_signals()
     for number in ends:
         signal.signal(number, lambda number, _: signals.append(number))
     _require_security()

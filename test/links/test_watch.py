@@ -105,7 +105,8 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert main(['health', '--page', page]) == 0
     assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
     assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
-    assert ship.stop() == 0
+    assert 'is in use by another monitor' in refusal(path)
+    assert ship.stop(signal.SIGHUP) == 0  # as when its terminal goes
     assert main(['health', '--page', page]) == 2
     bus.listen()
     assert bus.beats[-1] == 'V'  # nobody watches any more
@@ -195,7 +196,7 @@ async def test_a_frozen_server_does_not_keep_it(
     ship = watch(signalk_ship(tmp_path, server, prefix='p.shaft'))
     await asyncio.to_thread(ship.until, lambda: 'signalk_out: works' in ship.output)
     # The server shares this thread, which now waits for nothing but the end.
-    assert ship.stop() == 0
+    assert ship.stop(signal.SIGHUP) == 0
     assert 'Traceback' not in ship.output
     assert 'exception' not in ship.output
 
