@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -187,12 +188,19 @@ def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str
     """The full name of the node that is meant."""
     if node is not None:
         return f'/{node.strip("/")}'
-    own = (name for name in sections if '*' not in name and name.endswith(f'/{NODE_NAME}'))
-    named = list(dict.fromkeys(own))
+    named = list(dict.fromkeys(name for name in map(_meant_by, sections) if name))
     if len(named) > 1:
         raise ConfigurationError(f'{path} is for several nodes: choose one of {", ".join(named)} by --node')
-    # Where only patterns stand, all of them are for the node, whatever its namespace.
+    # Where no namespace stands, all sections are for the node, whatever its own.
     return named[0] if named else ''
+
+
+def _meant_by(section: str) -> str:
+    """The full name of our node in the namespace that a section names, as `/port/**`; else ''."""
+    steps = section.strip('/').split('/')
+    named = list(takewhile(lambda step: '*' not in step, steps))
+    name = '/'.join(['', *(step for step in named if step != NODE_NAME), NODE_NAME])
+    return name if named and _matches(section, name) else ''
 
 
 def _matches(pattern: str, name: str) -> bool:

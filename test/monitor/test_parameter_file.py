@@ -184,9 +184,12 @@ def test_of_a_file_for_two_nodes_one_is_read(tmp_path: Path, node: str, mass: fl
     assert load_parameters(path, node) == {'bearings': ['aft'], 'aft.mass': mass}
 
 
-def test_a_file_for_two_nodes_is_asked_about(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    'port', ['/port/stickslip_monitor', '/port/**', '/port/*', '/port/**/stickslip_monitor']
+)
+def test_a_file_for_two_nodes_is_asked_about(tmp_path: Path, port: str) -> None:
     path = tmp_path / 'ship.yaml'
-    path.write_text(OF_TWO)
+    path.write_text(OF_TWO.replace('/port/stickslip_monitor', port))
     with pytest.raises(ConfigurationError) as error:
         load_parameters(path)
     assert str(error.value) == (
