@@ -54,6 +54,11 @@ _UNMEASURED = {
     ),
     *('error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
 }
+# Words of one side or end of a ship, and of the other.
+_SIDES = (
+    ({'port', 'ps', 'bb', 'backbord', 'babord'}, {'starboard', 'stbd', 'sb', 'stb', 'steuerbord', 'tribord'}),
+    ({'aft', 'after', 'achtern', 'hinten'}, {'forward', 'fwd', 'fore', 'vorn'}),
+)
 # What may turn the shaft by a gear; E is an engine of NMEA 0183, and propulsion one of Signal K.
 _GEARED = {'engine', 'motor', 'maschine', 'e', 'propulsion'}
 # How local IDs of ISO 19848 name a quantity; they have no units.
@@ -204,8 +209,10 @@ class ColumnBinding:
             c for c in able if topic and c.heading.strip('/') in (topic, f'{topic}/{source.field_text}')
         ]
         # The bearing may be that of a thruster.
-        called = parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()
-        others = (_UNMEASURED | _OTHERS.get(quantity, set())) - {*called}
+        called = {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
+        others = (_UNMEASURED | _OTHERS.get(quantity, set())) - called
+        for one, other in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
+            others |= other if called & one and not called & other else set()
         able = [c for c in able if not others & set(parse_heading(c.heading).name.split())]
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]

@@ -748,6 +748,24 @@ def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
     assert 'RPM S 1 from ER' in recording.topics
 
 
+@pytest.mark.parametrize(
+    ('heading', 'bearing', 'is_its'),
+    [
+        ('Port shaft RPM', 'stbd_aft', False),
+        ('RPM SB', 'stbd_aft', True),
+        ('propulsion.port.revolutions [Hz]', 'starboard', False),
+        ('Fwd shaft RPM', 'aft_stern', False),
+        ('Aft shaft RPM, port', 'port_forward', False),
+        ('Shaft RPM aft, port', 'port_aft', True),
+    ],
+)
+def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: bool, tmp_path: Path) -> None:
+    path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
+    path.write_text(f'time,"{heading}",load [N]\n0,30,900\n1,31,901\n')
+    config.write_text(CONFIG.read_text().replace('aft_stern', bearing))
+    assert ((bearing, 'speed') in open_bag(path).bound(load_config(config)).absent) == (not is_its)
+
+
 def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
     recording = opened(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
     told = recording.bound(load_config(CONFIG)).absent['aft_stern', 'speed']
