@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
-    from stickslip_monitor.dashboard.event_log import EventLog
+    from stickslip_monitor.dashboard.page_records import EventLog
     from stickslip_monitor.dashboard.replay import Replay
     from stickslip_monitor.dashboard.seen_monitors import BearingView, DashboardState, WatchedMonitor
     from stickslip_monitor.ros.other_nodes import Listener, Watcher
@@ -135,7 +135,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         RosError: The file cannot be used, or another dashboard uses it.
         AlarmStateError: What is in it is not a log.
     """
-    from stickslip_monitor.dashboard.event_log import LOG_SCHEMA, EventLog
+    from stickslip_monitor.dashboard.page_records import LOG_SCHEMA, EventLog
 
     if args.log is None:
         yield EventLog()

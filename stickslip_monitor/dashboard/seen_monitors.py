@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from stickslip_monitor.dashboard.checked_records import checked_alarms, checked_record
-from stickslip_monitor.dashboard.event_log import EventLog
+from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, checked_record
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.messages import POINT_NUMBERS

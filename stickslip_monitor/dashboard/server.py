@@ -24,8 +24,8 @@ from stickslip_monitor.dashboard.access import (
     add_headers,
     cookie_name,
 )
-from stickslip_monitor.dashboard.checked_records import OFFERED
 from stickslip_monitor.dashboard.metrics import Metrics
+from stickslip_monitor.dashboard.page_records import OFFERED
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.host import end_signals
