@@ -27,8 +27,16 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.writer import STAMPED_FIELDS
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.course import FrictionCourse, Profile, check_times, read_profile, read_steps
-from stickslip_monitor.lab.settings import Settings, random_stream, suggestion
+from stickslip_monitor.lab.lining import FrictionCourse
+from stickslip_monitor.lab.settings import (
+    Profile,
+    Settings,
+    check_times,
+    random_stream,
+    read_profile,
+    read_steps,
+    suggestion,
+)
 from stickslip_monitor.lab.telemetry import Channel, Memory, Sensor, Shaft, Signal, TimeBlock
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lining of one bearing, followed through a scene by the event-driven integrator.
 
-Also here: the episodes of stick-slip that follow from its sticks, and its sampled amplitude.
+Also here: its friction as it moves in time, the episodes of stick-slip that follow from its
+sticks, and its sampled amplitude.
 """
 
 from __future__ import annotations
@@ -9,17 +10,19 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab import telemetry
-from stickslip_monitor.lab.course import STEP, FrictionCourse
+from stickslip_monitor.lab.settings import Profile
 from stickslip_monitor.lab.telemetry import Shaft
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
 from stickslip_monitor.physics.integrator import (
     FAST,
     Drive,
@@ -29,6 +32,56 @@ from stickslip_monitor.physics.integrator import (
     Phase,
     integrate,
 )
+
+FACTOR = 'factor'
+# Of the parameters of all laws, those that a common factor multiplies.
+_COEFFICIENTS = ('static', 'kinetic', 'viscous')
+STEP = 1.0
+
+
+def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
+    """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    # The protocol does not say that a law is a dataclass; those a configuration can name are.
+    own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    return (*own, FACTOR)
+
+
+def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
+    """A law with some parameters replaced, and then multiplied by the factor."""
+    own = {name: value for name, value in values.items() if name != FACTOR}
+    # A dataclass, as above.
+    changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
+    factor = values.get(FACTOR, 1.0)
+    if isinstance(changed, Tabulated):
+        return Tabulated(changed.speed, [factor * value for value in changed.values])
+    names = [f.name for f in fields(changed) if f.name in _COEFFICIENTS]
+    scaled: FrictionLaw = replace(changed, **{n: factor * getattr(changed, n) for n in names})
+    return scaled
+
+
+@dataclass(slots=True)
+class FrictionCourse:
+    """The friction law of one bearing over time.
+
+    It moves in steps of one second, each with the values at its start, so that the integrator has
+    one law at a time; the steps are too small to affect the motion.
+    """
+
+    law: FrictionLaw  # the law of the configuration
+    drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
+
+    def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
+        """The law at a time since the scene's start [s], with or without its common factor."""
+        step = np.array([time // STEP * STEP])
+        moved = {name: own for name, own in self.drifts.items() if scaled or name != FACTOR}
+        values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
+        return with_parameters(self.law, values) if values else self.law
+
+    def factor(self, time: FloatArray) -> FloatArray:
+        """The common factor at some times [s], of their shape: as much as one on the load."""
+        drift = self.drifts.get(FACTOR)
+        return np.ones_like(time) if drift is None else drift.at(time // STEP * STEP)
+
 
 # A single stick, after a knock or as the shaft breaks away, is no oscillation.
 LEAST_STICKS = 2

@@ -27,19 +27,21 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
-from stickslip_monitor.lab.course import (
+from stickslip_monitor.lab.effects import UNITS, SceneRun, effect
+from stickslip_monitor.lab.lining import (
     FACTOR,
+    PER_PERIOD,
+    PERIODS,
     STEP,
+    Episodes,
     FrictionCourse,
-    Profile,
-    check_points,
+    Lining,
+    Samples,
+    half_peak_to_peak,
     parameters_of,
-    read_profile,
     with_parameters,
 )
-from stickslip_monitor.lab.effects import UNITS, SceneRun, effect
-from stickslip_monitor.lab.lining import PER_PERIOD, PERIODS, Episodes, Lining, Samples, half_peak_to_peak
-from stickslip_monitor.lab.settings import Settings, random_stream
+from stickslip_monitor.lab.settings import Profile, Settings, check_points, random_stream, read_profile
 from stickslip_monitor.lab.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.monitor.assessment import margin

@@ -21,9 +21,8 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.course import check_points, read_sample_mask, read_windows
 from stickslip_monitor.lab.effects import Change, SceneRun, channel_effect, effect, require_header, unit_of
-from stickslip_monitor.lab.settings import Settings
+from stickslip_monitor.lab.settings import Settings, check_points, read_sample_mask, read_windows
 from stickslip_monitor.lab.telemetry import Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 

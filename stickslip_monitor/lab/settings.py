@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One mapping of a scene file, read key by key, and what of it varies from seed to seed.
+"""One mapping of a scene file, read key by key; what it gives over time, and what varies with the seed.
 
 Whatever breaks a rule is a SceneError, here and in all of this room, that names key, value and
 rule.
@@ -11,15 +11,22 @@ import datetime as dt
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import SceneError, did_you_mean
+from stickslip_monitor.files import read_table
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15
+# A table of a million rows [bytes].
+_LARGEST_TABLE = 32 << 20
 
 
 class Settings:
@@ -121,11 +128,177 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f'{text[:57]}...'
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """A piecewise linear table; before its first and after its last point the value is held."""
+
+    times: FloatArray  # rising times since the scene's start, none before it, shape (n,) [s]
+    values: FloatArray  # the value at each, shape (n,)
+    ways: FloatArray  # the integral from the scene's start to each, shape (n,)
+
+    @classmethod
+    def of(cls, points: Sequence[tuple[float, float]]) -> Profile:
+        """The profile through some points (time, value)."""
+        times, values = np.array(points, float).T.copy()
+        pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(times)
+        return cls(times, values, np.cumsum([times[0] * values[0], *pieces]))
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Values at some times [s], of their shape."""
+        return np.interp(time, self.times, self.values)
+
+    def integral(self, time: FloatArray) -> FloatArray:
+        """Integral from the scene's start to some times [s], of their shape."""
+        inside = np.clip(time, self.times[0], self.times[-1])
+        piece = np.searchsorted(self.times, inside, side='right') - 1
+        value = np.interp(inside, self.times, self.values)
+        way = self.ways[piece] + 0.5 * (self.values[piece] + value) * (inside - self.times[piece])
+        return way + value * (time - inside)
+
+
+def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
+    """The ``points`` or, in its place, the ``table`` of an effect, with numbers in a unit.
+
+    The table's path counts from the folder of the scene file.
+    """
+    if 'table' in settings and 'points' in settings:
+        raise SceneError(f'{settings.name} has points and a table: give one of them')
+    if 'table' in settings:
+        rows = _table_rows(folder / settings.text('table', 'the path of a CSV file'))
+    else:
+        rows = settings.rows('points', 'point', f'a list of points [time in s, value in {unit}]')
+    return Profile.of(check_points(rows, duration))
+
+
+def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
+    """The ``steps`` and ``rise`` of an effect, with levels in a unit.
+
+    Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
+    the load on a bearing jumps. The first level holds from the scene's start.
+    """
+    rise = settings.number('rise', 's', above=0.0)
+    rows = settings.rows('steps', 'step', f'a list of steps [time in s, value in {unit}]')
+    steps = check_points(rows, duration)
+    points = [steps[0]]
+    for (name, _), (_, before), (time, level) in zip(rows[1:], steps, steps[1:], strict=False):
+        if time < points[-1][0]:
+            until = f'but the one before takes until {points[-1][0]:g} s'
+            raise SceneError(f'{name} is at {time:g} s, {until}')
+        points += [(time, before)] if time > points[-1][0] else []
+        points.append((time + rise, level))
+    return Profile.of(points)
+
+
+def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
+    """Points (time, value) that must rise in time and lie within the scene.
+
+    Each row is what a point is called in sentences, and what it is.
+    """
+    for name, point in rows:
+        _check_pair(name, point, '[time in s, value]')
+    check_times([(name, time) for name, (time, _) in rows], duration)
+    return [(float(time), float(value)) for _, (time, value) in rows]
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+
+
+def _check_pair(name: str, pair: Any, what: str) -> None:
+    if not _is_pair(pair):
+        size = too_large(*pair) if isinstance(pair, list) else ''
+        raise SceneError(f'{name} = {pair!r} must be a pair of numbers, {what}{size}')
+
+
+def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
+    """Refuse times [s] that do not rise or lie outside the scene."""
+    for name, time in rows:
+        if not is_number(time):
+            raise SceneError(f'{name} is at {time!r}, which is no time in s')
+        if not 0.0 <= time <= duration:
+            outside = f'outside the scene, which lasts from 0 to {duration:g} s'
+            raise SceneError(f'{name} is at {time:g} s, {outside}')
+    for (_, before), (name, after) in pairwise(rows):
+        if after <= before:
+            rise = f'but times must rise and the one before is at {before:g} s'
+            raise SceneError(f'{name} is at {after:g} s, {rise}')
+
+
+def _table_rows(path: Path) -> list[tuple[str, Any]]:
+    """The rows of a table headed ``time,value``, each with its name for sentences."""
+    rows, _ = read_table(path, _LARGEST_TABLE, SceneError)
+    if not rows or rows[0].cells != ['time', 'value']:
+        raise SceneError(f"table '{path}' must begin with a line 'time,value'")
+    if len(rows) == 1:
+        raise SceneError(f"table '{path}' has no rows")
+    named = []
+    for line, cells in rows[1:]:
+        name = f"table '{path}' line {line}"
+        try:
+            time, value = map(float, cells)
+        except ValueError:
+            raise SceneError(f"{name} = '{','.join(cells)}' must be two numbers: time in s, value") from None
+        named.append((name, [time, value]))
+    return named
+
+
+Hit = Callable[[FloatArray], BoolArray]
+"""Whether the next samples, at some times [s], are hit."""
+
+
+def read_windows(settings: Settings, duration: float) -> Hit:
+    """The ``windows``: pairs [start, end) in s, in order of time."""
+    rows = settings.rows('windows', 'window', 'a list of windows [start in s, end in s]')
+    for name, window in rows:
+        _check_pair(name, window, '[start in s, end in s]')
+        if not 0.0 <= window[0] < window[1] <= duration:
+            raise SceneError(
+                f'{name} = {window} must start before it ends, within the scene, which lasts from'
+                f' 0 to {duration:g} s'
+            )
+    for number, ((_, before), (name, after)) in enumerate(pairwise(rows), 1):
+        if after[0] < before[1]:
+            raise SceneError(
+                f'{name} = {after} overlaps or precedes window {number} = {before}; windows must'
+                ' follow one another'
+            )
+    starts, ends = np.array([window for _, window in rows], float).T.copy()
+
+    def hold(time: FloatArray) -> BoolArray:
+        window = np.searchsorted(starts, time, side='right') - 1
+        held: BoolArray = (window >= 0) & (time < ends[window])
+        return held
+
+    return hold
+
+
+def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
+    """The ``windows`` and the ``share`` of samples, of which at least one is there.
+
+    The random stream is drawn from only where there is a share.
+    """
+    if 'windows' not in settings and 'share' not in settings:
+        raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')
+    windows = read_windows(settings, duration) if 'windows' in settings else None
+    if 'share' not in settings:
+        assert windows is not None  # one of both is there
+        return windows
+    share = settings.number('share', '-', above=0.0, most=1.0)
+
+    def hit(time: FloatArray) -> BoolArray:
+        # One draw for each sample, in a window or not: windows do not change the draws.
+        hit: BoolArray = random.random(time.size) < share
+        return hit if windows is None else hit & windows(time)
+
+    return hit
+
+
 BETWEEN = 'between'
-_OWN = ('mass', 'damping', 'stiffness')
-_LAW = tuple(f'friction.{name}' for name in ('static', 'kinetic', 'decay', 'viscous'))
-_SCALES = ('speed.scale', 'load.scale')
-PARAMETERS = (*_OWN, *_LAW, *_SCALES)
+PARAMETERS = (
+    *('mass', 'damping', 'stiffness'),
+    *(f'friction.{name}' for name in ('static', 'kinetic', 'decay', 'viscous')),
+    *('speed.scale', 'load.scale'),
+)
 
 
 def random_stream(seed: int, *names: str) -> np.random.Generator:
@@ -154,12 +327,7 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
 
 
 def _draw(limits: Any, seed: int, place: str) -> float:
-    if (
-        not isinstance(limits, list)
-        or len(limits) != 2
-        or not all(map(is_number, limits))
-        or limits[0] > limits[1]
-    ):
+    if not _is_pair(limits) or limits[0] > limits[1]:
         raise SceneError(
             f'{place.lstrip(".")} = {{{BETWEEN}: {limits!r}}} must be two numbers, the lower first'
         )

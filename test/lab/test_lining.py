@@ -20,8 +20,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from stickslip_monitor.lab.course import parameters_of, with_parameters
-from stickslip_monitor.lab.lining import PER_PERIOD, EpisodeEvent, Episodes, Samples, half_peak_to_peak
+from stickslip_monitor.lab.lining import (
+    PER_PERIOD,
+    EpisodeEvent,
+    Episodes,
+    Samples,
+    half_peak_to_peak,
+    parameters_of,
+    with_parameters,
+)
 from stickslip_monitor.lab.scene import Scene, simulate
 from stickslip_monitor.physics import integrator
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
