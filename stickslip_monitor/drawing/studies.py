@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
     top = _BEYOND * float(fit.curve.speed.max())
     speed = np.linspace(0.0, top, 400)
     law, half = fit.law.coefficient(speed), fit.band(speed)
-    band: dict[str, Any] = {'color': _LINE, 'alpha': 0.25, 'lw': 0.0, 'label': '95 % confidence band'}
+    band: canvas.Look = {'color': _LINE, 'alpha': 0.25, 'lw': 0.0, 'label': '95 % confidence band'}
     axes.fill_between(speed, law - half, law + half, **band)
     axes.plot(speed, law, color=_LINE, zorder=4, label='fitted law')
     values = np.concatenate([fit.curve.coefficient, law])
@@ -69,17 +68,17 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
     curve, out = fit.curve, fit.outliers
     good = fit.weight >= 0.5
     if float(np.ptp(curve.std)) > 0.0:
-        bars: dict[str, Any] = {'fmt': 'none', 'ecolor': canvas.MUTED, 'elinewidth': 0.8}
+        bars: canvas.Look = {'fmt': 'none', 'ecolor': canvas.MUTED, 'elinewidth': 0.8}
         axes.errorbar(curve.speed, curve.coefficient, curve.std * fit.scale, **bars)
     for rows, marker, size, face, edge, name in (
         (good, 'o', 5.5, canvas.PAPER, canvas.INK, 'measured'),
         (~good, 'X', 9.0, _OUTLIER, canvas.PAPER, 'outlier (weight below half)'),
     ):
-        look: dict[str, Any] = {'ms': size, 'mfc': face, 'mec': edge, 'zorder': 5}
+        look: canvas.Look = {'ms': size, 'mfc': face, 'mec': edge, 'zorder': 5}
         if rows.any():
             axes.plot(curve.speed[rows], curve.coefficient[rows], marker, label=name, **look)
     plate = {'fc': canvas.PAPER, 'ec': 'none', 'alpha': 0.75, 'pad': 0.8}
-    beside: dict[str, Any] = {'xytext': (8.0, 0.0), 'textcoords': 'offset points', 'va': 'center'}
+    beside: canvas.Look = {'xytext': (8.0, 0.0), 'textcoords': 'offset points', 'va': 'center'}
     for k in out:
         at = curve.speed[k], curve.coefficient[k]
         axes.annotate(f'line {curve.line[k]}', at, size=9.0, color=canvas.MUTED, bbox=plate, **beside)
@@ -93,8 +92,8 @@ def _mark(axes: canvas.Axes, name: str, low: float, middle: float, high: float) 
     axes.axvspan(low, high, color=canvas.REGIME_FILL[regime], alpha=0.8, lw=0.0, zorder=0)
     axes.axvline(middle, color=colour, lw=1.4, ls=dashes, zorder=1)
     bottom = axes.get_ylim()[0] + 0.02 * float(np.ptp(axes.get_ylim()))
-    look: dict[str, Any] = {'rotation': 90.0, 'ha': 'right', 'va': 'bottom', 'size': 10.0}
-    beside: dict[str, Any] = {'xytext': (-3.0, 0.0), 'textcoords': 'offset points'}
+    look: canvas.Look = {'rotation': 90.0, 'ha': 'right', 'va': 'bottom', 'size': 10.0}
+    beside: canvas.Look = {'xytext': (-3.0, 0.0), 'textcoords': 'offset points'}
     axes.annotate(f'{name} speed', (low, bottom), color=canvas.INK, **look, **beside)
 
 
@@ -109,21 +108,15 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure
     """Draw what was heard over the speed, with its edges, beside both boundaries' bands."""
     heard = any(one.level is not None for one in found.evidence)
     with canvas.style():
-        title = (
-            f'{config.name}: {plural(len(found.edges.tracks), "passage")},'
-            f' {plural(found.episodes, "episode")}'
-        )
+        count = plural(len(found.edges.tracks), 'passage'), plural(found.episodes, 'episode')
         figure, axes = canvas.labelled(
             'shaft speed / configured fold speed',
             'level / surface speed [dB]' if heard else 'passage',
-            title=title,
+            title=f'{config.name}: {", ".join(count)}',
             size=_SIZE,
             box=_LEFT,
         )
-        if heard:
-            _draw_levels(axes, found)
-        else:
-            _draw_reports(axes, found)
+        (_draw_levels if heard else _draw_reports)(axes, found)
         _draw_ends(axes, found, heard)
         axes.axvline(1.0, color=canvas.INK, ls=':', lw=1.2, label='configured fold')
         _draw_fold(axes, found)
@@ -135,47 +128,37 @@ def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure
 
 
 def _vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
-    marks = [(time >= one.start_ns / 1e9) & (time <= one.end_ns / 1e9) for one in track.reports if one.squeal]
-    return np.any(marks, axis=0) if marks else np.zeros(time.size, bool)
+    loud = [(one.start_ns / 1e9, one.end_ns / 1e9) for one in track.reports if one.squeal]
+    return np.any([np.zeros(time.size, bool), *((time >= a) & (time <= b) for a, b in loud)], axis=0)
 
 
 def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
     """Each value of the levels over the speed, coloured by what it was taken for."""
     by_name = {one.name: one.level for one in found.evidence}
-    rows: list[FloatArray] = []
+    rows = []
     for track in found.edges.tracks:
-        level = by_name[track.name]
-        if level is None:
-            continue
-        about = (level.time >= track.time[0]) & (level.time <= track.time[-1])
-        time = level.time[about]
-        over = np.interp(time, track.time, track.over)
-        rows.append(np.column_stack([over, level.value[about], _vibrating(track, time)]))
-    points = np.concatenate(rows)
-    points = points[points[:, 0] < _FASTEST]
-    points = points[:: max(1, len(points) // _MOST_POINTS)]
+        if (level := by_name[track.name]) is not None:
+            about = (level.time >= track.time[0]) & (level.time <= track.time[-1])
+            time = level.time[about]
+            over = np.interp(time, track.time, track.over)
+            rows.append([over, level.value[about], _vibrating(track, time)])
+    points = np.concatenate(rows, axis=1)
+    points = points[:, points[0] < _FASTEST]
+    points = points[:, :: max(1, points.shape[1] // _MOST_POINTS)]
+    look: canvas.Look = {'ms': 2.5, 'alpha': 0.5, 'mew': 0.0, 'rasterized': True}
     for flag, colour, name in ((0.0, _QUIET, 'quiet'), (1.0, _VIBRATING, 'vibration')):
-        own = points[points[:, 2] == flag]
-        axes.plot(
-            own[:, 0], own[:, 1], '.', ms=2.5, color=colour, alpha=0.5, mew=0.0, label=name, rasterized=True
-        )
+        axes.plot(*points[:2, points[2] == flag], '.', color=colour, label=name, **look)
 
 
 def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
     """Each passage as a line, thick where it was reported to vibrate."""
+    names = 'passage', 'vibration reported'
     for k, track in enumerate(found.edges.tracks, 1):
         loud = np.where(_vibrating(track, track.time), track.over, np.nan)
-        first = k == 1
-        axes.plot(
-            track.over, np.full(track.over.size, k), color=_QUIET, lw=1.0, label='passage' if first else None
-        )
-        axes.plot(
-            loud,
-            np.full(loud.size, k),
-            color=_VIBRATING,
-            lw=4.0,
-            label='vibration reported' if first else None,
-        )
+        height = np.full(loud.size, k)
+        axes.plot(track.over, height, color=_QUIET, lw=1.0, label=names[0])
+        axes.plot(loud, height, color=_VIBRATING, lw=4.0, label=names[1])
+        names = '_', '_'  # named once
     axes.set_ylim(0.4, len(found.edges.tracks) + 0.6)
     axes.set_yticks(range(1, len(found.edges.tracks) + 1))
 
@@ -185,10 +168,10 @@ def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
     doubtful = {id(end) for end, _ in found.doubts}
     tracks = {track.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
     low, high = axes.get_ylim()
-    for mark, text, own in (
-        ('^', 'end at the fold', [e for e in found.edges.seen if id(e) not in doubtful]),
-        ('>', 'fold is not below', [e for e in found.edges.ends if e.is_bound]),
-        ('x', 'worthless', [e for e in found.edges.ends if id(e) in doubtful]),
+    for mark, text, edge, own in (
+        ('^', 'end at the fold', canvas.PAPER, [e for e in found.edges.seen if id(e) not in doubtful]),
+        ('>', 'fold is not below', canvas.PAPER, [e for e in found.edges.ends if e.is_bound]),
+        ('x', 'worthless', canvas.INK, [e for e in found.edges.ends if id(e) in doubtful]),
     ):
         at = []
         for end in own:
@@ -196,16 +179,7 @@ def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
             over = float(np.interp(end.time, track.time, track.over))
             at.append((over, low + 0.5 * (high - low) if heard else float(k)))
         if at:
-            x, y = np.array(at).T
-            axes.plot(
-                x,
-                y,
-                mark,
-                color=canvas.INK,
-                mec=canvas.PAPER if mark != 'x' else canvas.INK,
-                ms=8.0,
-                label=text,
-            )
+            axes.plot(*np.array(at).T, mark, color=canvas.INK, mec=edge, ms=8.0, label=text)
 
 
 def _draw_fold(axes: canvas.Axes, found: Calibration) -> None:
@@ -229,31 +203,15 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibratio
             for b in (found.before, found.belief)
         )
         band = canvas.REGIME_COLOUR[regime]
-        axes.fill_betweenx(
-            load,
-            left,
-            right,
-            fc='none',
-            ec=band,
-            hatch='////',
-            lw=0.0,
-            alpha=0.35,
-            label=f'{name} before, 5 to 95 %',
-        )
+        hatched: canvas.Look = {'fc': 'none', 'ec': band, 'hatch': '////', 'lw': 0.0, 'alpha': 0.35}
+        axes.fill_betweenx(load, left, right, label=f'{name} before, 5 to 95 %', **hatched)
         axes.plot(was, load, color=canvas.MUTED, ls=dashes, lw=1.0, label=f'{name} before')
         axes.fill_betweenx(load, near, far, color=band, alpha=0.45, lw=0.0)
         axes.plot(now, load, color=colour, ls=dashes, lw=1.8, label=f'{name} now, 5 to 95 %')
         top = max(top, float(far.max()), float(was.max()))
+    thin: canvas.Look = {'color': canvas.INK, 'lw': 0.5, 'alpha': 0.5, 'zorder': 1}
     for k, track in enumerate(found.edges.tracks):
-        axes.plot(
-            track.speed / rpm,
-            track.load,
-            color=canvas.INK,
-            lw=0.5,
-            alpha=0.5,
-            zorder=1,
-            label=None if k else 'passages',
-        )
+        axes.plot(track.speed / rpm, track.load, label='_' if k else 'passages', **thin)
     axes.set_xlabel('shaft speed [rpm]')
     axes.set_ylabel('load [N]')
     axes.set_title('boundaries', loc='left', size=11.0, color=canvas.INK)
@@ -265,9 +223,8 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibratio
 def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> canvas.Figure:
     """Draw how often a level over the speed takes which value, where it has no two modes."""
     with canvas.style():
-        figure, axes = canvas.labelled(
-            'level / surface speed [dB]', 'values', title=f'{config.name}: no two modes'
-        )
+        labels = 'level / surface speed [dB]', 'values'
+        figure, axes = canvas.labelled(*labels, title=f'{config.name}: no two modes')
         value = np.concatenate([np.empty(0), *(level.value for level in levels)])
         axes.hist(value, bins=80, color=_QUIET, label='all recordings, each value of 0.25 s')
         axes.legend(loc='best', frameon=True)
@@ -343,27 +300,19 @@ def _methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tu
     axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=canvas.DASHES, zorder=2)
     for mark in marks:
         colour, shape = looks[mark.family]
-        edge = colour if mark.together else canvas.INK if mark.front else canvas.PAPER
         axes.plot(
             mark.seconds,
             _height(mark.error),
             shape,
             ms=_size(shape),
             mfc=canvas.PAPER if mark.together else colour,
-            mec=edge,
+            mec=colour if mark.together else canvas.INK if mark.front else canvas.PAPER,
             mew=1.4 if mark.front or mark.together else 0.8,
             zorder=4,
         )
     if any(math.isinf(mark.error) for mark in marks):
-        axes.text(
-            0.012,
-            0.988,
-            'fails at some case',
-            transform=axes.transAxes,
-            va='top',
-            size=8.5,
-            color=canvas.MUTED,
-        )
+        look: canvas.Look = {'transform': axes.transAxes, 'va': 'top', 'size': 8.5, 'color': canvas.MUTED}
+        axes.text(0.012, 0.988, 'fails at some case', **look)
 
 
 def _size(shape: str) -> float:
@@ -373,7 +322,7 @@ def _size(shape: str) -> float:
 def _name_families(figure: canvas.Figure, looks: dict[str, tuple[str, str]]) -> None:
     from matplotlib.lines import Line2D
 
-    rows: list[tuple[str, dict[str, Any]]] = [
+    rows: list[tuple[str, canvas.Look]] = [
         (name, {'marker': shape, 'ls': '', 'ms': _size(shape), 'mfc': colour, 'mec': canvas.PAPER})
         for name, (colour, shape) in looks.items()
     ]
