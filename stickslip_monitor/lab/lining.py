@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,6 +85,8 @@ class FrictionCourse:
 
 # A single stick, after a knock or as the shaft breaks away, is no oscillation.
 LEAST_STICKS = 2
+# Decimals of instants and durations [s]: beyond them digits may differ between processors, as exp() does.
+INSTANTS = 8
 
 Change = tuple[float, bool, bool]
 """When the lining began to stick (True) or ceased to (False), and, before those of the same time,
@@ -92,15 +94,14 @@ when the shaft came to rest (True) or began to turn (False): time [s], whether i
 and which."""
 
 
-@dataclass(frozen=True, slots=True)
-class EpisodeEvent:
+class EpisodeEvent(NamedTuple):
     """The start or the end of an episode."""
 
-    name: str  # ``'first_stick'`` or ``'last_stick'``
     known: float  # when it could be known [s]
+    name: str  # ``'first_stick'`` or ``'last_stick'``
     time: float  # when it was [s]
-    sticks: int  # stretches of sticking up to then
-    sticking: float  # time of sticking in them [s]
+    # Of an end the stretches of sticking and the time of sticking in them [s].
+    more: dict[str, float]
 
 
 class Episodes:
@@ -146,7 +147,7 @@ class Episodes:
         if self._sticks == 0:
             self._first = time
         elif self._sticks == LEAST_STICKS - 1:
-            events.append(EpisodeEvent('first_stick', time, self._first, 1, self._sticking))
+            events.append(EpisodeEvent(time, 'first_stick', self._first, {}))
         self._sticks += 1
         self._open = time
         return events
@@ -161,12 +162,11 @@ class Episodes:
         """Time passes."""
         if not self._sticks or self._open is not None or time <= self._last + self.gap:
             return []
-        sticks, sticking = self._sticks, self._sticking
+        more: dict[str, float] = {'sticks': self._sticks, 'sticking': round(self._sticking, INSTANTS)}
         self._sticks, self._sticking = 0, 0.0
-        if sticks < LEAST_STICKS:
+        if more['sticks'] < LEAST_STICKS:
             return []
-        known = self._last + self.gap
-        return [EpisodeEvent('last_stick', known, self._last, sticks, sticking)]
+        return [EpisodeEvent(self._last + self.gap, 'last_stick', self._last, more)]
 
 
 PERIODS = 4

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.effects import UNITS, SceneRun, effect
 from stickslip_monitor.lab.lining import (
     FACTOR,
+    INSTANTS,
     PER_PERIOD,
     PERIODS,
     STEP,
@@ -48,9 +50,9 @@ from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 
-# Decimals of margins, of instants and durations [s], and of amplitudes [m]: beyond them digits may
-# differ between processors, and recordings must not. Instants do by 1e-13 s, as exp() differs.
-_DIGITS, _INSTANTS, _PLACES = 9, 8, 12
+# Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
+# recordings must not.
+_DIGITS, _PLACES = 9, 12
 
 
 @effect('lining', 'bearing', 'parameter', 'points', 'table')
@@ -147,11 +149,11 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
         # Windows of a higher rate would overlap.
         most = 1.0 / (PERIODS * followed.period)
         if rate := _rate(settings, 'amplitude', most):
-            followed.ask_amplitude(rate)
+            followed.ask(rate, followed.record_amplitude, followed.period)
         if rate := _rate(settings, 'motion', _HIGHEST_MOTION_RATE):
-            followed.ask_motion(rate)
+            followed.ask(rate, followed.record_motion)
         if channel := _level_channel(run, config, most):
-            followed.ask_level(channel)
+            followed.ask(channel.rate, partial(followed.send_level, channel), followed.period)
         run.effects.append(followed.apply)
 
 
@@ -215,39 +217,30 @@ class FollowedLining:
         self._events: list[tuple[float, str]] = []
         self._event(0.0, 'start', 0.0)
 
-    def ask_amplitude(self, rate: float) -> None:
-        """Record the amplitude at a rate [Hz]."""
+    def ask(self, rate: float, take: Take, period: float = 0.0) -> None:
+        """Sample the motion at a rate [Hz], with a period [s] in windows before each instant."""
+        self._asked.append((Samples(rate, self._run.duration, period), take))
 
-        def record(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-            block.truth.append(self._column('amplitude', FLOAT64, time, self._amplitude(motion)))
+    def record_amplitude(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+        """Record the amplitude."""
+        block.truth.append(self._column('amplitude', FLOAT64, time, self._amplitude(motion)))
 
-        self._asked.append((Samples(rate, self._run.duration, self.period), record))
+    def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+        """Record the motion."""
+        for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
+            block.truth.append(self._column(name, FLOAT64, time, values))
+        block.truth.append(self._column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
 
-    def ask_motion(self, rate: float) -> None:
-        """Record the motion at a rate [Hz]."""
-
-        def record(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-            for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
-                block.truth.append(self._column(name, FLOAT64, time, values))
-            sticking = motion[3, :, 0].astype(np.bool_)
-            block.truth.append(self._column('sticking', BOOL, time, sticking))
-
-        self._asked.append((Samples(rate, self._run.duration), record))
-
-    def ask_level(self, channel: Channel) -> None:
+    def send_level(self, channel: Channel, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
         """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
         power, factor = LEVEL_FACTORS[channel.input.unit]
         frequency = self.lining.config.bearing.natural_frequency
+        signal = block.signals[channel.topic]
+        own = np.zeros(signal.time.size)
+        # There is no window before the scene's start.
         scale = frequency**power * factor * math.sqrt(0.5)
-
-        def send(block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-            signal = block.signals[channel.topic]
-            own = np.zeros(signal.time.size)
-            # There is no window before the scene's start.
-            own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
-            signal.value[:] = np.hypot(signal.value, own)
-
-        self._asked.append((Samples(channel.rate, self._run.duration, self.period), send))
+        own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
+        signal.value[:] = np.hypot(signal.value, own)
 
     def _amplitude(self, motion: FloatArray) -> FloatArray:
         step = self.period / PER_PERIOD
@@ -273,19 +266,17 @@ class FollowedLining:
         for (samples, _), own in zip(self._asked, asked, strict=True):
             samples.add(motion[:, np.searchsorted(times, own)])
         ended, events = self._episodes.see(changes, end)
-        self._sticks += [(round(time, _INSTANTS), round(duration, _INSTANTS)) for time, duration in ended]
+        self._sticks += [(round(time, INSTANTS), round(duration, INSTANTS)) for time, duration in ended]
         for event in events:
-            more = {'sticks': event.sticks, 'sticking': round(event.sticking, _INSTANTS)}
-            only = more if event.name == 'last_stick' else {}
-            self._event(event.known, event.name, event.time, **only)
+            self._event(*event)
 
     def _finish(self, end: float) -> None:
         if (since := self._episodes.since) is not None:
-            self._sticks.append((end, round(end - since, _INSTANTS)))
+            self._sticks.append((end, round(end - since, INSTANTS)))
         self._event(end, 'end', end)
 
-    def _event(self, known: float, name: str, time: float, **more: float) -> None:
-        known, time = round(known, _INSTANTS), round(time, _INSTANTS)
+    def _event(self, known: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
+        known, time = round(known, INSTANTS), round(time, INSTANTS)
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
         self._events.append((known, text))

@@ -179,16 +179,18 @@ def test_with_and_without_numba_the_bits_are_the_same(
 # Episodes, with a gap of one second allowed.
 
 
-def watch(*sticks: tuple[float, float], until: float = 100.0) -> list[tuple[str, float, float, int, float]]:
-    """Name, when known, when it was, number of sticks and time of sticking of each event."""
+def watch(*sticks: tuple[float, float], until: float = 100.0) -> list[EpisodeEvent]:
     episodes = Episodes(1.0)
     events: list[EpisodeEvent] = []
     for start, end in sticks:
         events += episodes.stick(start)
         if math.isfinite(end):
             episodes.release(end)
-    events += episodes.passed(until)
-    return [(e.name, e.known, e.time, e.sticks, e.sticking) for e in events]
+    return events + episodes.passed(until)
+
+
+def last(known: float, time: float, sticks: int, sticking: float) -> EpisodeEvent:
+    return EpisodeEvent(known, 'last_stick', time, {'sticks': sticks, 'sticking': sticking})
 
 
 @pytest.mark.parametrize(
@@ -198,24 +200,24 @@ def watch(*sticks: tuple[float, float], until: float = 100.0) -> list[tuple[str,
         (
             [(10.0, 10.25), (11.0, 11.25), (12.25, 12.5)],
             100.0,
-            [('first_stick', 11.0, 10.0, 1, 0.25), ('last_stick', 13.5, 12.5, 3, 0.75)],
+            [(11.0, 'first_stick', 10.0, {}), last(13.5, 12.5, 3, 0.75)],
         ),
         # A longer gap parts two.
         (
             [(10.0, 10.25), (11.0, 11.25), (12.5, 12.75), (13.0, 13.5)],
             100.0,
             [
-                ('first_stick', 11.0, 10.0, 1, 0.25),
-                ('last_stick', 12.25, 11.25, 2, 0.5),
-                ('first_stick', 13.0, 12.5, 1, 0.25),
-                ('last_stick', 14.5, 13.5, 2, 0.75),
+                (11.0, 'first_stick', 10.0, {}),
+                last(12.25, 11.25, 2, 0.5),
+                (13.0, 'first_stick', 12.5, {}),
+                last(14.5, 13.5, 2, 0.75),
             ],
         ),
         # Single sticks are none.
         ([(10.0, 10.2), (20.0, 20.2), (30.0, 30.2)], 100.0, []),
         # It is not over before the gap, nor while a stick lasts.
-        ([(10.0, 10.25), (11.0, 11.5)], 12.5, [('first_stick', 11.0, 10.0, 1, 0.25)]),
-        ([(10.0, 10.25), (11.0, math.inf)], 50.0, [('first_stick', 11.0, 10.0, 1, 0.25)]),
+        ([(10.0, 10.25), (11.0, 11.5)], 12.5, [(11.0, 'first_stick', 10.0, {})]),
+        ([(10.0, 10.25), (11.0, math.inf)], 50.0, [(11.0, 'first_stick', 10.0, {})]),
     ],
 )
 def test_sticks_are_joined_to_episodes(
