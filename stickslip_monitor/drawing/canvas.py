@@ -224,19 +224,17 @@ def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     axes.legend(ncols=columns, **look | more)
 
 
-def regime_bands(panels: Sequence[Axes], spans: Iterable[tuple[float, float, Regime]]) -> None:
-    """Fill stretches of the x axis; the first panel names them, narrow ones upright."""
-    first = panels[0]
-    top = first.get_ylim()[1]
+def regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> None:
+    """Fill stretches of the x axis and name them, narrow ones upright."""
+    top = axes.get_ylim()[1]
     for low, high, regime in spans:
-        for axes in panels:
-            axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
-        left, right = first.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
+        axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
+        left, right = axes.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
         if right - left > _NARROWEST:
             middle = 0.5 * (low + high), top
             look: Look = {'ha': 'center', 'va': 'top', 'style': 'italic', 'zorder': 12}
             look['rotation'] = 0.0 if right - left > _WIDE else 90.0
-            first.annotate(regime.value, middle, (0.0, -6.0), textcoords='offset points', **look)
+            axes.annotate(regime.value, middle, (0.0, -6.0), textcoords='offset points', **look)
 
 
 def envelope(most: int, *columns: Any) -> IndexArray:

@@ -240,7 +240,7 @@ def draw_diagram(
         both_ways = (lambda x: np.multiply(x, rpm), lambda x: np.divide(x, rpm))
         axes.secondary_xaxis('top', functions=both_ways).set_xlabel('surface speed [m/s]', labelpad=6.0)
         _curves(axes, diagram, rpm, 1.1 * top)
-        canvas.regime_bands([axes], [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans])
+        canvas.regime_bands(axes, [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans])
         _marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             why = textwrap.fill(assess(bearing, 0.5 * sum(speeds), load).outcome.sentence, 46)

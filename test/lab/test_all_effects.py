@@ -74,7 +74,7 @@ def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
     assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
     whole = messages_of(scene)
     backwards = make_scene('measured', effects=ALL[::-1], telemetry=RATES)
-    for other in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 7.3, 0.35))):
+    for other in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 0.35))):
         for topic, messages in whole.items():
             for name in ('stamp_ns', 'log_time_ns', 'raw'):
                 one, two = (getattr(own, name) for own in (messages, other[topic]))

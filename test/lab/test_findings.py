@@ -42,7 +42,7 @@ def loads() -> Sweep:
 
 @pytest.fixture(scope='module')
 def kinetics() -> Sweep:
-    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=8)
+    return over_kinetic(REFERENCE, V, REFERENCE_LOAD, points=4)
 
 
 @pytest.fixture(scope='module')
