@@ -10,6 +10,7 @@ import datetime as dt
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,16 +37,8 @@ from stickslip_monitor.monitor.parameters import MonitorConfig
 
 SCHEMA = 'stickslip_monitor/scene/1'
 KEYS = (
-    'scene',
-    'description',
-    'duration',
-    'start',
-    'seed',
-    'config',
-    'telemetry',
-    'sensors',
-    'parameter_error',
-    'effects',
+    *('scene', 'description', 'duration', 'start', 'seed', 'config'),
+    *('telemetry', 'sensors', 'parameter_error', 'effects'),
 )
 SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
@@ -138,18 +131,9 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
             rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
             raise settings.broken('start', f'must lie, with the whole scene, before that: {rule}')
-    scene = Scene(
-        description=description,
-        duration=duration,
-        start_ns=start_ns,
-        seed=seed,
-        folder=path.parent,
-        config_path=config_path,
-        config=config,
-        channels=channels,
-        effects=_effects(settings, given),
-        parameter_error=read_parameter_error(errors),
-    )
+    effects, wrong = _effects(settings, given), read_parameter_error(errors)
+    place = path.parent, config_path, config
+    scene = Scene(description, duration, start_ns, seed, *place, channels, effects, wrong)
     # Built here only to find wrong settings before anything is written.
     scene.build()
     return scene
@@ -193,11 +177,9 @@ def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ..
         return own
     named = {effect.name for effect in own}
     given = read_effects(sensors.value('effects', 'what the sensors do'))
-    for effect in given:
-        if effect.name not in SENSOR_EFFECTS:
-            raise SceneError(
-                f"effect '{effect.name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}"
-            )
+    for name in (effect.name for effect in given):
+        if name not in SENSOR_EFFECTS:
+            raise SceneError(f"effect '{name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}")
     return in_order([*own, *(effect for effect in given if effect.name not in named)])
 
 
@@ -213,8 +195,7 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
 
 def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
     """Effects in the order in which they act."""
-    order = list(EFFECTS)
-    return tuple(sorted(effects, key=lambda settings: order.index(settings.name)))
+    return tuple(sorted(effects, key=lambda settings: list(EFFECTS).index(settings.name)))
 
 
 def _settings(number: int, entry: Any) -> Settings:
@@ -307,10 +288,10 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
             )
 
 
-_ENCODERS: Mapping[str, Callable[[Any], list[bytes]]] = {
-    BOOL: lambda values: [encode_bool(value) for value in values],
+_ENCODERS: Mapping[str, Callable[[Any], Iterable[bytes]]] = {
+    BOOL: partial(map, encode_bool),
     FLOAT64: encode_float64s,
-    STRING: lambda values: [encode_string(value) for value in values],
+    STRING: partial(map, encode_string),
 }
 
 
@@ -335,8 +316,8 @@ def write_bag(
             for column in block.truth:
                 if block.start == 0.0:
                     writer.add_topic(column.topic, column.type)
-                data = _ENCODERS[column.type](column.values)
-                messages[column.topic] = (column.stamps(scene.start_ns), data)
+                data = list(_ENCODERS[column.type](column.values))
+                messages[column.topic] = column.stamps(scene.start_ns), data
             writer.write_columns((topic, *own) for topic, own in messages.items())
             if progress:
                 progress(block.end)
@@ -347,8 +328,7 @@ def write_bag(
 
 def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:
     """Log times and messages of a signal."""
-    sent, source = signal.messages(), signal.channel.input
-    if sent.stamp_ns is None:
-        return sent.log_time_ns, encode_float64s(sent.raw)
-    field = '.'.join(map(str, source.field))
-    return sent.log_time_ns, encode_stamped(source.type, field, sent.stamp_ns, sent.raw)
+    (log_time_ns, stamp_ns, raw), source = signal.messages(), signal.channel.input
+    if stamp_ns is None:
+        return log_time_ns, encode_float64s(raw)
+    return log_time_ns, encode_stamped(source.type, '.'.join(map(str, source.field)), stamp_ns, raw)

@@ -12,7 +12,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -146,20 +146,16 @@ class Signal:
     arrival_ns: IntArray | None = None
 
     def messages(self) -> Messages:
-        """What the recorder writes."""
-        stamp, raw = np.repeat(self.stamp_ns, self.copies), np.repeat(self._raw(), self.copies)
+        """What the recorder writes: of SI values the numbers that the monitor will take for them."""
+        source = self.channel.input
+        raw = np.repeat((self.value / source.factor - source.offset) / source.scale, self.copies)
+        stamp = np.repeat(self.stamp_ns, self.copies)
         if self.arrival_ns is None:
             return Messages(stamp, None, raw)
         return Messages(np.repeat(self.arrival_ns, self.copies), stamp, raw)
 
-    def _raw(self) -> FloatArray:
-        """The numbers the sensor sends for SI values: the inverse of what the monitor does."""
-        source = self.channel.input
-        return (self.value / source.factor - source.offset) / source.scale
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Messages:
+class Messages(NamedTuple):
     """The messages of one channel over a stretch of time."""
 
     log_time_ns: IntArray  # when each was recorded, shape (n,) [ns]
@@ -182,9 +178,8 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
         for quantity in QUANTITIES if 'level' not in own else INPUTS:
             if quantity not in bearing.inputs:
                 raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
-            rate = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}').number(
-                'rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE
-            )
+            sampling = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
+            rate = sampling.number('rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE)
             channel = Channel(quantity, (bearing,), rate)
             _check_input(f'{bearing.name}.{quantity}', channel.input)
             known = channels.get(channel.topic)
@@ -195,8 +190,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
     """The telemetry of one bearing: its own section, or the common one."""
     names = set(telemetry) if isinstance(telemetry, dict) else set()
-    for_each = not names.isdisjoint(bearings) and names.isdisjoint(INPUTS)
-    if not for_each:
+    if names.isdisjoint(bearings) or not names.isdisjoint(INPUTS):
         return Settings('telemetry', telemetry, INPUTS)
     rates = 'the rates of its speed and load'
     return Settings('telemetry', telemetry, bearings).section(bearing, INPUTS, rates)
