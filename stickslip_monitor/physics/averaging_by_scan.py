@@ -68,9 +68,6 @@ def amplitude_at(x: FloatArray, speed: FloatArray) -> FloatArray:
 def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatArray:
     """``rho`` at amplitude coordinates [s/m]; ``x`` and ``speed`` of shape (n,)."""
     still = x == 0.0
-    if not still.any():
-        a = amplitude_at(x, speed)
-        return 2.0 * friction_harmonic(law, speed, a) / a
     a = amplitude_at(np.where(still, 1.0, x), speed)
     return np.where(still, -law.slope(speed), 2.0 * friction_harmonic(law, speed, a) / a)
 
@@ -94,7 +91,7 @@ def golden_maximum(
 
 
 def peaks(
-    law: FrictionLaw, speed: FloatArray, left: FloatArray, right: FloatArray, sign: FloatArray
+    law: FrictionLaw, speed: FloatArray, left: FloatArray, right: FloatArray, sign: FloatArray | float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
     """Maximum of ``sign * rho`` on each ``[left, right]``: place and ``rho`` there."""
     place, height = golden_maximum(lambda x: sign * slope_surface(law, x, speed), left, right)
@@ -133,9 +130,8 @@ def _highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArra
     left = np.maximum(_BELOW[np.maximum(best - 1, 0)], _SMALLEST)
     # At the limit the highest may stand just below it, which costs less to ask than to search.
     aside = np.flatnonzero((best < m - 1) | ~_rises_to_limit(law, speed, peak))
-    x, refined = peaks(
-        law, speed[aside], left[aside], _BELOW[np.minimum(best[aside] + 1, m - 1)], np.ones(aside.size)
-    )
+    right = _BELOW[np.minimum(best + 1, m - 1)]
+    x, refined = peaks(law, speed[aside], left[aside], right[aside])
     higher = refined > peak[aside]
     peak[aside[higher]], place[aside[higher]] = refined[higher], x[higher]
     return peak, place
@@ -311,9 +307,7 @@ def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
     return highest(law, np.clip(speed, SLOWEST, FASTEST))[0]
 
 
-def harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """``S(a; V)`` [-] at velocity amplitudes ``a`` > 0 [m/s], shape of ``speed``."""
-    return friction_harmonic(law, speed, amplitude)
+harmonic = friction_harmonic
 
 
 def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray:
@@ -386,8 +380,8 @@ def _height(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexAr
     steady, cusp, beside, other = (np.flatnonzero(kind == each) for each in range(4))
     height[steady] = -law.slope(speed[steady])
     height[cusp] = slope_surface(law, np.ones(cusp.size), speed[cusp])
-    x, up = near[beside], np.ones(beside.size)
-    height[beside] = peaks(law, speed[beside], x - _AROUND, np.minimum(x + _AROUND, 1.0), up)[1]
+    x = near[beside]
+    height[beside] = peaks(law, speed[beside], x - _AROUND, np.minimum(x + _AROUND, 1.0))[1]
     height[other] = peak_slope(law, speed[other])
     return height
 

@@ -28,7 +28,7 @@ from scipy.special import i0e, i1e
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic, gauss_rule
+from stickslip_monitor.physics.quadrature import friction_harmonic, gauss_rule
 from stickslip_monitor.physics.roots import root_on_bracket
 
 _SERIES_LIMIT = 0.5
@@ -41,9 +41,6 @@ _KNOWN = 2**13
 _Function = Callable[[FloatArray], FloatArray]
 # Beyond these a dimensionless speed or its Bessel function leaves the range of a float.
 _TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
-# Where the closed form beyond the sliding limit has all its digits: so far past it, in units of
-# 1/beta and of the speed.
-_REACH, _RATIO = 2.0, 8.0
 
 
 def _joined(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
@@ -171,23 +168,13 @@ def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray
 
 def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
     """``S(a; V)`` [-] at velocity amplitudes ``a`` > 0 [m/s], shape of ``speed``."""
-    delta = law.static - law.kinetic
-    v, alpha = law.decay * speed, law.decay * amplitude
-    result = np.empty_like(v)
-    near = alpha <= v
-    result[near] = delta * i1e(alpha[near]) * np.exp(alpha[near] - v[near])
-    # Further out the two terms cancel, and an angle close to pi/2 does not give the amplitude to
-    # the last digit: quadrature on each side of the reversal does better.
-    close = (alpha <= v + _REACH) & (amplitude <= _RATIO * speed)
-    beyond = ~near & close & (delta != 0.0)
-    if beyond.any():
-        theta, ratio = crossing_angle(speed[beyond], amplitude[beyond], 0.0), law.kinetic / delta
-        nothing = np.zeros_like(theta)
-        result[beyond] = delta * _beyond_limit(theta, v[beyond], nothing, ratio)
-    far = ~near & ~beyond
-    falling = Stribeck(law.static, law.kinetic, law.decay)
-    result[far] = friction_harmonic(falling, speed[far], amplitude[far])
-    return result - 0.5 * law.viscous * amplitude
+    result, near = np.empty_like(speed), amplitude <= speed
+    v, a = speed[near], amplitude[near]
+    falls = i1e(law.decay * a) * np.exp(law.decay * a - law.decay * v)
+    result[near] = (law.static - law.kinetic) * falls - 0.5 * law.viscous * a
+    # Further out the closed form's two terms cancel: quadrature on each side of the reversal does better.
+    result[~near] = friction_harmonic(law, speed[~near], amplitude[~near])
+    return result
 
 
 def _fall(law: Stribeck) -> float:
@@ -239,7 +226,6 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
 
 
 cusp_slope = peak_slope
-"""The averaged negative slope at the sliding limit [s/m]."""
 
 
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
