@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.physics.averaging import amplitude_rate, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import Cycle, exact_cycle, exact_fold_speed, exact_unstable_cycle
-from stickslip_monitor.physics.friction import as_stribeck
+from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.integrator import Drive, Motion, MotionState, integrate
 
 IMAGES = Path(__file__).resolve().parents[1] / 'docs' / 'images'
@@ -162,7 +162,8 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
     ``kappa = (c + N nu)/(N Delta beta)`` the Hopf lies at ``kappa = exp(-v)`` and the fold under
     KBM at ``kappa = 2 I1e(v)/v``.
     """
-    law = as_stribeck(bearing.friction, 'a finding')
+    law = bearing.friction
+    assert isinstance(law, Stribeck)
     v = law.decay * speed
     damping = (bearing.damping + load * law.viscous) / (load * law.decay)
     hopf, averaged_fold = damping * math.exp(v), damping * 0.5 * v / float(i1e(v))

@@ -26,8 +26,8 @@ import numpy as np
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
+from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.quadrature import friction_harmonic
-from stickslip_monitor.physics.roots import root_on_bracket
 
 _QUARTER = 0.5 * np.pi
 _BELOW = np.linspace(0.0, 1.0, 49)

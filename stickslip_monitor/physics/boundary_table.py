@@ -25,7 +25,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import fold_curve, lower_ends
-from stickslip_monitor.physics.hermite import hermite_cubics, spline_slopes
+from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
 
 # Points in an octave of load: measured, twice as many gain nothing.

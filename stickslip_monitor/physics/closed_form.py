@@ -28,8 +28,8 @@ from scipy.special import i0e, i1e
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.quadrature import friction_harmonic, gauss_rule
-from stickslip_monitor.physics.roots import root_on_bracket
 
 _SERIES_LIMIT = 0.5
 _FAR = 1e6

@@ -34,6 +34,7 @@ from stickslip_monitor.physics.averaging import averaged
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import exact_fold
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
+from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     FEW,
@@ -45,7 +46,6 @@ from stickslip_monitor.physics.orbits import (
     law_in_use,
     slip_field,
 )
-from stickslip_monitor.physics.roots import root_on_bracket
 
 
 class CycleKind(IntEnum):

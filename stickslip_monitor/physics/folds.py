@@ -23,12 +23,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.averaging_by_scan import peak_curve
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Stribeck, computes_as, speed_scales
-from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
+from stickslip_monitor.physics.friction import speed_scales
+from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
@@ -40,12 +40,11 @@ from stickslip_monitor.physics.orbits import (
     law_in_use,
     slip_field,
 )
-from stickslip_monitor.physics.roots import root_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
-# Rounds of a search, those after which every other one halves, its widest step, that towards where
-# margins are finite, and how far from its guess it goes without having passed what it looks for.
-_MOST_ROUNDS, _PATIENCE, _WIDEST, _OUTWARD, _FARTHEST = 40, 7, 0.7, 0.4, 3.0
+# Rounds of a search, its widest step, that towards where margins are finite, and how far from its
+# guess it goes without having passed what it looks for.
+_MOST_ROUNDS, _WIDEST, _OUTWARD, _FARTHEST = 40, 0.7, 0.4, 3.0
 # Error of long steps at most, how close they lead, and how well slopes are known then: folds of a
 # table are wanted to no more.
 _COARSE, _ROUGHLY, _KNOWN = 1e-7, 1e-5, 0.03
@@ -98,12 +97,12 @@ class Grazing:
     """Where the slip phase of a bearing grazes the belt."""
 
     def __init__(self, bearing: Bearing) -> None:
-        self.bearing, self.law = bearing, bearing.friction
+        self.bearing, self.law, self.use = bearing, bearing.friction, law_in_use(bearing.friction)
+        # The speeds at which the law changes; 1 m/s for one that is the same at all [m/s].
+        self.scales = list(speed_scales(self.law)) or [1.0]
         # What a turn of the free vibration takes of the logarithm of its amplitude.
         self.rate = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
-        top = float(self.law.coefficient(ALMOST_REST))
-        self.lasting = self.lasting_speed(law_in_use(self.law).hold - top, 0.0)
-        self.in_pieces = len(law_in_use(self.law).kinks) > 0
+        self.lasting = self.lasting_speed(self.use.hold - self.use.top, 0.0)
         # Of a step: the margin has to be known to a share of the change that it makes.
         self.fine = min(max(1e-10 * self.rate, _FINEST), _FINE)
 
@@ -129,11 +128,15 @@ class Grazing:
         """
         n = speed.size
         both = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
-        (e, z), graze = self._slips(both.take(slice(n))), self._grazes(both.take(slice(n, None)))
-        e, z = np.concatenate([e, graze[0]]), np.concatenate([z, graze[1]])
+        slip, graze = both.take(slice(n)), both.take(slice(n, None))
+        e, z = np.zeros((2, 2 * n))
+        if np.max(slip.damping + slip.force * slip.speed * self._course[1][-1], initial=0.0) > _HEAVY:
+            e[:n], z[:n] = self._drawn(slip, ahead=True)
+        e[n:], z[n:] = self._drawn(graze, ahead=False)
+        e[n:] = np.where(z[n:] > 0.0, e[n:], -graze.offset)
         last, direction = np.where(z[:n] > 1.0, 1, 2), np.repeat([1.0, -1.0], n)
         most = _MOST_STEPS if error <= _FINE else _MOST_LONG_STEPS
-        most += 4 * len(law_in_use(self.law).kinks)  # a kink may take four
+        most += 4 * len(self.use.kinks)  # a kink may take four
         route = Route(np.concatenate([last, np.ones(n, int)]), error, direction, most=most)
         with np.errstate(all='ignore'):
             orbits = follow(both, e, z, route)
@@ -148,18 +151,6 @@ class Grazing:
             # Long steps do not see how an orbit comes to rest: that would pass for a jump.
             result[unclear] = self.margin(speed[unclear], load[unclear], self.fine)
         return result
-
-    def _slips(self, field: SlipField) -> tuple[FloatArray, FloatArray]:
-        """Displacement and ``z`` from which slip is followed."""
-        n = field.speed.size
-        if not np.max(field.damping + field.force * field.speed * self._course[1][-1], initial=0.0) > _HEAVY:
-            return np.zeros(n), np.zeros(n)
-        return self._drawn(field, ahead=True)
-
-    def _grazes(self, field: SlipField) -> tuple[FloatArray, FloatArray]:
-        """Displacement and ``z`` from which orbits that graze are followed back in time."""
-        e, z = self._drawn(field, ahead=False)
-        return np.where(z > 0.0, e, -field.offset), z
 
     def _drawn(self, field: SlipField, ahead: bool) -> tuple[FloatArray, FloatArray]:
         """Where to begin on the slow manifold that draws orbits.
@@ -182,7 +173,7 @@ class Grazing:
         drawn = np.where(draws, rate * rate / np.where(draws, away, 1.0), 0.0)
         parts = 0.5 * (drawn[:, 1:] + drawn[:, :-1]) * np.abs(np.diff(z, axis=1))
         start = 1 + np.argmax(np.cumsum(parts, axis=1) > _ENOUGH, axis=1)
-        place = field.damping * z - field.force[:, None] * (law_in_use(self.law).hold - mu)
+        place = field.damping * z - field.force[:, None] * (self.use.hold - mu)
         # What comes from outside must come past it, and slide no faster into another such stretch.
         lowest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, start]
         found = (start > 1) & (place[every, start] <= np.minimum(lowest, 0.0))
@@ -191,8 +182,7 @@ class Grazing:
     @cached_property
     def _course(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Speeds, and slope and coefficient of friction there."""
-        breaks = _scales(self.bearing)
-        v = np.geomspace(1e-4 * breaks[0], 1e3 * breaks[-1], 700)
+        v = np.geomspace(1e-4 * self.scales[0], 1e3 * self.scales[-1], 700)
         return v, np.asarray(self.law.slope(v)), np.asarray(self.law.coefficient(v))
 
     def by_averaging(self, speed: FloatArray) -> FloatArray:
@@ -246,11 +236,6 @@ class Grazing:
         return np.exp(x)
 
 
-def _scales(bearing: Bearing) -> list[float]:
-    """The speeds at which a law changes; 1 m/s for one that is the same at all [m/s]."""
-    return list(speed_scales(bearing.friction)) or [1.0]
-
-
 def _solved(
     margin: Callable[[FloatArray, IndexArray], FloatArray],
     guess: FloatArray,
@@ -268,14 +253,13 @@ def _solved(
         known: How well, as a share, the slopes are known.
 
     Returns:
-        The places, ``nan`` where they were not found, and the slopes there, ``inf`` where margins jump,
-        each of shape (n,).
+        The places, ``nan`` where they were not found, and the slopes there, each of shape (n,).
     """
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
     low, high, before, value_before = np.multiply.outer([-np.inf, np.inf, np.nan, np.nan], np.ones(n))
-    live, last = np.flatnonzero(np.isfinite(x) & np.isfinite(slope)), np.full(n, known)
-    for k in range(_MOST_ROUNDS):
+    live, last = np.flatnonzero(np.isfinite(x)), np.full(n, known)
+    for _ in range(_MOST_ROUNDS):
         if not live.size:
             break
         at = x[live]
@@ -290,18 +274,16 @@ def _solved(
             move = np.clip(move, -_WIDEST, _WIDEST)
             new, width = at + move, high[live] - low[live]
             both = np.isfinite(width)
-            halved = both & ((new <= low[live]) | (new >= high[live]) | (k % 2 > 0 and k > _PATIENCE))
+            halved = both & ((new <= low[live]) | (new >= high[live]))
             new = np.where(halved, 0.5 * (low[live] + high[live]), new)
         # A secant leaves about the product of its step with the one before.
         left = np.abs(move) * last[live]
         done = finite & ~halved & ((left < close) | (value == 0.0)) | (both & (width < close))
-        jumps = both & ~finite & (width < _ROUGHLY)
-        slope[live[jumps]] = np.inf
         before[live], value_before[live], x[live] = at, value, new
         last[live] = np.minimum(np.abs(move), 1.0)
         far = ~both & (np.abs(new - guess[live]) > _FARTHEST)
         x[live[far]] = np.nan
-        live = live[~done & ~far & ~jumps]
+        live = live[~done & ~far]
     x[live] = np.nan
     return x, slope
 
@@ -316,33 +298,31 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     Returns:
         ``nan`` where it sticks at no speed; ``inf`` where it sticks at every high speed; shape (n,).
     """
-    law = bearing.friction
+    use = law_in_use(bearing.friction)
     loads, back = np.unique(load, return_inverse=True)
     out = np.full(loads.size, np.nan)
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-    falls = loads * law_in_use(law).fall > bearing.damping
+    falls = loads * use.fall > bearing.damping
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
         out[falls & (np.asarray(averaging.fold_speed(bearing, loads)) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
     if rows.size:
-        heavy = bearing.damping_ratio >= 1.0
-        read = _by_contact if heavy else _read
-        solve = read if law_in_use(law).kinks else _solve
-        out[rows] = solve(bearing, loads[rows])
+        read = _by_contact if bearing.damping_ratio >= 1.0 else _read
+        out[rows] = (read if use.kinks else _solve)(bearing, loads[rows])
     return out[back]
 
 
 def _solve(bearing: Bearing, load: FloatArray) -> FloatArray:
     """The exact folds of a smooth law, which has cycles up to one speed."""
     grazing, law = Grazing(bearing), bearing.friction
-    far = 4.0 * _scales(bearing)[-1]
+    far = 4.0 * grazing.scales[-1]
     steady, rise = float(law.coefficient(far)), max(float(law.slope(far)), 0.0)
-    drop = max(law_in_use(law).hold - (steady - rise * far), 0.0)
+    drop = max(grazing.use.hold - (steady - rise * far), 0.0)
     with np.errstate(all='ignore'):
         averaged = np.asarray(averaging.fold_speed(bearing, load))
         coulomb = load * grazing.lasting_speed(drop, 0.5 * rise * load / bearing.momentum)
         guess = np.fmax(averaged, coulomb)
-        slight = load * law_in_use(law).fall < _WEAKLY * bearing.damping
+        slight = load * grazing.use.fall < _WEAKLY * bearing.damping
         slight |= drop * load / bearing.momentum < _SLIGHT * averaged
         heavy = bearing.damping + rise * load >= 2.0 * bearing.momentum
         guess = np.where(heavy, np.fmax(np.asarray(averaging.hopf_speed(bearing, load)), coulomb), guess)
@@ -371,16 +351,6 @@ def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
     return out
 
 
-def _lands(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Where slip from breakaway meets the belt, shape (n,)."""
-    field, nothing = slip_field(bearing, speed, load), np.zeros(speed.size)
-    with np.errstate(all='ignore'):
-        end = follow(
-            field, nothing, nothing, Route(3, _COARSE, contact=True, most=_MOST_OF_CONTACT, locate=False)
-        ).end
-    return np.asarray(end == LANDED)
-
-
 def _by_contact(bearing: Bearing, load: FloatArray) -> FloatArray:
     """The last speeds at which slip meets the belt, of many, each time between two of them.
 
@@ -391,14 +361,17 @@ def _by_contact(bearing: Bearing, load: FloatArray) -> FloatArray:
     rows = np.flatnonzero(averaged > 0.0)
     low, high = averaged[rows] * _FROM, averaged[rows] * _UP_TO
     out, number = np.full(load.size, np.nan), _SPEEDS
+    route = Route(3, _COARSE, contact=True, most=_MOST_OF_CONTACT, locate=False)
     while rows.size and np.max(high / low) > 1.0 + _ROUGHLY:
         speed = np.exp(np.linspace(np.log(low), np.log(high), number + 1, axis=1))
-        lands = _lands(bearing, speed.ravel(), np.repeat(load[rows], number + 1)).reshape(speed.shape)
-        last = number - np.argmax(lands[:, ::-1], axis=1)
-        some = lands.any(axis=1) & (last < number)
-        rows, last, speed = rows[some], last[some], speed[some]
-        every, number = np.arange(rows.size), _PARTS
-        low, high = speed[every, last], speed[every, last + 1]
+        v, begin = speed[:, :-1].ravel(), np.zeros(rows.size * number)
+        with np.errstate(all='ignore'):
+            end = follow(slip_field(bearing, v, np.repeat(load[rows], number)), begin, begin, route).end
+        lands = end.reshape(-1, number) == LANDED
+        some = lands.any(axis=1)
+        last = number - 1 - np.argmax(lands[some, ::-1], axis=1)
+        rows, speed, every = rows[some], speed[some], np.arange(last.size)
+        low, high, number = speed[every, last], speed[every, last + 1], _PARTS
     out[rows] = low
     return out
 
@@ -438,11 +411,8 @@ class FoldCurve:
         x, y = self.larger
         rows = np.flatnonzero(load > math.exp(x[0])) if x.size else np.zeros(0, int)
         if rows.size:
-            cubics = hermite_cubics(x, y, (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y))
-            level = np.log(load[rows])
-            i = np.clip(np.searchsorted(x, level, side='right') - 1, 0, x.size - 2)
-            # Beyond the last it stays where it is.
-            speed[rows] = np.polyval(cubics[:, i], np.minimum(level, x[-1]) - x[i])
+            slopes = (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y)
+            speed[rows] = hermite(x, y, slopes, np.log(load[rows]))
         return speed
 
 
@@ -478,30 +448,30 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     span = _range(grazing)
     if span is None:
         return None
-    if not grazing.in_pieces:
+    if not grazing.use.kinks:
         return _smooth_curve(grazing, span)
-    heavy = bearing.damping_ratio >= 1.0
-    return (_heavily_damped_curve if heavy else _curve_in_pieces)(grazing, span)
+    return (_heavily_damped_curve if bearing.damping_ratio >= 1.0 else _curve_in_pieces)(grazing, span)
 
 
-def _averaged_curve(bearing: Bearing) -> tuple[FloatArray, FloatArray]:
+def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
     """Speeds, and the least loads with a cycle under averaging, ``inf`` for none [N]."""
-    law, breaks = bearing.friction, _scales(bearing)
-    speed = np.geomspace(1e-3 * breaks[0], 300.0 * breaks[-1], _SCAN)
-    if computes_as(law, Stribeck):
-        peak = closed_form.peak_slope(law, speed)
+    law = grazing.law
+    speed = np.geomspace(1e-3 * grazing.scales[0], 300.0 * grazing.scales[-1], _SCAN)
+    if (solver := averaging.averaged(law)) is closed_form:
+        peak = solver.peak_slope(law, speed)
     elif speed_scales(law):
         speed, peak, *_ = peak_curve(law)
     else:
         peak = np.zeros(speed.size)
     with np.errstate(all='ignore'):
-        return speed, np.asarray(bearing.damping / np.maximum(peak, 0.0))
+        return speed, np.asarray(grazing.bearing.damping / np.maximum(peak, 0.0))
 
 
 def _range(grazing: Grazing) -> _Range | None:
     """The speeds at which the fold lies of loads from the onset to the largest of use."""
-    bearing, law, breaks = grazing.bearing, grazing.law, _scales(grazing.bearing)
-    scan, least = _averaged_curve(bearing)
+    bearing, law, breaks = grazing.bearing, grazing.law, grazing.scales
+    in_pieces = len(grazing.use.kinks) > 0
+    scan, least = _averaged_curve(grazing)
     rows = (scan >= 1e-3 * breaks[0]) & (scan <= 300.0 * breaks[-1])
     scan, least = scan[rows], least[rows]
     near = grazing.by_averaging(scan)
@@ -517,7 +487,7 @@ def _range(grazing: Grazing) -> _Range | None:
         most = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
         octaves = max(octaves, math.ceil(math.log2(max(most / onset, 1.0))))
     top, low = onset * 2.0**octaves, float(scan[k]) * (_BELOW_ONSET if k else 1.0)
-    fall = law_in_use(law).hold - float(np.min(law.coefficient(scan)))
+    fall = grazing.use.hold - float(np.min(law.coefficient(scan)))
     limit = 1.0 / float(grazing.lasting_speed(max(fall, 1e-300), 0.0))
     below = np.flatnonzero(near <= top)
     high = float(scan[below[-1]]) if below.size else low
@@ -525,17 +495,17 @@ def _range(grazing: Grazing) -> _Range | None:
     if falls_on:
         high = max(high, top / limit)
     last = high
-    if falls_on or not (grazing.in_pieces or rises):  # where friction rises again no load reaches further
+    if falls_on or not (in_pieces or rises):  # where friction rises again no load reaches further
         found = 1.01 * float(grazing.speeds(np.array([top]), np.array([high]), 1e-3)[0])
         last = found if found > 0.0 else high
-    scale = max(breaks[0], breaks[-1] / 50.0) if grazing.in_pieces else breaks[0]
-    return _Range(scale, low, max(high, last) if grazing.in_pieces else last, onset, top, limit)
+    scale = max(breaks[0], breaks[-1] / 50.0) if in_pieces else breaks[0]
+    return _Range(scale, low, max(high, last) if in_pieces else last, onset, top, limit)
 
 
 def _first_guess(grazing: Grazing, span: _Range, speed: FloatArray) -> FloatArray:
     """Loads that graze, to some tens of percent [N]."""
     least = grazing.by_averaging(speed)
-    far = speed > 10.0 * _scales(grazing.bearing)[0]
+    far = speed > 10.0 * grazing.scales[0]
     least = np.where(far, np.minimum(least, span.limit * speed), least)
     return np.asarray(np.minimum(least, 1.5 * span.top))
 
@@ -551,7 +521,7 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
         near = np.linspace(share[k - 1], share[k + 1], 129)[1:-1]
         share = np.unique(np.concatenate([share, near]))
         exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
-    speeds, averaged, ends = known.places(share), _averaged_curve(grazing.bearing), (span.onset, span.top)
+    speeds, averaged, ends = known.places(share), _averaged_curve(grazing), (span.onset, span.top)
     larger = np.zeros((2, 0))
     if exact[-1] < math.log(span.top):
         x = np.linspace(exact[-1], math.log(span.top), _LARGER)
@@ -579,7 +549,8 @@ def _series(grazing: Grazing, span: _Range, cuts: int = _CUTS) -> tuple[FloatArr
             if lost[0] < 2 or not cuts:
                 return np.array([np.inf]), span
             return _series(grazing, span._replace(high=float(speed[lost[0] - 1])), cuts - 1)
-        series = _chebyshev_series(solved)
+        terms = np.polynomial.chebyshev.chebvander(2.0 * share - 1.0, count)
+        series = np.asarray(np.linalg.solve(terms, solved), float)
         if np.abs(series[-3:]).max() < _SHORT or count >= _MOST:
             return series, span
         count *= 2
@@ -601,22 +572,17 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
     if np.count_nonzero(found) > 1:
         lost = np.interp(place, place[rows], ~found) > 0.0
         rows, ratio = rows[found], ratio[found]
-        cubics = hermite_cubics(place[rows], ratio, monotone_slopes(place[rows], ratio))
-        inside = np.clip(place, place[rows[0]], place[rows[-1]])
-        i = np.clip(np.searchsorted(place[rows], inside, side='right') - 1, 0, rows.size - 2)
-        joined = np.polyval(cubics[:, i], inside - place[rows][i])
+        joined = hermite(place[rows], ratio, monotone_slopes(place[rows], ratio), place)
         exact = np.where(matters & ~lost, averaged * np.exp(joined), np.inf)
     larger = np.zeros((2, 0))
-    return FoldCurve(
-        speed, *_averaged_curve(grazing.bearing), exact, span.onset, span.top, larger, smooth=False
-    )
+    return FoldCurve(speed, *_averaged_curve(grazing), exact, span.onset, span.top, larger, smooth=False)
 
 
 def _heavily_damped_curve(grazing: Grazing, span: _Range) -> FoldCurve:
     """Of a law in pieces beyond critical damping: over the load, unknown where it jumps."""
     x = np.linspace(math.log(span.onset), math.log(span.top), _CONTACTS)
     fold = _by_contact(grazing.bearing, np.exp(x))
-    speed, averaged = _averaged_curve(grazing.bearing)
+    speed, averaged = _averaged_curve(grazing)
     with np.errstate(all='ignore'):
         jumps = np.flatnonzero(np.abs(np.diff(np.log(fold))) > _JUMPS)
     fold[jumps] = np.nan
@@ -638,10 +604,11 @@ def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
         0 where there are cycles down to rest, or none at any speed, shape (n,) [m/s].
     """
     out = np.zeros(load.size)
-    if not -float(bearing.friction.slope(ALMOST_REST)) < law_in_use(bearing.friction).fall * _AS_STEEP:
+    grazing = Grazing(bearing)
+    if not -float(bearing.friction.slope(ALMOST_REST)) < grazing.use.fall * _AS_STEEP:
         return out  # it falls most at rest
-    speed, least = _averaged_curve(bearing)
-    slow = speed <= _scales(bearing)[-1]
+    speed, least = _averaged_curve(grazing)
+    slow = speed <= grazing.scales[-1]
     speed, least = speed[slow], np.minimum.accumulate(least[slow])
     with np.errstate(all='ignore'):
         x, y, level = np.log(speed), np.log(least), np.log(load)
@@ -651,17 +618,6 @@ def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
         share = np.where(np.isfinite(before), (before - level[rows]) / (before - after), 1.0)
     out[rows] = np.exp(x[i[rows] - 1] + share * (x[i[rows]] - x[i[rows] - 1]))
     return out
-
-
-def _chebyshev_series(values: FloatArray) -> FloatArray:
-    """The coefficients of values at Chebyshev's ascending points, shape (n + 1,)."""
-    n = values.size - 1
-    weights = np.ones(n + 1)
-    weights[[0, -1]] = 0.5
-    grid = np.outer(np.arange(n + 1), np.arange(n + 1)) * (np.pi / n)
-    series: FloatArray = 2.0 / n * (np.cos(grid) @ (weights * values[::-1]))
-    series[[0, -1]] *= 0.5
-    return series
 
 
 def last_speeds(speed: FloatArray, least: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:

@@ -218,19 +218,6 @@ def stribeck(
     return Stretched(static, kinetic, decay, viscous, exponent)
 
 
-def as_stribeck(law: FrictionLaw, what: str) -> Stribeck:
-    """A law that has to be Stribeck's without an exponent.
-
-    Raises:
-        PhysicsError: It is another, which ``what`` does not cover.
-    """
-    if isinstance(law, Stribeck):
-        return law
-    own = type(law).__name__.lower()
-    name = 'that with an exponent' if isinstance(law, Stretched) else own
-    raise PhysicsError(f'{what} needs the friction law stribeck, and this is {name}')
-
-
 @dataclass(frozen=True, slots=True)
 class Coulomb:
     """Coulomb's law: ``static`` at rest, ``kinetic`` while sliding.

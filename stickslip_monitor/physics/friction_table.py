@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_finite, require_not_negative
-from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes
+from stickslip_monitor.physics.numerics import hermite_cubics, monotone_slopes
 
 
 @dataclass(frozen=True, slots=True)

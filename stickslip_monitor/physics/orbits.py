@@ -26,7 +26,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import slip_step as dop853
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
-from stickslip_monitor.physics.roots import root_on_bracket
+from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, friction_slope, scalar_law
 from stickslip_monitor.physics.scalar_law import friction_drop as scalar_drop
 from stickslip_monitor.physics.slip_step import (

@@ -133,8 +133,9 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
     """
     module = own_module(law)
     kinks = tuple(getattr(law, 'kinks', ())) if module else ()
-    top, steepest = float(law.coefficient(ALMOST_REST)), max(_largest(law, -1.0), _largest(law))
-    bounds = highest_static(law), top, steepest_fall(law), steepest
+    top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest(law, -1.0), _largest(law, 1.0)
+    falls_at_once = law.static > top * (1.0 + 1e-15)
+    bounds = max(law.static, top), top, math.inf if falls_at_once else fall, max(fall, rise)
     plain = LawInUse(_Plain(law, module), kinks, *bounds)
     if module is None:
         return ScalarLaw(plain, None, None)
@@ -156,26 +157,7 @@ def own_module(law: FrictionLaw) -> ModuleType | None:
     return module if is_file and hasattr(module, 'friction_drop') else None
 
 
-def highest_static(law: FrictionLaw) -> float:
-    """Largest coefficient that sticking can carry [-], by Filippov's convex hull.
-
-    >>> highest_static(Coulomb(0.1, 0.3))
-    0.3
-    """
-    return max(law.static, float(law.coefficient(ALMOST_REST)))
-
-
-def steepest_fall(law: FrictionLaw) -> float:
-    """Upper bound of ``-d mu / d|v|`` [s/m]; ``inf`` for a law that falls at once.
-
-    >>> round(steepest_fall(Stribeck(0.3, 0.1, 10.0)), 9)
-    2.0
-    """
-    falls_at_once = law.static > float(law.coefficient(ALMOST_REST)) * (1.0 + 1e-15)
-    return math.inf if falls_at_once else _largest(law, -1.0)
-
-
-def _largest(law: FrictionLaw, sign: float = 1.0) -> float:
+def _largest(law: FrictionLaw, sign: float) -> float:
     """The largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
     breaks = speed_scales(law)
     if not breaks:

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The coefficients of the Runge-Kutta method, and of cubics, against scipy's."""
+"""The Runge-Kutta method: its coefficients against scipy's, and its order."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from scipy.integrate import DOP853
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from stickslip_monitor.physics import slip_step as dop853
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.hermite import hermite_cubics, monotone_slopes, spline_slopes
 from stickslip_monitor.physics.scalar_law import scalar_law
 from stickslip_monitor.physics.slip_step import Medium, SlipState, acceleration, slip_step
 
@@ -43,19 +41,3 @@ def test_error_falls_with_the_eighth_power_of_the_step() -> None:
 
     errors = [np.hypot(*(end(steps) - end(256))) for steps in (8, 16, 32)]
     assert np.diff(np.log2(errors)) == pytest.approx(-8, abs=0.4)
-
-
-@pytest.mark.parametrize('size', [2, 3, 50])
-def test_monotone_cubics_are_those_of_scipy(size: int) -> None:
-    rng = np.random.default_rng(size)
-    x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
-    cubics = hermite_cubics(x, y, monotone_slopes(x, y))
-    assert cubics == pytest.approx(PchipInterpolator(x, y).c, rel=1e-12, abs=1e-13)
-
-
-@pytest.mark.parametrize('size', [4, 50])
-def test_splines_are_those_of_scipy(size: int) -> None:
-    rng = np.random.default_rng(size)
-    x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
-    cubics = hermite_cubics(x, y, spline_slopes(x, y))
-    assert cubics == pytest.approx(CubicSpline(x, y).c, rel=1e-10, abs=1e-10)

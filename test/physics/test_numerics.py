@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Roots and cubics, the latter against scipy's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from stickslip_monitor.physics.numerics import hermite_cubics, monotone_slopes, root_on_bracket, spline_slopes
+
+Array = NDArray[np.float64]
+
+
+def _between(function: Callable[..., Array], low: Array, high: Array, *more: Array) -> Array:
+    ends = function(low, *more), function(high, *more)
+    return root_on_bracket(function, low, high, ends, more)
+
+
+def test_a_root_never_depends_on_its_neighbours() -> None:
+    c = np.array([1e-12, 0.3, 7.0, 1e12])
+    low, high = np.zeros_like(c), np.maximum(c, 1.0)
+    between = _between(lambda x, k: x**3 - k, low, high, c)
+    for i in range(c.size):
+        l1, h1, c1 = (array[i : i + 1] for array in (low, high, c))
+        assert _between(lambda x, k: x**3 - k, l1, h1, c1) == between[i]
+    np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)
+
+
+@pytest.mark.parametrize('size', [2, 3, 50])
+def test_monotone_cubics_are_those_of_scipy(size: int) -> None:
+    rng = np.random.default_rng(size)
+    x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
+    cubics = hermite_cubics(x, y, monotone_slopes(x, y))
+    assert cubics == pytest.approx(PchipInterpolator(x, y).c, rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize('size', [4, 50])
+def test_splines_are_those_of_scipy(size: int) -> None:
+    rng = np.random.default_rng(size)
+    x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
+    cubics = hermite_cubics(x, y, spline_slopes(x, y))
+    assert cubics == pytest.approx(CubicSpline(x, y).c, rel=1e-10, abs=1e-10)
