@@ -40,6 +40,7 @@ from stickslip_monitor.physics.orbits import (
     FEW,
     LANDED,
     TURNED,
+    Orbits,
     Route,
     SlipField,
     follow,
@@ -385,21 +386,11 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
 
     Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
     it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere.
-
-    Args:
-        bearing: The bearing.
-        speed: Shape (n,) [m/s].
-        load: Shape (n,) [N].
     """
-    law, size = bearing.friction, np.abs(speed)
-    result = np.zeros(size.shape, bool)
-    with np.errstate(all='ignore'):
-        rows = np.flatnonzero((load > 0.0) & (size > 0.0) & np.isfinite(size + load))
-        peak = np.asarray(averaged(law).peak_slope(law, size[rows]))
-        near = load[rows] * peak > _LESS * bearing.damping
-        rows, peak = rows[near], peak[near]
-        cusp = averaged(law).cusp_slope(law, size[rows])
-        result[rows] = cusp < (1.0 - _SAME) * peak
+    law = bearing.friction
+    peak = np.asarray(averaged(law).peak_slope(law, speed))
+    result = load * peak > _LESS * bearing.damping
+    result[result] = averaged(law).cusp_slope(law, speed[result]) < (1.0 - _SAME) * peak[result]
     return result
 
 
@@ -409,62 +400,44 @@ def _slides_steadily(field: SlipField) -> BoolArray:
     return np.asarray(growth < field.damping)
 
 
-class _Round(NamedTuple):
-    """One slip phase behind the belt and, where the lining overtakes it, one ahead of it.
-
-    Attributes:
-        end: How it ended.
-        place: Displacement as the lining falls behind the belt again.
-        turns: Displacement at the turns behind the belt.
-        time: How long it took.
-        over: Displacement at which the lining overtook the belt; ``nan``: it did not.
-        divergence: Integral of the flow's divergence.
-    """
-
-    end: IndexArray
-    place: FloatArray
-    turns: FloatArray
-    time: FloatArray
-    over: FloatArray
-    divergence: FloatArray
-
-
 def _stroke(field: SlipField) -> FloatArray:
     """From one stick limit to the other."""
     return -2.0 * field.force * law_in_use(field.law).hold
 
 
-def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> _Round:
-    route = Route(3, _ERROR, contact=True, weigh=weigh)
-    behind = follow(field, start, np.zeros(start.size), route)
-    end, place, time = behind.end.copy(), behind.place.copy(), behind.time.copy()
-    divergence, stroke = behind.divergence.copy(), _stroke(field)
-    over = np.full(start.size, np.nan)
-    rows = np.flatnonzero((end == LANDED) & (place < stroke))
+def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, FloatArray]:
+    """Slip phases behind the belt and, where the lining overtakes it, ahead of it.
+
+    Returns:
+        Where they end as the lining falls behind the belt again, with the turns behind it, and the
+        displacement at which it overtook the belt; ``nan``: it did not.
+    """
+    one = follow(field, start, np.zeros(start.size), Route(3, _ERROR, contact=True, weigh=weigh))
+    stroke, over = _stroke(field), np.full(start.size, np.nan)
+    rows = np.flatnonzero((one.end == LANDED) & (one.place < stroke))
     if rows.size:
-        over[rows] = place[rows]
+        over[rows] = one.place[rows]
         # Ahead of the belt the motion is the mirror image about the middle of the stick limits.
-        begin = stroke[rows] - place[rows]
+        begin = stroke[rows] - one.place[rows]
         route = Route(0, _ERROR, contact=True, weigh=weigh)
         ahead = follow(field.take(rows).ahead_of_belt(), begin, np.zeros(rows.size), route)
-        end[rows], place[rows] = ahead.end, stroke[rows] - ahead.place
-        time[rows] += ahead.time
-        divergence[rows] += ahead.divergence
-    return _Round(end, place, behind.turns, time, over, divergence)
+        one.end[rows], one.place[rows] = ahead.end, stroke[rows] - ahead.place
+        one.time[rows] += ahead.time
+        one.divergence[rows] += ahead.divergence
+    return one, over
 
 
 def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
     """The stable cycles that reach the belt's speed."""
-    one = _rounds(field, np.zeros(field.speed.size), False)
+    one, over = _rounds(field, np.zeros(field.speed.size), False)
     found = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
     landed = one.end == LANDED
-    sticks = landed & ((one.place <= 0.0) | np.isnan(one.over))
+    sticks = landed & ((one.place <= 0.0) | np.isnan(over))
     rows = np.flatnonzero(sticks)
     nothing, sticking = np.zeros(rows.size), np.maximum(-one.place[rows], 0.0)
     (crest, trough), time = one.turns[:, rows], one.time[rows]
     kind, endless = nothing + CycleKind.STICK_SLIP, nothing - np.inf
-    stuck = FoundCycles(kind, crest, trough, time, sticking, nothing, endless)
-    found.put(rows, stuck)
+    found.put(rows, FoundCycles(kind, crest, trough, time, sticking, nothing, endless))
     rows = np.flatnonzero(landed & ~sticks)
     if rows.size:
         found.put(rows, _overtaking(field.take(rows), one.place[rows], weigh))
@@ -472,13 +445,7 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
 
 
 def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Where the slip phase from breakaway meets the belt, whatever comes then.
-
-    Args:
-        bearing: The bearing.
-        speed: ``|V|`` > 0, shape (n,) [m/s].
-        load: ``N`` > 0, shape (n,) [N].
-    """
+    """Where the slip phase from breakaway meets the belt, whatever comes then."""
     nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True, locate=False)
     with np.errstate(all='ignore'):
         field = slip_field(bearing, np.abs(speed), load)
@@ -493,7 +460,7 @@ def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles
     """
 
     def gain(start: FloatArray, rows: IndexArray) -> FloatArray:
-        return _rounds(field.take(rows), start, False).place - start
+        return _rounds(field.take(rows), start, False)[0].place - start
 
     rows, high, jump = np.arange(first.size), 2.0 * first, field.offset
     top = gain(high, rows)
@@ -504,15 +471,15 @@ def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles
         high[more] *= 4.0
         top[more] = gain(high[more], more)
     start = root_on_bracket(gain, first, high, (gain(first, rows), top), (rows,))
-    one, stroke = _rounds(field, start, weigh), _stroke(field)
+    (one, over), stroke = _rounds(field, start, weigh), _stroke(field)
     # The flow jumps where friction reverses.
-    jumps = (one.over - stroke - jump) / (one.over + jump)
+    jumps = (over - stroke - jump) / (over + jump)
     jumps *= (start + jump) / (start - stroke - jump)
     nothing = np.zeros(first.size)
     exponent = one.divergence + np.log(np.abs(jumps))
     kind, (crest, trough) = nothing + CycleKind.OVERTAKING, one.turns
     found = FoundCycles(kind, crest, trough, one.time, nothing, start, exponent)
-    lost = np.flatnonzero((one.end != LANDED) | np.isnan(one.over))
+    lost = np.flatnonzero((one.end != LANDED) | np.isnan(over))
     found.put(lost, FoundCycles.none(np.full(lost.size, CycleKind.UNRESOLVED)))
     return found
 

@@ -80,9 +80,9 @@ _FROM, _UP_TO, _SPEEDS, _PARTS, _MOST_OF_CONTACT = 3e-3, 1.05, 160, 8, 4000
 _CONTACTS, _JUMPS = 49, 0.5
 # Error of a step where the margin is to be known to all digits that matter.
 _FINE, _FINEST = 1e-11, 1e-13
-# Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
-# m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
-_ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
+# Exponent of the attraction after which nothing is left of where an orbit began, the rate that still
+# draws, and z of steady sliding.
+_ENOUGH, _DRAWS, _NEAR_REST = 40.0, 3.0, 1e-3
 _LARGEST_EXPONENT = 700.0
 # How fast ln N has to rise with ln V for a fold read from the curve to be improved by orbits.
 _RISES = 0.02
@@ -129,10 +129,8 @@ class Grazing:
         n = speed.size
         both = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
         slip, graze = both.take(slice(n)), both.take(slice(n, None))
-        e, z = np.zeros((2, 2 * n))
-        if np.max(slip.damping + slip.force * slip.speed * self._course[1][-1], initial=0.0) > _HEAVY:
-            e[:n], z[:n] = self._drawn(slip, ahead=True)
-        e[n:], z[n:] = self._drawn(graze, ahead=False)
+        ahead, back = self._drawn(slip, ahead=True), self._drawn(graze, ahead=False)
+        e, z = np.concatenate([ahead, back], axis=1)
         e[n:] = np.where(z[n:] > 0.0, e[n:], -graze.offset)
         last, direction = np.where(z[:n] > 1.0, 1, 2), np.repeat([1.0, -1.0], n)
         most = _MOST_STEPS if error <= _FINE else _MOST_LONG_STEPS
@@ -152,7 +150,7 @@ class Grazing:
             result[unclear] = self.margin(speed[unclear], load[unclear], self.fine)
         return result
 
-    def _drawn(self, field: SlipField, ahead: bool) -> tuple[FloatArray, FloatArray]:
+    def _drawn(self, field: SlipField, ahead: bool) -> FloatArray:
         """Where to begin on the slow manifold that draws orbits.
 
         Damping draws what slips behind the belt, and back in time a steep fall of friction what
@@ -160,7 +158,7 @@ class Grazing:
         followed.
 
         Returns:
-            Displacement and ``z``, 0 where it draws too little, each of shape (n,).
+            Displacement and ``z``, 0 where it draws too little, shape (2, n).
         """
         v, slope, mu = (column if ahead else column[::-1] for column in self._course)  # outward
         every, towards = np.arange(field.speed.size), 1.0 if ahead else -1.0
@@ -168,6 +166,8 @@ class Grazing:
         away = towards * (z - 1.0)
         rate = field.damping + (field.force * field.speed)[:, None] * slope
         draws = (towards * rate > _DRAWS) & (away > _NEAR_REST)
+        if not draws.any():
+            return np.zeros((2, every.size))
         first = np.argmax(draws, axis=1)
         draws &= np.cumsum(~draws & (np.arange(v.size) > first[:, None]), axis=1) == 0
         drawn = np.where(draws, rate * rate / np.where(draws, away, 1.0), 0.0)
@@ -177,7 +177,7 @@ class Grazing:
         # What comes from outside must come past it, and slide no faster into another such stretch.
         lowest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, start]
         found = (start > 1) & (place[every, start] <= np.minimum(lowest, 0.0))
-        return np.where(found, place[every, start], 0.0), np.where(found, z[every, start], 0.0)
+        return np.where(found, [place[every, start], z[every, start]], 0.0)
 
     @cached_property
     def _course(self) -> tuple[FloatArray, FloatArray, FloatArray]:
