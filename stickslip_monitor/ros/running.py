@@ -168,6 +168,8 @@ class Running:
         """Look after everything that time brings."""
         self._ticked_ns = now.steady_ns
         passed_ns = self._passing.passed(now)
+        if self._passing.stands:
+            now = now._replace(time_ns=0)  # as before the first /clock
         self._running_ns += passed_ns
         self._watchdog.tick(now, passed_ns)
         self._session.tick(now, self._running_ns)
@@ -295,10 +297,15 @@ class PassingTime:
     """The time that passes, on clocks that may stop or step.
 
     While ROS time follows a simulated clock that moves, that clock is the measure. One that has
-    stood still for a second (the player has gone) cannot say that an input is lost, so then the
-    steady clock does; what that has counted is not counted again. A step back, and the first step
+    stood still for a second (the player has gone, or waits) cannot say that an input is lost, so then
+    the steady clock does; what that has counted is not counted again. A step back, and the first step
     from zero, count as no time.
+
+    Attributes:
+        stands: Whether a simulated clock stands still.
     """
+
+    stands = False
 
     def __init__(self, simulated: bool, now: Moment) -> None:
         self._simulated, self._last, self._moved_ns, self._counted_ns = simulated, now, now.steady_ns, 0
@@ -310,10 +317,11 @@ class PassingTime:
             return now.steady_ns - last.steady_ns
         counted, step = self._counted_ns, now.time_ns - last.time_ns
         if step:
-            self._moved_ns, self._counted_ns = now.steady_ns, 0
+            self._moved_ns, self._counted_ns, self.stands = now.steady_ns, 0, False
             return max(step - counted, 0) if last.time_ns else now.steady_ns - last.steady_ns
         stood = now.steady_ns - self._moved_ns
-        if stood <= STILL_NS:
+        self.stands = stood > STILL_NS
+        if not self.stands:
             return 0
         self._counted_ns = stood
         return stood - counted
@@ -326,7 +334,7 @@ class Watchdog:
         self._session = session
         self._silent = dict.fromkeys(session.monitor.bearings, 0)  # for how long [ns]
         self._heard: set[str] = set()
-        # Those whose inputs were lost before ROS time was known.
+        # Those whose time went on while ROS time was unknown.
         self._timeless: set[str] = set()
 
     def note(self, name: str) -> None:
@@ -334,11 +342,14 @@ class Watchdog:
         self._heard.add(name)
 
     def tick(self, now: Moment, passed_ns: int) -> None:
-        """Pass on the time that has passed without samples, so much since the last call [ns]."""
+        """Pass on the time that has passed without samples, so much since the last call [ns].
+
+        Samples that come while the simulated clock stands have no time, and keep no input alive.
+        """
         self._session.follow(now)
         for name, bearing in self._session.monitor.bearings.items():
-            before = self._silent[name]
-            silent = self._silent[name] = 0 if name in self._heard else before + passed_ns
+            before, heard = self._silent[name], now.time_ns and name in self._heard
+            silent = self._silent[name] = 0 if heard else before + passed_ns
             elapsed = max(silent - LAG_NS, 0)
             time_ns = self._time(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
             if silent and time_ns:
@@ -348,8 +359,8 @@ class Watchdog:
     def _time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
         """The time of a bearing, of whose wait so much has passed, and so much since the last look.
 
-        Inputs are waited for from the first instant that ROS time knows. Where it knows none for
-        longer than a timeout, they are lost all the same. 0 where there is no time yet.
+        Inputs are waited for from the first instant that ROS time knows. Where it knows none, or stands,
+        for longer than a timeout, they are lost all the same. 0 where there is no time yet.
         """
         config = bearing.config
         if bearing.now_ns is None:
@@ -360,7 +371,9 @@ class Watchdog:
                 self._session.pass_time(config.name, 1, now)  # the wait began before
                 return 1 + elapsed
             return 0
-        if now.time_ns and config.name in self._timeless:
+        if not now.time_ns:
+            self._timeless.add(config.name)
+        elif config.name in self._timeless:
             self._timeless.discard(config.name)
             bearing.follow(now.time_ns - bearing.now_ns)  # the step into ROS time is no wait
             return now.time_ns

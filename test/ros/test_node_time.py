@@ -310,6 +310,30 @@ def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
     assert list(watched.lost()) == ['speed']
 
 
+def test_a_clock_that_stands_keeps_no_input_alive_and_loses_none_when_it_goes_on() -> None:
+    """Values come ten times a second; the clock moves for a second, stands for ten and goes on."""
+    from stickslip_monitor.ros.running import PassingTime, Watchdog
+
+    ship = Ship(load_config(CONFIG))
+    watchdog, (name,) = Watchdog(ship.session), ship.session.monitor.bearings
+    watched, time_ns, lost = ship.session.monitor.bearings[name], ROS, []
+    passing = PassingTime(True, Moment(0, ROS))
+    for tenth in range(1, 131):
+        time_ns += 0 if 10 < tenth <= 110 else SECOND // 10
+        now = Moment(tenth * SECOND // 10, time_ns)
+        for place, value in enumerate((60.0, 1000.0)):
+            ship.session.take(name, place, time_ns, value, now)
+        watchdog.note(name)
+        passed_ns = passing.passed(now)
+        watchdog.tick(now._replace(time_ns=0) if passing.stands else now, passed_ns)
+        lost.append(bool(watched.lost()))
+    # From the second of which a slow clock may stand, the time-out and what is told later.
+    assert lost.index(True) == pytest.approx(
+        10 + 10 * (watched.config.speed.timeout_ns / SECOND + 0.5), abs=3
+    )
+    assert lost[109:113] == [True, True, False, False]
+
+
 ROS, TICK = 10**18, 6 * 10**8
 
 
