@@ -285,7 +285,7 @@ def _events(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[st
     return said
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(arrivals=ARRIVALS, piles=st.lists(st.integers(1, 12), max_size=30))
 def test_messages_that_wait_tell_what_they_tell_one_by_one(
     arrivals: list[tuple[str, int, float]], piles: list[int]

@@ -25,15 +25,14 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
     monitor = host(kit.stamped())
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
-    for rpm, _ in [*LEVELS, (60.0, 'normal')]:
-        telemetry.hold(rpm, 1000.0, 4.0)
     # The alarm of caution and bistable ends with that of stick-slip, 3 s after 60 rpm are back.
     expected = [*pairwise(LEVELS), (LEVELS[-1], LEVELS[0])]
 
     def changes() -> list[dict[str, Any]]:
         return [e for e in kit.events(warnings) if e['from'] != e['to']]  # an onset is told, too
 
-    monitor.peer.until(lambda: len(changes()) >= len(expected), 'all events')
+    for _, (rpm, to) in expected:
+        telemetry.until(rpm, 1000.0, lambda to=to: [e for e in changes() if e['to'] == to], to)
     heard = changes()
     assert [(e['from'], e['to']) for e in heard] == [(a[1], b[1]) for a, b in expected]
     for event, (_, (rpm, to)) in zip(heard, expected, strict=True):
