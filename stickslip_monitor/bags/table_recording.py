@@ -46,7 +46,7 @@ _NAME = re.compile(
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 # Columns that say of the numbers of another whether they count, and what those say that do not.
-_STATUS = {'status', 'quality', 'qual', 'q', 'validity', 'valid', 'good'}
+_STATUS = re.compile(r'q|good|(?:opc)?(?:status|qual|quality\w*|valid|validity)')
 _BAD = re.compile(
     r'\s*(?:bad|invalid|uncertain|questionable|false|fail|fault|err|stale|not |comm|timeout)', re.I
 )
@@ -185,7 +185,7 @@ class TableRecording(Recording):
         """The column that says whether the numbers of another count: called so, or so and behind it."""
         names = [parse_heading(name).name.split() for name in self.table.names]
         for k, words in enumerate(names):
-            rest = [word for word in words if word not in _STATUS]
+            rest = [word for word in words if not _STATUS.fullmatch(word)]
             is_behind = words != ['q'] and (k == column + 1 or self.names is not None)
             if k != column and rest != words and (rest == names[column] or (not rest and is_behind)):
                 return k if self.least_good(k) is not None else None
@@ -196,7 +196,7 @@ class TableRecording(Recording):
         codes = [parse_number(str(row[status])) for row in self.table.head if len(row) > status]
         if any(_OPC_GOOD <= (code or 0) <= _OPC_MOST for code in codes):
             return _OPC_GOOD
-        is_yes_or_no = {'valid', 'good'} & {*parse_heading(self.table.names[status]).name.split()}
+        is_yes_or_no = re.search(r'\b(?:valid|validity|good)\b', parse_heading(self.table.names[status]).name)
         return 1.0 if is_yes_or_no else -np.inf if None in codes else None
 
     def _all_rows(self, name: int) -> Iterator[Cells]:

@@ -188,6 +188,17 @@ LOGS = {
         'time,tag,value,quality\n@0,speed,30,192\n@0,load,900,192\n@1,speed,31,0\n@1,load,901,216\n',
         speed=[30, NAN],
     ),
+    'WinCC': Log(
+        'VarName;TimeString;VarValue;Validity\nspeed;13.04.2026 10:00:00;30;0\n'
+        'load;13.04.2026 10:00:00;900;1\nspeed;13.04.2026 10:00:01;31;1\nload;13.04.2026 10:00:01;901;1\n',
+        speed=[NAN, 31],
+    ),
+    'Wonderware': Log(
+        'DateTime,TagName,Value,QualityDetail\n2026-04-13 10:00:00,speed,30,192\n'
+        '2026-04-13 10:00:00,load,900,192\n2026-04-13 10:00:01,speed,31,24\n'
+        '2026-04-13 10:00:01,load,901,192\n',
+        speed=[30, NAN],
+    ),
     'a flag of validity': Log('time,speed,valid,load\n@0,30,0,900\n@1,31,1,901\n', speed=[NAN, 31]),
     'a flow Q beside': Log('time,speed,Q,load\n@0,30,100,900\n@1,31,200,901\n'),
     'ISO 8601 without separators': Log('time,speed,load\n20260413T100000Z,30,900\n20260413T100001Z,31,901\n'),
