@@ -399,11 +399,15 @@ class TableReading:
     @staticmethod
     def _leave_out(found: Numbers, marks: Sequence[str], least_good: float) -> None:
         """Take the numbers that do not count for the words that say so."""
-        for k, mark in enumerate(marks):
+        bad = set()
+        for mark in set(marks):
             number = parse_number(mark)
-            if found.is_there[k] and (_BAD.match(mark) if number is None else number < least_good):
-                found.value[k] = np.nan
-                found.words[mark.strip()[:20]] += 1
+            if _BAD.match(mark) if number is None else number < least_good:
+                bad.add(mark)
+        if bad:
+            is_bad = np.array([mark in bad for mark in marks], np.bool_) & found.is_there
+            found.value[is_bad] = np.nan
+            found.words.update(marks[k].strip()[:20] for k in np.flatnonzero(is_bad).tolist())
 
     def _take_words(self, topic: str, words: Counter[str]) -> None:
         own = self._words[topic]
