@@ -44,15 +44,13 @@ from stickslip_monitor.monitor.rule_state import (
     State,
     settings_of,
 )
-from stickslip_monitor.monitor.severity import LADDER, Unknown
+from stickslip_monitor.monitor.severity import Unknown
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, size_cycle
 from stickslip_monitor.physics import boundary_table, probability, scalar_law
 
-STATUS, NOW, POINT, UNTIL, CONDITION, STICKING, MEASURED = range(7)
-"""What is noted of each sample: the columns of the table that :func:`run` fills."""
-SAMPLE, TIME, BEFORE, AFTER, ONSET = range(5)
-"""What is noted of each change of the alarm."""
+SAMPLE, TIME, BEFORE, AFTER, ONSET, POINTS = range(6)
+"""What is noted of each change of the alarm; the last is how many points there were then."""
 
 
 def run(
@@ -60,49 +58,55 @@ def run(
     numbers: Sequence[RuleNumbers],
     model: Model,
     samples: tuple[Sequence[int], Sequence[int], Sequence[int], Numbers],
-    begin: int,
-    end: int,
-    notes: Rows,
-    points: Rows,
+    span: tuple[int, int, int],
+    noted: Rows,
+    points: tuple[Rows, Rows],
+    made: int,
     changes: Rows,
     kept: MutableSequence[State],
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """Take samples of a recording until there is no more room, or an amplitude is due.
 
     The memory and the numbers of the configuration are rows of one. A sample is which input it is of, its
-    stamp and its arrival [ns], and its number. What is noted of each has 7 columns; a point has speed and
-    load, and with a belief three probabilities; a change has 5, and the memory at it is kept.
+    stamp and its arrival [ns], and its number; the span is the number of the first one in the recording, and
+    which of these to take. Of each is noted what became of it, and the monitor's time. So many points are
+    made already, with the columns of :data:`_POINT` and three chances. A change has 6 numbers, and the memory
+    at it is kept.
 
     Returns:
-        The sample after the last one taken, and how many changes there were.
+        The sample after the last one taken, how many changes there were, and how many points are made.
     """
     places, stamps, arrivals, values = samples
+    first, begin, end = span
+    statuses, now = noted
+    (time_ns, until_ns, speed, load, sample, rung, sticking, vibration), chances = points
     s, c = states[0], numbers[0]
     count = 0
     for k in range(begin, end):
         if count + 2 > len(kept) or (k > begin and amplitude_due(s, c)):
-            return k, count
+            return k, count, made
         place = places[k]
         before, lost, onsets, point = condition(s), s.lost, s.onsets, False
         status, time, si = arrive(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
-            note = k, s.lost_since, before, condition(s), s.onsets - onsets
+            note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
             count = keep(states, changes, kept, count, note)
             before = condition(s)
         if status == ACCEPTED and place != LEVEL:
             point = take(s, c, model, place, time, si)
-            if s.onsets > onsets or condition(s) != before:
-                note = k, s.now, before, condition(s), s.onsets - onsets
-                count = keep(states, changes, kept, count, note)
-        row = notes[k]
-        row[STATUS], row[NOW], row[POINT] = status, s.now - s.shift, int(point)
-        row[CONDITION], row[STICKING] = condition(s), s.sticking
-        if point:
-            row[UNTIL], row[MEASURED] = standing_until(s, c) - s.shift, measured_now(s, c)
-            points[k][0], points[k][1] = s.value[SPEED], s.value[LOAD]
-            if c.has_belief:
-                points[k][2], points[k][3], points[k][4] = s.can, s.will, s.runs
-    return end, count
+        statuses[k], now[k] = status, s.now - s.shift
+        if not point:
+            continue
+        time_ns[made], until_ns[made] = s.now - s.shift, standing_until(s, c) - s.shift
+        speed[made], load[made], sample[made] = s.value[SPEED], s.value[LOAD], first + k
+        rung[made], sticking[made], vibration[made] = condition(s), s.sticking > 0, measured_now(s, c)
+        if c.has_belief:
+            chances[made][0], chances[made][1], chances[made][2] = s.can, s.will, s.runs
+        made += 1
+        if s.onsets > onsets or condition(s) != before:
+            note = first + k, s.now, before, condition(s), s.onsets - onsets, made
+            count = keep(states, changes, kept, count, note)
+    return end, count, made
 
 
 def keep(
@@ -110,7 +114,7 @@ def keep(
     changes: Rows,
     kept: MutableSequence[State],
     count: int,
-    note: tuple[int, int, int, int, int],
+    note: tuple[int, int, int, int, int, int],
 ) -> int:
     """Note a change of the alarm, with the memory as it is then; how many there are now."""
     for column in range(len(note)):
@@ -121,6 +125,17 @@ def keep(
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
+_POINT: dict[str, Any] = {
+    'time_ns': np.int64,
+    'until_ns': np.int64,
+    'speed': np.float64,
+    'load': np.float64,
+    'sample': np.int64,
+    'rung': np.int8,
+    'sticking': np.bool_,
+    'measured': np.int8,
+}
+"""The columns of the operating points as :class:`Scan` has them; the chances follow."""
 # Room for changes of the alarm; the loop is left and entered again where they are more.
 _CHANGES = 256
 
@@ -143,13 +158,19 @@ class Scan:
     sticking: BoolArray  # whether stick-slip is predicted after each, shape (n,)
     measured: NDArray[np.int8] | None  # index into MEASURED, (n,); None without a level
     sample: IntArray  # which sample of the recording made each, shape (n,)
-    stretch: IntArray  # how often the clock had jumped before each, shape (n,)
     events: list[Event]  # changes of the alarm, in order
     at: list[int]  # which sample of the recording brought each of them, k
     now_ns: IntArray  # the monitor's time at each sample of the stream, shape (m,)
     status: NDArray[np.int8]  # what became of each of them, a Status, shape (m,)
     counts: IntArray  # samples by Input and Status, shape (3, 7)
     unknown: Unknown | None  # why the level says nothing at the end, where there is one
+
+    @property
+    def stretch(self) -> IntArray:
+        """How often the clock had jumped before each point of a whole recording, shape (n,)."""
+        back = np.diff(self.now_ns, prepend=self.now_ns[:1]) < 0
+        jumps: IntArray = np.cumsum(back, dtype=np.int64)[self.sample]
+        return jumps
 
     @cached_property
     def assessment(self) -> Assessments:
@@ -197,10 +218,9 @@ class BearingScan:
         self.settings = settings_of(config)
         self.state = State()
         self._long = long
-        self._taken = self._jumps = 0
-        self._now = NEVER
-        self._held: dict[str, NDArray[Any]] = {}
-        self._last: FloatArray | None = None
+        # The points of a block, in the same place for all of them, behind the one that was held back.
+        self._points: dict[str, NDArray[Any]] = {}
+        self._taken = self._held = 0
         if start_ns is not None:
             rule.pass_time(self.state, self.settings.live, start_ns)
 
@@ -213,101 +233,88 @@ class BearingScan:
         return self._take(stream, end_ns, final=True)
 
     def _take(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
-        size, has_level = stream.time_ns.size, self.config.level is not None
-        notes, points = self._room(stream)
-        changes = self._run(stream, notes, points)
-        made = np.flatnonzero(notes[:, POINT])
+        size = stream.time_ns.size
+        noted = np.empty(size, np.int8), np.empty(size, np.int64)
+        made, changes, _ = self._run(stream, noted)
         events, at = [], []
         for row, state in changes:
-            # A loss comes before the sample that showed it.
-            lost = int(row[AFTER]) == len(LADDER)
-            last = int(np.searchsorted(made, row[SAMPLE], 'left' if lost else 'right')) - 1
-            standing = self._standing(state, points[made[last]] if last >= 0 else self._last)
-            before, time_ns, onset = row[[BEFORE, TIME, ONSET]].tolist()
-            events.append(standing.event(before, time_ns, onset=bool(onset)))
-            at.append(int(row[SAMPLE]) + self._taken)
-        if made.size:
-            self._last = points[made[-1]].copy()
+            before, time_ns, onset, sample, count = row[[BEFORE, TIME, ONSET, SAMPLE, POINTS]].tolist()
+            events.append(self._standing(state, count).event(before, time_ns, onset=bool(onset)))
+            at.append(sample)
         if final and end_ns is not None and self.state.now != NEVER:
-            end = self._standing(self.state, self._last)
+            end = self._standing(self.state, made)
             events += end.advance(max(end_ns, self.state.now - self.state.shift))
             at += [self._taken + size - 1] * (len(events) - len(at))
-        status = notes[:, STATUS].astype(np.int8)
-        now = notes[:, NOW]
-        jumps = self._jumps + np.cumsum(np.diff(now, prepend=self._now) < 0)
-        if size:
-            self._jumps, self._now = int(jumps[-1]), int(now[-1])
-        rows = slice(None) if made.size == size else made
-        columns: dict[str, Any] = {
-            'time_ns': now[rows],
-            'until_ns': notes[rows, UNTIL],
-            'speed': points[rows, 0],
-            'load': points[rows, 1],
-            'chances': points[rows, 2:],
-            'rung': notes[rows, CONDITION].astype(np.int8),
-            'sticking': notes[rows, STICKING] > 0,
-            'measured': notes[rows, MEASURED].astype(np.int8),
-            'sample': made + self._taken,
-            'stretch': jumps[rows],
-        }
-        if self._held:
-            columns = {name: np.concatenate([self._held[name], new]) for name, new in columns.items()}
-        time, until = columns['time_ns'], columns['until_ns']
-        following = np.append(time[1:], time[-1:] if end_ns is None else [end_ns])[: time.size]
-        out = max(time.size - (not final), 0)
-        self._held = {name: column[out:].copy() for name, column in columns.items()}
+        out = made if final else max(made - 1, 0)
+        columns: dict[str, Any] = {name: column[:out].copy() for name, column in self._points.items()}
+        time, following = columns['time_ns'], self._points['time_ns'][1:made]
+        if final and made:
+            following = np.append(following, time[-1] if end_ns is None else end_ns)
         # Where the clock jumps back it is unknown how long the point counted.
-        columns['until_ns'] = np.maximum(time, np.minimum(np.maximum(following, time), until))
-        columns = {name: column[:out] for name, column in columns.items()}
-        kinds = stream.inputs.astype(np.int64) * len(Status) + status
-        counts = np.bincount(kinds, minlength=len(Input) * len(Status))
+        columns['until_ns'] = np.maximum(time, np.minimum(np.maximum(following, time), columns['until_ns']))
+        if self.config.level is None:
+            columns['measured'] = None
+        self._hold(made, made - out)
         self._taken += size
+        status, now_ns = noted
+        kinds = np.bincount(stream.inputs * len(Status) + status, minlength=len(Input) * len(Status))
         return Scan(
             self.config,
             self.settings,
-            **(columns if has_level else columns | {'measured': None}),
+            **columns,
             events=events,
             at=at,
-            now_ns=now,
+            now_ns=now_ns,
             status=status,
-            counts=counts.reshape(len(Input), len(Status)),
-            unknown=self._standing(self.state, None).unknown,
+            counts=kinds.reshape(len(Input), len(Status)),
+            unknown=Standing(self.config, self.settings, self.state).unknown,
         )
 
     def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
         """Take samples without verdicts; the memory and the latest point after so many of them, rising."""
-        notes, points = self._room(stream)
-        kept: list[State] = []
-        self._run(stream, notes, points, ends, kept)
-        self._taken += stream.time_ns.size
-        made = np.flatnonzero(notes[:, POINT])
-        latest = np.searchsorted(made, ends) - 1
-        before = self._last
-        if made.size:
-            self._last = points[made[-1]].copy()
-        for state, k in zip(kept, latest.tolist(), strict=True):
-            yield state, before if k < 0 else points[made[k]]
+        size = stream.time_ns.size
+        made, _, kept = self._run(stream, (np.empty(size, np.int8), np.empty(size, np.int64)), ends)
+        for state, count in kept:
+            yield state, self._point(count)
+        self._hold(made, min(made, 1))
+        self._taken += size
 
-    def _room(self, stream: Stream) -> tuple[IntArray, FloatArray]:
-        """Where the rule notes what became of each sample, and the points."""
-        size, numbers = stream.time_ns.size, 2 if self.config.belief is None else 5
-        # Each column in one piece: they are taken one by one.
-        return np.zeros((7, size), np.int64).T, np.zeros((numbers, size)).T
+    def _point(self, count: int) -> FloatArray | None:
+        """The latest of so many points: speed, load and chances."""
+        if not count:
+            return None
+        speed, load, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'chances'))
+        return np.array([speed, load, *chances])
+
+    def _hold(self, made: int, held: int) -> None:
+        """Keep the last point for the next block, or none."""
+        if held:
+            for column in self._points.values():
+                column[0] = column[made - 1]
+        self._held = held
+
+    def _room(self, size: int) -> tuple[tuple[Any, ...], Any]:
+        """The columns of the points, with room for so many beside the one that is held back."""
+        if not self._points or self._points['time_ns'].size <= size:
+            numbers, before = 0 if self.config.belief is None else 3, self._points
+            self._points = {name: np.empty(size + 1, kind) for name, kind in _POINT.items()}
+            self._points['chances'] = np.empty((size + 1, numbers))
+            for name, column in before.items():
+                self._points[name][:1] = column[:1]
+        *columns, chances = self._points.values()
+        return tuple(columns), chances
 
     def _run(
-        self,
-        stream: Stream,
-        notes: IntArray,
-        points: FloatArray,
-        ends: Sequence[int] = (),
-        kept: list[State] | None = None,
-    ) -> list[tuple[IntArray, State]]:
-        """Run the rule over a block; the changes of the alarm, with the memory at each.
+        self, stream: Stream, noted: tuple[NDArray[np.int8], IntArray], ends: Sequence[int] = ()
+    ) -> tuple[int, list[tuple[IntArray, State]], list[tuple[State, int]]]:
+        """Run the rule over a block.
 
-        The memory after so many samples as ``ends`` says is added to what is ``kept``.
+        Returns:
+            How many points there are, the changes of the alarm with the memory at each, and the memory and
+            the number of points after so many samples as ``ends`` says.
         """
         settings = self.settings
-        size = stream.time_ns.size
+        size, points, made = stream.time_ns.size, self._room(stream.time_ns.size), self._held
         long = self._long
         if long is None:
             long = self._taken + size >= LONG and jit.has_compiler()
@@ -324,29 +331,27 @@ class BearingScan:
             loop, states = run, [self.state]
             given = [settings.live], settings.model
             columns = tuple(column.tolist() for column in columns)
-        changes, begin, count = list[tuple[IntArray, State]](), 0, 1
+        rows = np.empty((_CHANGES, 6), np.int64)
+        room: Any = np.empty(_CHANGES, STATE_TYPE) if long else _Snapshots([self.state] * _CHANGES)
+        changes, kept, begin = list[tuple[IntArray, State]](), list[tuple[State, int]](), 0
         for end in (*ends, size):
             while begin < end:
-                if count:
-                    rows = np.zeros((_CHANGES, 5), np.int64)
-                    room: Any = (
-                        np.zeros(_CHANGES, STATE_TYPE) if long else _Snapshots([self.state] * _CHANGES)
-                    )
-                begin, count = loop(states, *given, columns, begin, end, notes, points, rows, room)
+                span = self._taken, begin, end
+                begin, count, made = loop(states, *given, columns, span, noted, points, made, rows, room)
                 state = states.view(np.recarray)[0] if long else self.state
                 if rule.amplitude_due(state, settings.live):
                     size_cycle(self.config, state)
                 for k in range(count):
-                    changes.append((rows[k], State.of_row(room[k]) if long else room[k]))
-            if kept is not None and len(kept) < len(ends):
-                kept.append(State.of_row(states[0]) if long else self.state.copy())
+                    changes.append((rows[k].copy(), State.of_row(room[k]) if long else room[k]))
+            if len(kept) < len(ends):
+                kept.append((State.of_row(states[0]) if long else self.state.copy(), made))
         if long:
             self.state = State.of_row(states[0])
-        return changes
+        return made, changes, kept
 
-    def _standing(self, state: State, point: FloatArray | None) -> Standing:
-        """The bearing with a memory, and the operating point that led to it."""
-        standing = Standing(self.config, self.settings, state)
+    def _standing(self, state: State, count: int) -> Standing:
+        """The bearing with a memory, after so many operating points."""
+        standing, point = Standing(self.config, self.settings, state), self._point(count)
         if point is not None:
             standing.judge(point.tolist())
         return standing
