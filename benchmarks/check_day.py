@@ -27,8 +27,7 @@ from stickslip_monitor.bags.writer import BagWriter
 from stickslip_monitor.commands.check import to_text
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.offline.check import check_recording
-from stickslip_monitor.offline.check_records import to_json
+from stickslip_monitor.offline.check import check_recording, to_json
 from stickslip_monitor.offline.clips import ClipFolder, ClipWriter
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 

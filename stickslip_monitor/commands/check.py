@@ -280,8 +280,7 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
         bag: The recording.
         progress: Called with what is being done, and how much of how much of it is done.
     """
-    from stickslip_monitor.offline.check import Kept, check_recording
-    from stickslip_monitor.offline.check_records import to_json
+    from stickslip_monitor.offline.check import Kept, check_recording, to_json
 
     sinks: list[StretchSink] = []
     kept, clips = Kept(), None

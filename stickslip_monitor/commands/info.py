@@ -16,7 +16,7 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
-from stickslip_monitor.offline.check_records import bag_record
+from stickslip_monitor.offline.check import bag_record
 from stickslip_monitor.report.summary import date, is_dated, minute
 
 SCHEMA = 'stickslip_monitor/info/1'

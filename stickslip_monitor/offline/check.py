@@ -3,7 +3,8 @@
 
 Each stretch of a recording goes once through the rule. What comes of it is added up here, and
 handed to sinks, which write messages or clips or keep what they need; so memory does not grow with
-the recording unless a sink's does.
+the recording unless a sink's does. :func:`to_json` makes the record of it, from which JSON, text and
+report are made.
 """
 
 from __future__ import annotations
@@ -15,23 +16,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor import jit
-from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.bags.log_times import LogTimes
 from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.assessment import REGIMES, Assessments, Regime
+from stickslip_monitor.monitor.assessment import REGIMES, Regime
+from stickslip_monitor.monitor.messages import event_record, number
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, joined
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
-from stickslip_monitor.offline.extremes import Extreme, Outline, Outliner, Worst, heaviest, regime_codes
+from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
 from stickslip_monitor.offline.input_report import COARSE, InputCheck, InputReport, Plausibility, bound_to
 
+SCHEMA = 'stickslip_monitor/check/2'
 _NONE = np.empty(0, np.int64)
 _NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())
 _SILENCE = Stream(_NONE, np.empty(0, np.int8), np.empty(0))
@@ -173,11 +174,9 @@ class _BearingCheck:
         self._outliner = Outliner(config) if outlined else None
         self._inputs = [InputCheck(config, k, text) for k, text in enumerate(absent)]
         self._plausibility = Plausibility(config)
-        self._worst = Worst()
-        self._heaviest: Assessments | None = None
+        self._extremes = Extremes()
         self._events: list[Event] = []
         self._evaluations = 0
-        self._lasting_ns = np.zeros(len(REGIMES), np.int64)
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
     def take(self, part: Mapping[Request, Series], start_ns: int | None) -> Heard:
@@ -204,13 +203,9 @@ class _BearingCheck:
         self._events += scan.events
         self._evaluations += scan.time_ns.size
         self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).stability_limit)
-        if scan.time_ns.size:
-            self._heaviest = heaviest(scan, self._heaviest)
-            codes = regime_codes(scan, self._heaviest)
-            self._worst.take(scan, self._heaviest, codes)
-            self._lasting_ns += _lasting_ns(scan, codes, REGIMES)
+        self._extremes.take(scan)
         if scan.measured is not None:
-            self._measured_ns += _lasting_ns(scan, scan.measured, MEASURED)
+            self._measured_ns += lasting_ns(scan.measured, scan.until_ns - scan.time_ns, len(MEASURED))
         if self._outliner is not None:
             self._outliner.take(scan)
 
@@ -218,10 +213,11 @@ class _BearingCheck:
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]], clock: str
     ) -> BearingReport:
         """The complaints about the whole recording, with the faults of messages and clock."""
-        seconds = dict(zip(REGIMES, (self._lasting_ns * 1e-9).tolist(), strict=True))
-        silent_ns = max(0, span.length_ns - int(self._lasting_ns.sum()))
+        known_ns = self._extremes.lasting_ns
+        seconds = dict(zip(REGIMES, (known_ns * 1e-9).tolist(), strict=True))
+        silent_ns = max(0, span.length_ns - int(known_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
-        nearest = self._worst.found.get('fold_margin')
+        nearest = self._extremes.found.get('fold_margin')
         asked = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
         if self._end.unknown is not None:
             asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
@@ -231,7 +227,7 @@ class _BearingCheck:
             self._events,
             self._evaluations,
             seconds,
-            self._worst.found,
+            self._extremes.found,
             tuple(
                 each.report(
                     () if request is None else faults[request], tuple(asked.get(each.quantity, ())), clock
@@ -241,13 +237,6 @@ class _BearingCheck:
             None if self.config.level is None else dict(measured),
             None if self._outliner is None else self._outliner.outline(),
         )
-
-
-def _lasting_ns(scan: Scan, codes: NDArray[np.int8], kinds: Sequence[Any]) -> IntArray:
-    """The time of each kind [ns]."""
-    # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
-    totals = np.bincount(codes, scan.until_ns - scan.time_ns, minlength=len(kinds))
-    return totals.astype(np.int64)
 
 
 def is_long(bag: Recording, config: MonitorConfig) -> bool:
@@ -327,3 +316,77 @@ class Kept(StretchSink):
     def scan(self, name: str) -> Scan:
         """The verdicts on a bearing."""
         return joined([part.bearings[name].scan for part in self._parts])
+
+
+def to_json(report: CheckReport) -> dict[str, Any]:
+    """The report as a JSON object."""
+    return {
+        'schema': SCHEMA,
+        **bag_record(report.bag),
+        'complete': report.complete,
+        'bearings': {name: _bearing_record(item) for name, item in report.bearings.items()},
+    }
+
+
+def bag_record(bag: Recording) -> dict[str, Any]:
+    """What a recording holds, whatever it is checked for."""
+    start, end = bag.start_ns, bag.end_ns
+    return {
+        'path': str(bag.path),
+        'start': start,
+        'end': end,
+        'duration': None if start is None or end is None else (end - start) * 1e-9,
+        'messages': bag.message_count,
+        'topics': {
+            name: {'type': topic.type, 'messages': topic.count, 'problem': topic.problem or None}
+            for name, topic in bag.topics.items()
+        },
+        'cuts': [
+            {'file': str(cut.path), 'offset': cut.offset, 'size': cut.size, 'text': cut.text}
+            for cut in bag.cuts
+        ],
+        'warnings': list(bag.warnings),
+    }
+
+
+def _bearing_record(item: BearingReport) -> dict[str, Any]:
+    return {
+        'events': [event_record(event) for event in item.events],
+        'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
+        'worst': {
+            name: {'time': extreme.time_ns, 'value': number(extreme.value)}
+            | {
+                k: number(getattr(extreme.point, k))
+                for k in ('speed', 'load', 'amplitude_exact')
+                if k != 'amplitude_exact' or name == 'amplitude'
+            }
+            for name, extreme in item.worst.items()
+        },
+        **({} if item.measured is None else {'measured': item.measured}),
+        'evaluations': item.evaluations,
+        'data': item.complaints,
+        'inputs': {each.quantity: _input(each) for each in item.inputs},
+    }
+
+
+def _input(item: InputReport) -> dict[str, Any]:
+    return {
+        'topic': item.topic,
+        **({'assumed': True} if item.is_assumed else {}),
+        'messages': item.messages,
+        'used': item.used,
+        'without_value': item.without_value,
+        'share': item.used / item.messages if item.messages else None,
+        'span': [number(value) for value in item.span],
+        'si_span': [number(value) for value in item.si_span],
+        'values': item.values,
+        'rate': number(item.gaps.rate),
+        'gaps': item.gaps.count,
+        'longest_gaps': [{'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest],
+        'source_faults': [
+            {'fault': fault.kind.value, 'since': fault.since_ns, 'raised': fault.raised_ns}
+            for fault in item.sources
+        ],
+        'questions': list(item.questions),
+        'fault': item.fault or None,
+    }

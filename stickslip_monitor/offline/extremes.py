@@ -26,6 +26,7 @@ _MOST = 600
 _HEAVIER = 1.1
 _MARGINS = 'hopf_margin', 'fold_margin'
 _STABLE, _BISTABLE, _UNSTABLE = map(REGIMES.index, (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE))
+_NO_CODES = np.empty(0, np.int8)
 _SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])
 
 
@@ -241,75 +242,89 @@ class Extreme:
     point: Assessment
 
 
-def heaviest(scan: Scan, known: Assessments | None) -> Assessments:
-    """A point at least as heavy as some, that known or one of these, if not much heavier.
+class Extremes:
+    """The time in each regime, the least margins, and the greatest amplitude while stick-slip is predicted.
 
-    No boundary of these is higher than its boundaries. They rise with the load but for the exact fold,
-    which may fall again: here it is the highest of any load up to this.
-    """
-    most = scan.load.max()
-    if known is not None and most <= known.load[0] <= _HEAVIER * most:
-        return known
-    top = scan.assessed(np.array([scan.load.argmax()]))
-    highest: Any = known_table(top.bearing).highest_exact(top.load)
-    return replace(top, exact_fold_speed=highest)
-
-
-def regime_codes(scan: Scan, top: Assessments) -> NDArray[np.int8]:
-    """The regime of each point, of which the heaviest is known: an index into REGIMES, shape (n,)."""
-    size = np.abs(scan.speed)
-    # Beyond the highest boundaries a point is stable; but an exact fold that is not known has no end.
-    limit = COVER * np.fmax.reduce((top.hopf_speed, top.fold_speed, top.exact_fold_speed))
-    rows = np.flatnonzero(size <= np.where(np.isnan(top.exact_fold_speed), np.inf, limit))
-    codes = np.full(size.size, _STABLE, np.int8)
-    if rows.size:
-        codes[rows] = scan.assessed(rows).regime_code
-    return codes
-
-
-class Worst:
-    """The least Hopf and fold margin, and the greatest amplitude while stick-slip is predicted.
+    Few points are worked out: those that may lie below a boundary, or have a lower margin than is known.
 
     Attributes:
-        found: The moments by name; a quantity that never had a value is absent.
+        lasting_ns: How long each of :data:`REGIMES` lasted [ns].
+        found: The worst moments by name; a quantity that never had a value is absent.
     """
 
     def __init__(self) -> None:
+        self.lasting_ns = np.zeros(len(REGIMES), np.int64)
         self.found: dict[str, Extreme] = {}
+        self._top: Assessments | None = None
 
-    def take(self, scan: Scan, top: Assessments, codes: NDArray[np.int8]) -> None:
-        """Take the next verdicts on one bearing, of which the heaviest and the regimes are known."""
-        # At rest nothing slides: its margin of -1 would be the worst of every voyage.
-        turning = np.flatnonzero(scan.speed)
-        size = np.abs(scan.speed[turning])
-        if turning.size and len(self.found) < len(_MARGINS):
-            self._take(scan, turning[[size.argmin()]], *_MARGINS)
-        known = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
-        # Only a speed this low can have a lower margin; nan, and so none, without a boundary.
-        ends = zip(known, (top.hopf_speed, top.stability_limit), strict=True)
-        most = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
-        self._take(scan, turning[size <= most], *_MARGINS)
+    def take(self, scan: Scan) -> None:
+        """Take the next verdicts on one bearing, of n points."""
+        if not scan.time_ns.size:
+            return
+        size, top = np.abs(scan.speed), self._heaviest(scan)
+        # Beyond the highest boundaries a point is stable; but an exact fold that is not known has no end.
+        limit = COVER * np.fmax.reduce((top.hopf_speed, top.fold_speed, top.exact_fold_speed))
+        rows = np.flatnonzero(size <= np.where(np.isnan(top.exact_fold_speed), np.inf, limit))
+        codes = scan.assessed(rows).regime_code if rows.size else _NO_CODES
+        lasting = scan.until_ns - scan.time_ns
+        own = lasting_ns(codes, lasting[rows], len(REGIMES))
+        own[_STABLE] += lasting.sum() - own.sum()
+        self.lasting_ns += own
+        self._take_margins(scan, size, top)
         # One that dies out beyond the fold has no amplitude any more.
-        rows = np.flatnonzero(scan.sticking & ((codes == _BISTABLE) | (codes == _UNSTABLE)))
+        rows = rows[scan.sticking[rows] & ((codes == _BISTABLE) | (codes == _UNSTABLE))]
         if rows.size:
-            rows = rows[_outermost(np.abs(scan.speed[rows]), scan.load[rows])]
-            self._take(scan, rows, 'amplitude')
+            self._take(scan, rows[_outermost(size[rows], scan.load[rows])], 'amplitude')
+
+    def _heaviest(self, scan: Scan) -> Assessments:
+        """A point at least as heavy as some, that known or one of these, if not much heavier.
+
+        No boundary of these is higher than its boundaries. They rise with the load but for the exact fold,
+        which may fall again: here it is the highest of any load up to this.
+        """
+        most = scan.load.max()
+        if self._top is None or not most <= self._top.load[0] <= _HEAVIER * most:
+            top = scan.assessed(np.array([scan.load.argmax()]))
+            highest: Any = known_table(top.bearing).highest_exact(top.load)
+            self._top = replace(top, exact_fold_speed=highest)
+        return self._top
+
+    def _take_margins(self, scan: Scan, size: FloatArray, top: Assessments) -> None:
+        """Take the margins of the points that turn, of which the heaviest is known.
+
+        At rest nothing slides: its margin of -1 would be the worst of every voyage.
+        """
+        rows = np.flatnonzero(size <= self._slow(top))
+        rows = rows[size[rows] > 0.0]
+        if rows.size:
+            # With the margins of the slowest few others can have a lower one.
+            self._take(scan, rows[[size[rows].argmin()]], *_MARGINS)
+            self._take(scan, rows[size[rows] <= self._slow(top)], *_MARGINS)
+
+    def _slow(self, top: Assessments) -> FloatArray:
+        """The highest speed at which a margin may be lower than is known; nan without a boundary [m/s]."""
+        known = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
+        ends = zip(known, (top.hopf_speed, top.stability_limit), strict=True)
+        slow: FloatArray = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
+        return slow
 
     def _take(self, scan: Scan, rows: IndexArray, *names: str) -> None:
         """Take some rows; the least margin is the worst, and the greatest amplitude."""
-        if not rows.size:
-            return
         points = scan.assessed(rows)
         for name in names:
-            self._keep(name, scan.time_ns[rows], points, -1 if name == 'amplitude' else 1)
+            sign = -1 if name == 'amplitude' else 1
+            values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
+            if name == 'fold_margin':
+                # Of Coulomb's law averaging has no fold, and the exact model has one.
+                values = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, values)
+            badness = np.where(np.isfinite(values), sign * values, np.inf)
+            least = sign * self.found[name].value if name in self.found else math.inf
+            if badness.min(initial=math.inf) < least:
+                i = int(badness.argmin())
+                self.found[name] = Extreme(int(scan.time_ns[rows[i]]), float(values[i]), points.at(i))
 
-    def _keep(self, name: str, time_ns: IntArray, points: Assessments, sign: int) -> None:
-        values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
-        if name == 'fold_margin':
-            # Of Coulomb's law averaging has no fold, and the exact model has one.
-            values = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, values)
-        badness = np.where(np.isfinite(values), sign * values, np.inf)
-        least = sign * self.found[name].value if name in self.found else math.inf
-        if badness.min(initial=math.inf) < least:
-            i = int(badness.argmin())
-            self.found[name] = Extreme(int(time_ns[i]), float(values[i]), points.at(i))
+
+def lasting_ns(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:
+    """The time of each of some kinds, from the kind and the time of each point [ns]."""
+    # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
+    return np.bincount(codes, lasting, minlength=kinds).astype(np.int64)

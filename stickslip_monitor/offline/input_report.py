@@ -55,74 +55,79 @@ class Gap:
 
 
 class Gaps:
-    """The rhythm of a topic, and the intervals between its messages longer than a limit [ns].
+    """The rhythm of a topic: the intervals between its stamps, and how its log times go on.
 
     Attributes:
-        count: How many intervals are longer.
+        count: How many intervals are longer than a limit [ns].
         longest: Of these, longest first, at most five.
         usual: The interval that is usual where it begins [s]; nan for fewer than two messages.
     """
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
-        self._last = np.empty(0, np.int64)
-        self.count = self._regular = self._passed_ns = 0
+        # Messages, and times among their log times; the latest stamp and log time.
+        self._messages = self._times = 0
+        self._stamp_ns = self._log_ns = 0
+        self._regular = self._regular_ns = self._log_passed_ns = 0
+        self._run = self._longest_run = 0
+        self.count = 0
         self.longest: list[Gap] = []
         self.usual = math.nan
 
-    def take(self, stamp_ns: IntArray) -> None:
-        """Take some stamps in order of arrival, shape (n,) [ns]; steps back count as no time."""
-        stamp_ns = np.append(self._last, stamp_ns)
-        self._last = stamp_ns[-1:].copy()
-        interval = np.diff(stamp_ns)
+    def take(self, stamp_ns: IntArray, log_time_ns: IntArray) -> None:
+        """Take some stamps and log times in order of arrival, shape (n,) [ns]; steps back are no time."""
+        if not stamp_ns.size:
+            return
+        first = int(not self._messages)
+        step = np.diff(stamp_ns, prepend=stamp_ns[0] - 1 if first else self._stamp_ns)
+        self._take_intervals(stamp_ns, step[first:])
+        if log_time_ns is not stamp_ns:
+            step = np.diff(log_time_ns, prepend=log_time_ns[0] - 1 if first else self._log_ns)
+        self._take_log(step, first)
+        self._messages += stamp_ns.size
+        self._stamp_ns, self._log_ns = int(stamp_ns[-1]), int(log_time_ns[-1])
+
+    def _take_intervals(self, stamp_ns: IntArray, interval: IntArray) -> None:
         if self.usual != self.usual and (interval > 0).any():
             self.usual = float(np.median(interval[interval > 0])) * 1e-9
         long = np.flatnonzero(interval > self._limit_ns)
         lasting_ns = interval[long]
         self.count += long.size
         self._regular += interval.size - long.size
-        self._passed_ns += int(np.maximum(interval, 0).sum() - lasting_ns.sum())
-        order = long[np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]]
-        found = [Gap(int(stamp_ns[k]), float(interval[k] / 1e9)) for k in order]
+        self._regular_ns += _passed(interval) - int(lasting_ns.sum())
+        begins = stamp_ns[long + stamp_ns.size - interval.size] - lasting_ns
+        order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
+        found = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
         self.longest = sorted([*self.longest, *found], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
+
+    def _take_log(self, step: IntArray, first: int) -> None:
+        self._log_passed_ns += _passed(step[first:])
+        self._times += int(np.count_nonzero(step))
+        runs = np.array([self._run, 1])
+        if not step.all():
+            runs = np.diff(np.flatnonzero(step), prepend=-self._run, append=step.size)
+        self._longest_run, self._run = max(self._longest_run, int(runs.max())), int(runs[-1])
 
     @property
     def rate(self) -> float:
         """Messages a second between the gaps [1/s]; nan for fewer than two."""
-        passed = float(self._passed_ns) * 1e-9
+        passed = float(self._regular_ns) * 1e-9
         return self._regular / passed if passed > 0.0 else math.nan
 
-
-class TimePassed:
-    """How much time passes by the log times of a topic, and whether it stands still on the way."""
-
-    def __init__(self) -> None:
-        self._last_ns, self._count, self._times, self._passed_ns = -1, 0, 0, 0
-        self._run = self._longest = 0
-
-    def take(self, log_time_ns: IntArray) -> None:
-        """Take some log times in order of arrival, shape (n,) [ns]."""
-        if not log_time_ns.size:
-            return
-        step = np.diff(log_time_ns, prepend=self._last_ns if self._count else log_time_ns[0] - 1)
-        self._passed_ns += int(np.maximum(step[int(not self._count) :], 0).sum())
-        moves = np.flatnonzero(step)
-        runs = np.diff(np.concatenate([[-self._run], moves, [step.size]]))
-        self._longest, self._run = max(self._longest, int(runs.max())), int(runs[-1])
-        self._count += step.size
-        self._times += moves.size
-        self._last_ns = int(log_time_ns[-1])
-
-    def fault(self, topic: str) -> str:
-        """Why messages say nothing for want of time between them; '' where they have it."""
+    def crowd(self, topic: str) -> str:
+        """Why messages say nothing for want of time between their log times; '' where they have it."""
+        count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
-        if self._count > _CROWD and self._count > _CROWD_RATE * self._passed_ns * 1e-9:
-            return f'{self._count} messages on {topic} have hardly any time between them: {remedy}'
-        if self._longest > _CROWD and self._longest * self._times > _STANDS * self._count:
-            return (
-                f'{self._longest} messages on {topic} in a row have one time: nothing is predicted from them'
-            )
+        if count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9:
+            return f'{count} messages on {topic} have hardly any time between them: {remedy}'
+        if longest > _CROWD and longest * self._times > _STANDS * count:
+            return f'{longest} messages on {topic} in a row have one time: nothing is predicted from them'
         return ''
+
+
+def _passed(interval: IntArray) -> int:
+    """The time of some intervals, of which those back are none [ns]."""
+    return int(interval.sum() - interval[interval < 0].sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +167,7 @@ class InputCheck:
         self._source = config.inputs[self.quantity]
         self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
-        self._gaps, self._passed = Gaps(self._source.timeout_ns), TimePassed()
+        self._gaps = Gaps(self._source.timeout_ns)
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
@@ -173,12 +178,11 @@ class InputCheck:
         self._messages += series.value.size
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
-        self._gaps.take(series.stamp_ns)
-        self._passed.take(series.log_time_ns)
+        self._gaps.take(series.stamp_ns, series.log_time_ns)
         self._counts += scan.counts[self._place]
-        valid, value, arrival_ns = scan.status == Status.ACCEPTED, series.value, series.log_time_ns
-        if not valid.all():
-            own = valid & (stream.inputs == self._place)
+        value, arrival_ns = series.value, series.log_time_ns
+        if scan.counts[self._place, Status.ACCEPTED] < value.size:
+            own = (scan.status == Status.ACCEPTED) & (stream.inputs == self._place)
             value, arrival_ns = stream.value[own], stream.arrival_ns[own]
         # A level that jumps between two values is what is looked for, and no fault.
         if self._place != LEVEL:
@@ -234,7 +238,7 @@ class InputCheck:
             fault=clock or self._fault(),
             values=self._values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
-            crowd=self._passed.fault(self._source.topic),
+            crowd=self._gaps.crowd(self._source.topic),
         )
 
     def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:
@@ -288,18 +292,18 @@ class Plausibility:
     def take(self, speed: FloatArray, load: FloatArray, limit: Callable[[IndexArray], FloatArray]) -> None:
         """Take some points, shape (n,) [m/s] and [N], and what works out the greater fold of some."""
         speed = np.abs(speed)
-        turns, loaded = speed > 0.0, load > 0.0
+        turns = speed > 0.0
         self._count += speed.size
         self._fastest = float(speed.max(initial=self._fastest))
         self._heaviest = float(load.max(initial=self._heaviest))
         self._moving += int(np.count_nonzero(turns))
-        if not loaded.all():
+        if load.min(initial=math.inf) <= 0.0:
             self._negative += int(np.count_nonzero(load < 0.0))
             self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
-            turns &= loaded
-        self._loads += _by_size(load[turns])
-        rows = np.flatnonzero(turns)
-        if rows.size:
+            turns &= load > 0.0
+        self._loads += _by_size(load if turns.all() else load[turns])
+        if self._most < 1.0 / FACTOR and turns.any():
+            rows = np.flatnonzero(turns)
             # As a rule the fastest is fast enough, and no more is to be worked out.
             for some in (rows[speed[rows].argmax()][None], rows):
                 if self._most < 1.0 / FACTOR:

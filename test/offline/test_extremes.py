@@ -3,25 +3,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from sending import change
 from shared import LAWS
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.monitor.assessment import assess
+from stickslip_monitor.monitor.assessment import REGIMES, assess
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import (
     ConditionInterval,
-    Worst,
+    Extremes,
     coarsened,
     condition_intervals,
-    heaviest,
-    regime_codes,
     together,
 )
 from stickslip_monitor.physics.bearing import Bearing
@@ -73,24 +73,31 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
 
 
 def _scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
-    """Points of a recording, with what the least margins and the regimes ask of them."""
+    """Points of a recording, of which each lasts twice as long as the one before."""
     return SimpleNamespace(
         speed=speed,
         load=load,
-        time_ns=np.arange(speed.size),
+        time_ns=np.zeros(speed.size, np.int64),
+        until_ns=1 << np.arange(speed.size) % 40,
         sticking=np.zeros(speed.size, bool),
         assessed=lambda rows: assess(bearing, speed[rows], load[rows], table=known_table(bearing)),
     )
+
+
+def _times(scan: Any, codes: NDArray[np.int8]) -> list[int]:
+    """The time in each regime, by what each point is alone."""
+    return [int(scan.until_ns[codes == code].sum()) for code in range(len(REGIMES))]
 
 
 def test_a_lighter_point_may_have_the_higher_fold() -> None:
     """Friction that rises again makes the exact fold fall from 5.5 to 5.1 m/s, by the solver itself."""
     bearing = Bearing(5.9, 43.5, 3.67e5, Stretched(0.372, 0.0866, 97.8, 0.0071, 1.77), 0.3)
     speed, load = np.array([5.4, 5.4]), np.array([8.0e4, 1.2e5])
-    scan = _scan(bearing, speed, load)
+    scan, extremes = _scan(bearing, speed, load), Extremes()
     alone = assess(bearing, speed, load)
     assert alone.regime.tolist() == ['bistable', 'stable']
-    np.testing.assert_array_equal(regime_codes(scan, heaviest(scan, None)), alone.regime_code)
+    extremes.take(scan)
+    assert extremes.lasting_ns.tolist() == _times(scan, alone.regime_code)
 
 
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
@@ -98,21 +105,19 @@ def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: F
     """Beside the assessment of every point, in parts of which each begins with what is known."""
     bearing, rng = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.random.default_rng(1)
     load = rng.uniform(-50.0, 1000.0, (5, 400)) * np.array([[1.0], [1.2], [5.0], [0.5], [0.9]])
-    table, worst, top = known_table(bearing), Worst(), None
+    table, extremes = known_table(bearing), Extremes()
     # Most about the highest boundary of their part, some at rest.
     limit = np.nan_to_num(assess(bearing, 0.1, load, table=table).stability_limit, posinf=0.0).max(1)
     speed = rng.choice([-1.0, 0.0, 1.0, 1.0], load.shape) * rng.uniform(0.6, 1.1, load.shape)
     speed *= np.where(limit > 0.0, limit, 0.1)[:, None]
-    for number in range(len(load)):
-        scan = _scan(bearing, speed[number], load[number])
-        points = scan.assessed(slice(None))
-        top = heaviest(scan, top)
-        codes = regime_codes(scan, top)
-        np.testing.assert_array_equal(codes, points.regime_code)
-        worst.take(scan, top, codes)
+    for scan in map(partial(_scan, bearing), speed, load):
+        before = extremes.lasting_ns.copy()
+        extremes.take(scan)
+        codes = scan.assessed(slice(None)).regime_code
+        assert (extremes.lasting_ns - before).tolist() == _times(scan, codes)
     points = assess(bearing, speed, load, table=table)
     fold = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, points.fold_margin)
     for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', fold)):
         known = margins[(speed != 0.0) & np.isfinite(margins)]
-        found = [worst.found[name].value] if name in worst.found else []
+        found = [extremes.found[name].value] if name in extremes.found else []
         assert found == ([known.min()] if known.size else [])

@@ -24,8 +24,7 @@ from stickslip_monitor.monitor.messages import BearingState, diagnostic_record, 
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.verdict import Event, Verdict
-from stickslip_monitor.offline.check import CheckReport, Kept, check_recording
-from stickslip_monitor.offline.check_records import to_json
+from stickslip_monitor.offline.check import CheckReport, Kept, check_recording, to_json
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 
 NS, START = 10**9, 1_777_874_400 * 10**9

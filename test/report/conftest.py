@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
 import pytest
 from sending import points
 from shared import CONFIG as REFERENCE_FILE
@@ -15,7 +14,7 @@ from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import REGIMES
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import BearingReport
-from stickslip_monitor.offline.extremes import Worst, condition_intervals, heaviest
+from stickslip_monitor.offline.extremes import Extremes, condition_intervals
 from stickslip_monitor.report.summary import Course
 
 CONFIG = load_config(REFERENCE_FILE)
@@ -29,15 +28,11 @@ def course() -> Callable[..., Course]:
         stream = points(speeds, 1000.0, start_ns=START)
         end = START + (len(speeds) if seconds is None else seconds) * 10**9
         scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, end)['aft_stern']
-        lasting = (scan.until_ns - scan.time_ns) * 1e-9
-        codes = np.asarray(scan.assessment.regime_code)
-        totals = {r: float(lasting[codes == i].sum()) for i, r in enumerate(REGIMES)}
-        parts = condition_intervals(scan.events, START, end)
-        worst = Worst()
-        if scan.time_ns.size:
-            worst.take(scan, heaviest(scan, None), codes)
+        parts, extremes = condition_intervals(scan.events, START, end), Extremes()
+        extremes.take(scan)
+        totals = dict(zip(REGIMES, (extremes.lasting_ns * 1e-9).tolist(), strict=True))
         item = BearingReport(
-            'aft_stern', scan.events, scan.time_ns.size, totals, worst.found, (), outline=scan
+            'aft_stern', scan.events, scan.time_ns.size, totals, extremes.found, (), outline=scan
         )
         return Course(CONFIG.bearings[0], item, parts)
 

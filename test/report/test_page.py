@@ -16,8 +16,7 @@ from shared import CONFIG, ROOT, contrast, luminance
 
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
-from stickslip_monitor.offline.check import check_recording
-from stickslip_monitor.offline.check_records import to_json
+from stickslip_monitor.offline.check import check_recording, to_json
 from stickslip_monitor.report.page import (
     MOST_DRAWN,
     MOST_EVENTS,
