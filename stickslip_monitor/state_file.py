@@ -197,34 +197,29 @@ class Background(Generic[T]):
                     self._waiting.append(thing)
 
 
-class StateWriter:
-    """Writes the newest document to a state file in a thread.
-
-    Args:
-        file: The file; locked until :meth:`close`.
+class StateWriter(StateFile):
+    """A state file that is written in a thread, and locked until :meth:`close`.
 
     Raises:
-        RosError: Another node uses it.
-
-    Attributes:
-        path: Of the file.
+        RosError: As of a state file; it is somebody else's, or another node uses it.
     """
 
-    def __init__(self, file: StateFile) -> None:
-        file.check()
-        file.lock()
-        self.path = file.path
-        self.read, self.set_aside = file.read, file.set_aside
-        self._file = file
-        self._writer = Background[Any]('state_file', file.write)
-        self.write = self._writer.put
+    def __init__(self, path: str, name: str = 'state_file', user: str = 'node') -> None:
+        super().__init__(path, name, user)
+        self.check()
+        self.lock()
+        self._writer = Background[Any]('state_file', super().write)
 
     @property
     def fault(self) -> str:
         """Why the newest document is not in the file yet; empty otherwise."""
         return self._writer.fault and f'the alarms are not kept: {self._writer.fault}'
 
+    def write(self, document: Any) -> None:
+        """Have a document written, which must not change any more; the newest of all."""
+        self._writer.put(document)
+
     def close(self, patience: float = 2.0) -> None:
         """Write what is left, unless that takes longer than patience [s], and let others write."""
         self._writer.close(patience)
-        self._file.unlock()
+        self.unlock()

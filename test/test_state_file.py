@@ -74,12 +74,12 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
 
 def test_a_second_node_is_kept_out_until_the_first_has_gone(tmp_path: Path) -> None:
     path = str(tmp_path / 'state.json')
-    first = StateWriter(StateFile(path))
+    first = StateWriter(path)
     with pytest.raises(RosError, match='is in use by another node'):
-        StateWriter(StateFile(path))
+        StateWriter(path)
     first.write(OURS)
     first.close()
-    second = StateWriter(StateFile(path))
+    second = StateWriter(path)
     assert second.read() == OURS
     second.close()
 
@@ -89,7 +89,7 @@ def test_the_file_of_somebody_else_is_left_alone(tmp_path: Path, content: str) -
     path = tmp_path / 'notes.json'
     path.write_text(content)
     with pytest.raises(RosError, match='is no file of stickslip_monitor: it is left alone'):
-        StateWriter(StateFile(str(path)))
+        StateWriter(str(path))
     assert [each.name for each in tmp_path.iterdir()] == ['notes.json']
     assert path.read_text() == content
 
@@ -98,7 +98,7 @@ def test_the_file_of_somebody_else_is_left_alone(tmp_path: Path, content: str) -
 def test_an_empty_or_damaged_one_of_ours_is_taken(tmp_path: Path, content: str) -> None:
     path = tmp_path / 'state.json'
     path.write_text(content)
-    StateWriter(StateFile(str(path))).close()
+    StateWriter(str(path)).close()
 
 
 def test_a_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +114,7 @@ def test_a_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest
         write(file, document)
 
     monkeypatch.setattr(StateFile, 'write', attempt)
-    writer = StateWriter(StateFile(str(tmp_path / 'state.json')))
+    writer = StateWriter(str(tmp_path / 'state.json'))
     writer.write({'time': 1})
     # The third attempt has begun, so the first has been told.
     assert all(tried.acquire(timeout=10.0) for _ in range(3))

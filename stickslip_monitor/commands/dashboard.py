@@ -142,14 +142,14 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         return
     from stickslip_monitor.state_file import StateFile, StateWriter
 
-    file = StateFile(args.log, '--log', 'dashboard')
+    kept = args.log, '--log', 'dashboard'
     try:
-        document = file.read()
+        document = StateFile(*kept).read()
     except AlarmStateError as error:
         raise DashboardError(f"--log '{args.log}' cannot be used: {error}") from error
     if document is not None and (not isinstance(document, dict) or document.get('schema') != LOG_SCHEMA):
         raise DashboardError(f"--log '{args.log}' is a file of something else: it is not touched")
-    writer = StateWriter(file)
+    writer = StateWriter(*kept)
     try:
         yield EventLog(writer)
     finally:

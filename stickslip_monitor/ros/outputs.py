@@ -37,7 +37,7 @@ from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.ros.inputs import definition, message_type
 from stickslip_monitor.ros.other_nodes import RosGraph
-from stickslip_monitor.state_file import Background, StateFile, StateWriter
+from stickslip_monitor.state_file import Background, StateWriter
 
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
@@ -98,7 +98,7 @@ class Configured:
         self._publish(config)
         try:
             if config.state_file:
-                self._kept = StateWriter(StateFile(config.state_file))
+                self._kept = StateWriter(config.state_file)
             self.session = self._session()
         except BaseException:
             self.destroy()

@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import ActionRequest, alarms_record
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
 from stickslip_monitor.monitor.parameter_file import load_config
-from stickslip_monitor.state_file import StateFile, StateWriter
+from stickslip_monitor.state_file import StateWriter
 
 VIEW = BearingView('aft_stern', 190.0, (0.0, 1.0), (0.0, 1.0), {}, 0.1, None, {})
 Happening = Callable[[WatchedMonitor, list[float]], Any]
@@ -249,7 +249,7 @@ def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> Non
 
 def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> None:
     def log() -> tuple[EventLog, StateWriter]:
-        store = StateWriter(StateFile(str(tmp_path / 'log.json'), '--log', 'dashboard'))
+        store = StateWriter(str(tmp_path / 'log.json'), '--log', 'dashboard')
         return EventLog(store), store
 
     first, store = log()
