@@ -200,6 +200,11 @@ def without(begin: float, end: float) -> Spoil:
     return lambda sent: [m for m in sent if not begin <= m.arrival < end]
 
 
+def load_from(time: float) -> Spoil:
+    """The load comes later than the speed [s]."""
+    return of(Input.LOAD, lambda _, m: m if m.stamp >= time else None)
+
+
 def late_by(seconds: Callable[[int], float]) -> Spoil:
     """The speed is measured and comes later [s], by its number."""
     return of(
@@ -512,7 +517,12 @@ def _level_episodes() -> Iterable[Case]:
     level = loud(400.0, high=60.0, low=3.0)
     sent = Sent('ship', 600.0, 1.1, level=level, unit='mm/s', threshold=20.0)
     says = 'Vibration is measured where none is predicted'
-    yield case('a worn bearing sticks where its parameters say caution', sent, ends='caution', says=says)
+    yield case(
+        'a worn bearing sticks where its parameters say caution', sent, onsets=(), ends='caution', says=says
+    )
+    told = {'onsets': (), 'seconds': {'bistable': NEVER}}
+    sent = replace(sent, settings={'tolerance__damping': 0.2})
+    yield case('the same of a bearing with tolerances', sent, **told)
     sent = Sent('viscous', 300.0, 0.9, level=_ringing)
     yield case('a blow that goes on, after one that rang down', sent, onsets=((260.0, 277.0),))
     for what, later, ramp, left, end in (
@@ -601,7 +611,8 @@ def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> No
     kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
     heard.monitor, before = Monitor(case.config, {NAME: State.of_record(kept)}), heard.events
     heard.events, begin = [], 120.0 + pause
-    after = replace(case, share=0.9, end=60.0).messages()
+    heard.events += heard.monitor.advance(round(begin * SECOND))
+    after = replace(case, share=0.9, end=60.0, spoilt=load_from(1.0)).messages()
     heard.take(m._replace(arrival=m.arrival + begin, stamp=m.stamp + begin) for m in after)
     assert before
     assert heard.events == []

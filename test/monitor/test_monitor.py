@@ -403,3 +403,10 @@ def test_no_sentence_says_normal_of_values_within_the_region() -> None:
     assert monitor.bearings['aft'].condition is Condition.NORMAL
     text = monitor.bearings['aft'].text()
     assert text.startswith('aft: Near the stick-slip boundary for less than 4 s: no alarm yet. Now 20 rpm')
+
+
+def test_the_limits_of_whole_numbers_mean_no_value() -> None:
+    """Of 16 and 32 bits, whole, in tenths (NMEA 2000's temperatures) and in quarters (J1939's speeds)."""
+    whole = {2**15 - 1, -(2**15), 2**16 - 1, 2**31 - 1, -(2**31), 2**32 - 1}
+    tenths = {(2**15 - 1) / 10, -(2**15) / 10, (2**16 - 2) / 10 + 0.1}
+    assert {*NO_VALUES} >= whole | tenths | {(2**16 - 1) / 4, (2**16 - 2) / 4}
