@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
 from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
+from stickslip_monitor.tables.dialect import parse_heading, unit_of
 
 NAMES = {
     'std': 'std sigma σ sd stdev uncertainty deviation error',
@@ -28,13 +29,12 @@ _OTHERS = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reib
 _BESIDE = {'standard', 'of', 'the', 'measurement'}
 
 _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
-_UNITS = {unit.lower(): unit for unit in (*SPEED_UNITS, *_LINEAR)}
-_UNITS |= {'ms-1': 'm/s', 'mms-1': 'mm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', '1/s': 'Hz'}
-_UNITS |= dict.fromkeys(('r/min', '1/min', 'rev/min', 'min-1'), 'rpm')
+_UNITS = {'mms-1': 'mm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', 'rads-1': 'rad/s'}
 # By the unit of a coefficient what it is multiplied by.
 _SHARES = {'': 1.0, '-': 1.0, '1': 1.0, 'n/n': 1.0, '%': 0.01, 'percent': 0.01}
 # 'speed [rpm]', 'speed, rpm', 'speed / rpm' or 'v / (m/s)'.
 _HEADING = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]|,\s*(\S+)|\s/\s*\(?([^)]*)\)?)?\s*')
+_BRACKETED = re.compile(r'[\[(]([^\])]*)[\])]')
 # The squares and cubes of what is below are still numbers.
 _TOO_LARGE = 1e30
 # Time and memory of a fit grow with its points; a bench that samples for long averages them.
@@ -77,23 +77,11 @@ def read_curve(
     Raises:
         FitError: The file breaks a rule; the text names file, line, column, value and rule.
     """
-    rows, delimiter = read_table(path, _LARGEST, FitError)
-    if len(rows) > _MOST_POINTS:
-        raise FitError(
-            f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
-            ' the points of equal speed'
-        )
-    if not rows:
-        raise FitError(f'{path} is empty: it must have a line of headings and the points')
-    if len(rows) == 1:
-        raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
-    if len(rows[1].cells) == len(rows[0].cells) and any(map(_speed_unit, rows[1].cells)):
-        rows[:2] = [
-            TableRow(rows[0].line, [f'{a} [{b}]' for a, b in zip(rows[0].cells, rows[1].cells, strict=True)])
-        ]
+    rows, delimiter = _rows(path)
     where = f'{path}, line {rows[0].line}'
     chosen = _choose(where, rows[0].cells, columns or {})
     headings = {quantity: rows[0].cells[index] for quantity, index in chosen.items()}
+    _require_one_decimal_sign(path, rows[1:], chosen.values(), delimiter)
     unit, source = _unit(where, headings['speed'], unit)
     if unit not in _LINEAR and journal_diameter is None:
         raise FitError(
@@ -115,6 +103,25 @@ def read_curve(
     return FrictionCurve(values['speed'] * factor, values['coefficient'], std, lines, unit, source)
 
 
+def _rows(path: str | Path) -> tuple[list[TableRow], str]:
+    """The rows, the headings with their units first, and what separates their cells."""
+    rows, delimiter = read_table(path, _LARGEST, FitError)
+    if len(rows) > _MOST_POINTS:
+        raise FitError(
+            f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
+            ' the points of equal speed'
+        )
+    if not rows:
+        raise FitError(f'{path} is empty: it must have a line of headings and the points')
+    if len(rows) == 1:
+        raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
+    if len(rows[1].cells) == len(rows[0].cells) and any(map(_speed_unit, rows[1].cells)):
+        rows[:2] = [
+            TableRow(rows[0].line, [f'{a} [{b}]' for a, b in zip(rows[0].cells, rows[1].cells, strict=True)])
+        ]
+    return rows, delimiter
+
+
 def _split(heading: str) -> tuple[list[str], str]:
     """The words of a heading in lower case, and its unit as it is written."""
     match = _HEADING.fullmatch(heading)
@@ -122,6 +129,8 @@ def _split(heading: str) -> tuple[list[str], str]:
     words, unit = name.replace('_', ' ').lower().split(), next(filter(None, units), '').strip()
     if not unit and words and (_speed_unit(words[-1]) or words[-1] == '%'):
         return words[:-1], words[-1]  # 'velocity m/s', and a heading that is nothing but a unit
+    if not unit:  # 'speed [rpm] of the shaft'
+        unit = next((text for text in _BRACKETED.findall(heading) if _speed_unit(text) or text == '%'), '')
     if _quantity([unit.lower()]) == 'coefficient':
         unit = ''  # 'Coefficient of friction (COF)'
     return words, unit
@@ -139,7 +148,9 @@ def _quantity(words: Iterable[str]) -> str:
 
 def _speed_unit(text: str) -> str | None:
     """A unit of speed as this program writes it; None for any other text."""
-    return _UNITS.get(re.sub(r'[\s^·⋅]', '', text.lower()))
+    plain = re.sub(r'[\s^·⋅]', '', text.lower())
+    unit = plain if plain in _LINEAR else _UNITS.get(plain) or unit_of(plain)
+    return unit if unit in _LINEAR or unit in SPEED_UNITS else None
 
 
 def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
@@ -156,6 +167,12 @@ def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> 
             raise FitError(
                 f'{where}: no column for the {quantity} among {str(cells)[1:-1]}: name it with'
                 f' --{quantity}-column'
+            )
+    for heading in (cells[index] for index in chosen.values()):
+        if parse_heading(heading).unit == heading.strip() and unit_of(heading) is None:
+            raise FitError(
+                f"{where}, column '{heading}': whether the numbers are to be multiplied or divided by the"
+                ' factor is not said: write the numbers themselves'
             )
     if 'std' in chosen and 'weight' in chosen:
         del chosen['weight' if asked['weight'] is None else 'std']
@@ -189,9 +206,8 @@ def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
     written = _split(heading)[1]
     unit = _speed_unit(written)
     if written and unit is None:
-        raise FitError(
-            f"{where}, column '{heading}': unit '{written}' must be one of {', '.join(SPEED_UNITS)}"
-        )
+        known = ', '.join(dict.fromkeys((*SPEED_UNITS, *_LINEAR)))
+        raise FitError(f"{where}, column '{heading}': unit '{written}' must be one of {known}")
     if asked is not None and unit is not None and asked != unit:
         raise FitError(
             f"{where}, column '{heading}' is in {unit}, and --speed-unit says {asked}: they must agree"
@@ -209,6 +225,19 @@ def _share(where: str, heading: str) -> float:
             f"{where}, column '{heading}': unit '{unit}' must be %, or none: a coefficient is force over load"
         )
     return _SHARES[unit]
+
+
+def _require_one_decimal_sign(
+    path: str | Path, rows: Sequence[TableRow], columns: Iterable[int], delimiter: str
+) -> None:
+    """Refuse points beside commas: '1.200' is 1200 where 0.15 is written '0,15'."""
+    cells = [(row.line, row.cells[k]) for row in rows for k in columns if k < len(row.cells)]
+    point, comma = (next((cell for cell in cells if sign in cell[1]), None) for sign in '.,')
+    if point and comma and delimiter != ',':
+        raise FitError(
+            f"{path}: '{point[1]}' (line {point[0]}) has a point and '{comma[1]}' (line {comma[0]}) a comma:"
+            ' which parts thousands? Write numbers with a decimal sign and no other'
+        )
 
 
 def _is_number(text: str) -> bool:
