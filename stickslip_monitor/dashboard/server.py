@@ -154,7 +154,7 @@ class Server:
                 web.get('/login', _file('login.html')),
                 web.post('/login', self._login),
                 web.post('/logout', self._logout),
-                web.get('/events', self._events),
+                web.get('/events', self._events, allow_head=False),
                 web.post('/act', self._act),
                 web.get('/metrics', self._scrape),
                 web.get('/history', self._history),

@@ -340,13 +340,12 @@ class BusInputs:
         """All inputs are waited for from now on [s]."""
         self._heard = {items[0]: now for items, _ in self.groups}
 
-    def brought(self, item: BusInput, now: float) -> bool:
-        """Note that an input has a value; whether it was said to have none."""
-        self._heard[item], again = now, item in self._told
-        if again:
+    def brought(self, item: BusInput, now: float) -> None:
+        """Note that an input has a value; if it was said to have none, that is said too."""
+        self._heard[item] = now
+        if item in self._told:
             self._told.discard(item)
             self.log(f'{item.label}: values again')
-        return again
 
     def silent(self, now: float) -> list[BusInput]:
         """The inputs that bring nothing, each once."""

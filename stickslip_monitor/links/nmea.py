@@ -172,7 +172,8 @@ class NmeaInputs(BusInputs):
     def _note(self, item: BusInput, value: float, now: float) -> None:
         if math.isnan(value):
             self._others[item]['invalid by its talker'] += 1
-        elif self.brought(item, now):
+        else:
+            self.brought(item, now)
             self._others[item].clear()
 
     def look(self, now: float, unused: Mapping[str, int]) -> None:

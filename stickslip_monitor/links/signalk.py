@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
+from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
@@ -221,6 +222,9 @@ class Notifications:
     Args:
         prefix: Path before their names.
         run: A token of this run of the program.
+
+    Raises:
+        ConfigurationError: Two bearings have one path.
     """
 
     def __init__(self, bearings: Iterable[str], prefix: str, run: str) -> None:
@@ -235,6 +239,12 @@ class Notifications:
         own = [begun(name, kind.value) for name in bearings for kind in AlarmKind]
         self._by_key = {alarm.key: alarm for alarm in own}
         self._alarms = {alarm.path: alarm for alarm in own}
+        for alarm in own:
+            if (other := self._alarms[alarm.path]) is not alarm:
+                raise ConfigurationError(
+                    f"bearings '{alarm.key[0]}' and '{other.key[0]}' have one Signal K path,"
+                    f' {alarm.path}: rename one'
+                )
         self._monitor = begun(MONITOR)
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:

@@ -127,6 +127,14 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
     until(lambda: not hub.readers, 'the end of all')
 
 
+def test_a_look_at_the_head_opens_no_stream(dashboard: Any) -> None:
+    async def work(session: Any) -> int:
+        async with session.head(f'{dashboard.url}events') as answer:
+            return int(answer.status)
+
+    assert ask(work) == 404
+
+
 def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('stickslip_monitor.dashboard.server.MOST_READERS', 1)
     # The last ones are kept for people who have signed in.

@@ -117,6 +117,9 @@ def test_what_is_not_used_is_counted() -> None:
         stream = SentenceStream()
         assert stream.take(noise) == []
         assert stream.unused == {'unreadable (another baud rate?)': 1}
+    # A maker's own sentence has a name of another length.
+    assert len(stream.take(f'{sentence("PFEC,GPatt,12.0")}\r\n$PFEC,GPatt\r\n'.encode())) == 1
+    assert stream.unused['no checksum'] == 1
 
 
 def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
@@ -137,6 +140,17 @@ def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     ]
     assert list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
     assert said[2:] == ['NMEA RPM S 1: values again']
+    for _ in range(3):
+        assert not list(inputs.take(sentence('HEHDT,12.0,T'), 12.0))
+    assert list(inputs.take(sentence('IIXDR,N,1.2,N,AFTLOAD'), 12.0))
+    inputs.look(17.0, {})
+    # What came before the last number is not heard any more.
+    what = 'no number with a good checksum in 5 s'
+    assert said[3:] == [
+        'NMEA XDR AFTLOAD: values again',
+        f'NMEA RPM S 1: {what}; heard: 4 sentences of other kinds',
+        f'NMEA XDR AFTLOAD: {what}; nothing is heard',
+    ]
 
 
 def test_titles_tell_bearings_apart() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarm_list import Action
@@ -172,6 +173,12 @@ def test_meta_has_units_and_no_zones_and_a_load_of_theirs_is_not_ours() -> None:
         f'{AT}stickSlipAmplitude': 'm',
     }
     assert 'zones' not in json.dumps(meta)
+
+
+def test_two_bearings_have_two_paths() -> None:
+    with pytest.raises(ConfigurationError) as error:
+        Notifications(['stern1', 'stern_1'], 'p', 'run')
+    assert "'stern1' and 'stern_1' have one Signal K path, notifications.p.stern1." in str(error.value)
 
 
 STICK = 'notifications.p.aft.stickSlip'
