@@ -211,7 +211,11 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named:
             return clock(factor, name, zero)
     is_close = _are_parts_of_days(values)
     for least, most, zero, name in _DAYS_SINCE:
-        if not unit and least < size < most and (is_close or re.search(r'date|datum|time ?stamp', words)):
+        if (
+            unit not in _UNITS
+            and least < size < most
+            and (is_close or re.search(r'date|datum|time ?stamp', words))
+        ):
             return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
     return clock(_UNITS.get(unit, SECOND), f'{unit if unit in _UNITS else "s"} since the start')
 

@@ -269,8 +269,8 @@ def _lines_of(text: str) -> list[str]:
 def _table(
     path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
 ) -> Dialect:
-    decimal = _decimal_sign(path, rows, delimiter)
     width = _usual_width(rows)
+    decimal = _decimal_sign(path, [row for row in rows if len(row) == width], delimiter)
     first = _first_data(rows, decimal, width)
     if first is None:
         raise BagError(
@@ -287,8 +287,9 @@ def _table(
     both = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
     plain, known = tuple(name for name, _ in both), tuple(unit for _, unit in both)
     other = _other_table(above, delimiter)
-    shown = _maybe_thousands(below) if decimal == '.' and delimiter == ';' else ''
-    said = f"'{shown}' is read with a decimal point: nothing in the file tells it from thousands"
+    shown = _maybe_thousands(below, decimal) if delimiter == ';' else ''
+    sign = 'point' if decimal == '.' else 'comma'
+    said = f"'{shown}' is read with a decimal {sign}: nothing in the file tells it from thousands"
     wide = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
     return Dialect(
         plain,
@@ -364,27 +365,34 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     Raises:
         BagError: Nothing tells it from a sign of thousands.
     """
-    cells = [cell.strip() for row in rows for cell in row]
+    cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
+    if any(',' in cell and _GROUPED.fullmatch(cell.translate(_SWAP)) for cell in cells):
+        return ','  # 1.000,5
     comma = [cell for cell in cells if _COMMA.fullmatch(cell)]
     if not comma:
         return '.'
-    if delimiter == ';' or not all(_GROUPED.fullmatch(cell) for cell in comma):
+    if not all(_GROUPED.fullmatch(cell) for cell in comma) or any(
+        cell.lstrip('+-').startswith('0,') for cell in comma
+    ):
         return ','
-    if any(cell.lstrip('+-').startswith('0,') for cell in comma):
-        return ','
-    if any('.' in cell and _NUMBER.fullmatch(cell.replace(',', '')) for cell in cells):
+    pointed = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
+    if not all(map(_POINTS.fullmatch, pointed)):
         return '.'
+    if delimiter == ';':
+        return ','
     raise BagError(
         f"log '{path}': '{comma[0]}' may be {comma[0].replace(',', '.')} or"
         f" {comma[0].replace(',', '')}: write it with a decimal point, or cells separated by ';'"
     )
 
 
-def _maybe_thousands(rows: Sequence[Cells]) -> str:
-    """A number whose point may part thousands, where all with a point may; else nothing."""
-    cells = (cell.strip() for row in rows for cell in row)
-    pointed = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell)]
-    return pointed[0] if pointed and all(map(_POINTS.fullmatch, pointed)) else ''
+def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
+    """A number whose decimal sign may part thousands, where all with one may; else nothing."""
+    cells = [cell.strip() for row in rows for cell in row if decimal in cell]
+    plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
+    numbers = [k for k, cell in enumerate(plain) if _NUMBER.fullmatch(cell)]
+    are_all = all(_POINTS.fullmatch(plain[k]) for k in numbers)
+    return cells[numbers[0]] if numbers and are_all else ''
 
 
 def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:

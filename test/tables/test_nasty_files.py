@@ -178,6 +178,29 @@ LOGS = {
         speed=[30, 30, 31, 31, 32],
         load=[900, 900, 901, 901, 902],
     ),
+    'days of a spreadsheet under Date/Time': Log(
+        'Date/Time,speed,load\n46125.5,30,900\n46125.500125,31,901\n',
+        times=after(7200, 7210.8),
+        says='days of a spreadsheet',
+    ),
+    'points and commas in one number alone': Log(
+        'time;speed;load\n2026-04-13 10:00:00;30;44.658,5\n2026-04-13 10:00:01;31;44.659,5\n',
+        load=[44658.5, 44659.5],
+    ),
+    'blanks and commas in one number alone': Log(
+        'time;speed;load\n2026-04-13 10:00:00;30;44\u00a0658,5\n2026-04-13 10:00:01;31;44\u00a0659,5\n',
+        load=[44658.5, 44659.5],
+    ),
+    'a point beside commas that part thousands': Log(
+        'time;speed;load\n2026-04-13 10:00:00;30.25;28,013\n2026-04-13 10:00:01;31.5;28,014\n',
+        speed=[30.25, 31.5],
+        load=[28013, 28014],
+    ),
+    'commas that may part thousands': Log(
+        'time;speed;load\n2026-04-13 10:00:00;30;28,013\n2026-04-13 10:00:01;31;28,014\n',
+        load=[28.013, 28.014],
+        says="'28,013' is read with a decimal comma: nothing in the file tells it from thousands",
+    ),
     'words of quality': Log(
         'time,speed [rpm],speed.Status,load [N],load.Status\n@0,30,Bad,900,Good\n@1,31,Good,901,Uncertain\n',
         speed=[NAN, 31],
