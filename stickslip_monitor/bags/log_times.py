@@ -59,10 +59,11 @@ class Order:
 
     Args:
         limit_ns: Smaller steps back are messages that came late [ns].
+        passes_late: Whether one alone is late whatever its step, as for :class:`StepClock`.
     """
 
-    def __init__(self, limit_ns: int = STEP_NS) -> None:
-        self._limit_ns, self._goes_back = limit_ns, False
+    def __init__(self, limit_ns: int = STEP_NS, *, passes_late: bool = False) -> None:
+        self._limit_ns, self._passes_late, self._goes_back = limit_ns, passes_late, False
         self._latest_ns: int | None = None
         self._last: dict[int, int] = {}
         self._counts, self._steps = Counter[int](), Counter[int]()
@@ -72,7 +73,8 @@ class Order:
         if not time_ns.size:
             return
         latest = _latest(self._latest_ns, time_ns)
-        self._goes_back |= bool((time_ns < latest[:-1] - self._limit_ns).any())
+        early = time_ns < latest[:-1] - self._limit_ns
+        self._goes_back |= bool((early[:-1] & early[1:]).any() if self._passes_late else early.any())
         self._latest_ns = int(latest[-1])
         for key in np.unique(topic).tolist():
             own = time_ns[topic == key]

@@ -136,7 +136,7 @@ class TableRecording(Recording):
         head = {row[name] for row in self.table.head if 0 <= name < len(row)}
         # One name after the other: those of the middle may be in no head and no tail.
         is_by_name = name >= 0 and (len(head) < 2 or not head >= {*names} - {''})
-        order = Order(limit_of(_usual_gap(np.sort(times))))
+        order = Order(limit_of(_usual_gap(np.sort(times))), passes_late=True)
         order.add(times, np.unique(names, return_inverse=True)[1] if names else times)
         if order.steps_often or (self.names is None and order.is_none):
             self._findings.note(no_order('the lines are'))

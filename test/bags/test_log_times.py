@@ -112,6 +112,18 @@ def test_a_step_back_to_a_time_that_was_not_had_is_sorted_and_named(tmp_path: Pa
     assert "'a.mcap' is written in no order of time: sorted by time" in ' '.join(recording.warnings)
 
 
+def test_nothing_is_lost_where_chunks_are_in_no_order_behind_a_step_back(tmp_path: Path) -> None:
+    """More messages than are handed on at a time: what was found of the step counts no more."""
+    times = START + np.arange(30_000) * (SECOND // 100)
+    times[10_000:] -= 75 * SECOND
+    chunks = in_chunks(counted(times.tolist()), 2500)
+    write_chunks(tmp_path / 'a.mcap', [*chunks[:8], *chunks[10:7:-1], chunks[11]])
+    recording = open_bag(tmp_path / 'a.mcap')
+    series = recording.read([X])[X]
+    np.testing.assert_array_equal(series.log_time_ns, np.sort(times))
+    assert recording.losses == ()
+
+
 @pytest.mark.parametrize('before', [-1, 0, 1])
 def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path, before: int) -> None:
     """A slow-down on either side of a step, whose chunk begins beside it, is told as without it."""
