@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from fuzz.files import START, channel, message, raw
+from fuzz.files import DEFINITIONS, START, Piece, channel, file, message, raw
 from fuzz.mutants import records_of
 from stickslip_monitor.bags.mcap_chunks import decompress, walk
 from stickslip_monitor.bags.reader import open_bag
@@ -99,10 +99,12 @@ def saved(whole: Whole, compression: str, cut: int) -> int:
 
 
 @pytest.mark.parametrize('compression', ['zstd', *SLOW])
-def test_cut_at_every_byte_of_the_tail(tmp_path: Path, compression: str) -> None:
+def test_cut_in_the_tail(tmp_path: Path, compression: str) -> None:
+    """On both sides of where every record begins, and inside of the records."""
     whole = make(compression, chunks=3, per_chunk=8)
-    path = tmp_path / 'a.mcap'
-    for cut in range(whole.last.chunk_start_offset - 20, len(whole.data)):
+    path, begin = tmp_path / 'a.mcap', whole.last.chunk_start_offset - 20
+    beside = {at + step for at in whole.boundaries for step in (-1, 0, 1)}
+    for cut in sorted({*range(begin, len(whole.data), 7), *beside & {*range(begin, len(whole.data))}}):
         path.write_bytes(whole.data[:cut])
         bag = open_bag(path)
         count = 16 if cut < whole.last.chunk_start_offset else saved(whole, compression, cut)
@@ -196,22 +198,13 @@ def test_many_messages_of_one_length_end_at_what_is_odd(odd: bytes) -> None:
 
 
 def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:
-    whole = make('', chunks=1, per_chunk=1)
-    stream = io.BytesIO()
-    writer = Writer(stream, use_chunking=False)
-    writer.start('ros2', 'test')
-    schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
-    channel = writer.register_channel('/a', 'cdr', schema)
-    ends = []
-    for number in range(6):
-        writer.add_message(channel, number, bytes(12), number)
-        ends.append(stream.tell())
-    writer.finish()
-    assert whole.data[:8] == stream.getvalue()[:8]
-    for cut in range(ends[0], len(stream.getvalue())):
-        (tmp_path / 'a.mcap').write_bytes(stream.getvalue()[:cut])
+    bare = [message(1, START + k, float(k)) for k in range(6)]
+    whole = file([Piece([*DEFINITIONS, *bare], is_bare=True)])
+    ends = whole.index(bare[0]) + np.arange(1, 7) * len(bare[0])
+    for cut in range(int(ends[0]), len(whole), 5):
+        (tmp_path / 'a.mcap').write_bytes(whole[:cut])
         bag = open_bag(tmp_path / 'a.mcap')
-        assert read_times(bag) == list(range(sum(end <= cut for end in ends)))
+        assert read_times(bag) == [START + k for k in range(np.count_nonzero(ends <= cut))]
         assert len(bag.cuts) == 1
 
 

@@ -685,7 +685,7 @@ def test_times_that_a_spreadsheet_rounded_away_are_a_loss(tmp_path: Path) -> Non
 
 def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> None:
     logs, path, refused = [log.raw for log in LOGS.values()], tmp_path / 'a.csv', []
-    for seed in range(300):
+    for seed in range(150):
         path.write_bytes(mutant(seed, logs, 'csv'))
         try:
             recording = open_bag(path)
@@ -693,7 +693,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
             recording.read([Request(topic, 'data') for topic in recording.topics])
         except BagError as error:
             refused.append(str(error))
-    assert len(refused) < 200
+    assert len(refused) < 100
     assert all(text.strip() for text in refused)
 
 
