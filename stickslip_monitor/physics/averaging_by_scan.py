@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -441,12 +441,13 @@ def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, loa
 
 def _one_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, *, smallest: bool) -> FloatArray:
     """Velocity amplitude of the smallest unstable cycle, or of the largest stable one [m/s]."""
-    found = _all_brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
-    order = np.lexsort([found.left if smallest else -found.left, found.point])
-    wanted = order[(found.sign[order] < 0.0) == smallest]
-    chosen = found.take(wanted[np.unique(found.point[wanted], return_index=True)[1]])
+    found = _brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
+    point, left, *_, sign = found
+    order = np.lexsort([left if smallest else -left, point])
+    wanted = order[(sign[order] < 0.0) == smallest]
+    chosen = found[:, wanted[np.unique(point[wanted], return_index=True)[1]]]
     result = np.full(speed.shape, np.nan)
-    result[chosen.point] = _polished(law, speed, q, chosen)
+    result[chosen[0].astype(np.intp)] = _polished(law, speed, q, chosen)
     return result
 
 
@@ -460,62 +461,41 @@ def cycles(
         ``w`` of the point that has most.
     """
     q = damping_per_load(damping, load)
-    found = _all_brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
-    return _pad(speed.size, found.point, _polished(law, speed, q, found), (found.sign > 0.0).astype(float))
+    found = _brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
+    point, stable = found[0].astype(np.intp), (found[-1] > 0.0).astype(float)
+    return _pad(speed.size, point, _polished(law, speed, q, found), stable)
 
 
-class _Brackets(NamedTuple):
-    """Stretches of the amplitude coordinate with one root of ``rho - q`` each.
-
-    Attributes:
-        point: The point it belongs to.
-        left: Where it begins.
-        right: Where it ends.
-        before: ``rho - q`` where it begins, to about.
-        after: The same where it ends.
-        sign: 1 where ``rho`` falls, which is a stable cycle, else -1.
-    """
-
-    point: IndexArray
-    left: FloatArray
-    right: FloatArray
-    before: FloatArray
-    after: FloatArray
-    sign: FloatArray
-
-    def take(self, rows: IndexArray) -> _Brackets:
-        """Some of them."""
-        columns: list[Any] = [column[rows] for column in self]
-        return _Brackets(*columns)
-
-
-def _joined(parts: list[_Brackets]) -> _Brackets:
-    columns: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return _Brackets(*columns)
-
-
-def _all_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> _Brackets:
-    """:func:`_brackets`, of some points at a time."""
-    parts = [slice(first, first + _BLOCK) for first in range(0, max(speed.size, 1), _BLOCK)]
-    found = [_brackets(law, speed[part], q[part]) for part in parts]
-    found = [each._replace(point=each.point + part.start) for each, part in zip(found, parts, strict=True)]
-    return _joined(found)
-
-
-def _polished(law: FrictionLaw, speed: FloatArray, q: FloatArray, found: _Brackets) -> FloatArray:
-    """Velocity amplitudes of the roots in brackets [m/s]."""
+def _polished(law: FrictionLaw, speed: FloatArray, q: FloatArray, found: FloatArray) -> FloatArray:
+    """Velocity amplitudes of the roots in brackets, as of :func:`_brackets` [m/s]."""
 
     def excess(x: FloatArray, v: FloatArray, level: FloatArray) -> FloatArray:
         return slope_surface(law, x, v) - level
 
-    v = np.clip(speed, SLOWEST, FASTEST)[found.point]
-    ends = (found.before, found.after)
-    x = root_on_bracket(excess, found.left, found.right, ends, (v, q[found.point]))
+    point, (left, right, *ends, _) = found[0].astype(np.intp), found[1:]
+    v = np.clip(speed, SLOWEST, FASTEST)[point]
+    x = root_on_bracket(excess, left, right, (ends[0], ends[1]), (v, q[point]))
     with np.errstate(over='ignore'):
-        return amplitude_at(x, speed[found.point])
+        return amplitude_at(x, speed[point])
 
 
-def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> _Brackets:
+def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+    """Stretches of the amplitude coordinate with one root of ``rho - q`` each.
+
+    Returns:
+        The point that it belongs to, where it begins and ends, about ``rho - q`` there and there,
+        and 1 where ``rho`` falls, which is a stable cycle, else -1; shape (6, stretches).
+    """
+    found = [np.zeros((6, 0))]
+    for first in range(0, speed.size, _BLOCK):
+        part = slice(first, first + _BLOCK)
+        for some in _grid_brackets(law, speed[part], q[part]):
+            some[0] += first
+            found.append(some)
+    return np.concatenate(found, axis=1)
+
+
+def _grid_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> list[FloatArray]:
     """The stretches of the amplitude grid with a root, those that hide two cut at the turn."""
     above, (p, c) = _excess(law, speed, q)
     point, column = np.nonzero((above[:, :-1] > 0.0) != (above[:, 1:] > 0.0))
@@ -523,7 +503,7 @@ def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> _Brackets:
     sign = np.where(before > 0.0, 1.0, -1.0)
     # Friction that is level gives and takes nothing up to some amplitude: that is no cycle of none.
     before = np.where(before == 0.0, -after, before)
-    found = _Brackets(point, GRID[column], GRID[column + 1], before, after, sign)
+    found = [np.stack([point, GRID[column], GRID[column + 1], before, after, sign])]
     if not p.size:
         return found
     # A peak or dip between grid points can hide two roots.
@@ -533,9 +513,9 @@ def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> _Brackets:
     value = value - q[p]
     crossed = value * side < 0.0
     p, c, turn, value, side = p[crossed], c[crossed], turn[crossed], value[crossed], side[crossed]
-    to = _Brackets(p, GRID[c - 1], turn, above[p, c - 1], value, side)
-    back = _Brackets(p, turn, GRID[c + 1], value, above[p, c + 1], -side)
-    return _joined([found, to, back])
+    to = np.stack([p, GRID[c - 1], turn, above[p, c - 1], value, side])
+    back = np.stack([p, turn, GRID[c + 1], value, above[p, c + 1], -side])
+    return [*found, to, back]
 
 
 def _excess(
@@ -545,9 +525,6 @@ def _excess(
 
     From the law's table where that leaves no doubt about the sign, else from the average itself.
     """
-    if not speed_scales(law):
-        above = surface_rows(law, speed) - q[:, None]
-        return above, _turns(law, speed, above, *np.nonzero(_bent(above, 0.0)))
     above, doubt = _lines(law, speed)
     above -= q[:, None]
     point, column = np.nonzero(~(np.abs(above) > doubt))
@@ -563,8 +540,10 @@ def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]
     """``rho`` on the amplitude grid by lines between the speeds of the table.
 
     Returns:
-        It and how far it may be off, ``inf`` beyond the table; both of shape (n, len(GRID)).
+        It and how far it may be off, ``inf`` beyond the table or without one; both of shape (n, len(GRID)).
     """
+    if not speed_scales(law):
+        return np.zeros((speed.size, GRID.size)), np.full((speed.size, GRID.size), np.inf)
     table = slope_table(law)
     i = np.searchsorted(table.speeds, speed, side='right') - 1
     beyond = (i < 0) | (i >= table.speeds.size - 1)
@@ -575,14 +554,13 @@ def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]
     return low + (table.rows[i + 1] - low) * share[:, None], doubt
 
 
-def _bent(above: FloatArray, doubt: FloatArray | float) -> BoolArray:
+def _bent(above: FloatArray, doubt: FloatArray) -> BoolArray:
     """Triples of grid points on one side of ``q`` whose parabola may reach it."""
     left, here, right = above[:, :-2], above[:, 1:-1], above[:, 2:]
     side = (left > 0.0) == (right > 0.0)
     side &= (left > 0.0) == (here > 0.0)
-    slack = 4.0 * doubt[:, 1:-1] if isinstance(doubt, np.ndarray) else doubt
     # It goes beyond the middle point by an eighth of this at most.
-    return side & (np.abs(here) <= np.abs(left - 2.0 * here + right) + slack)
+    return side & (np.abs(here) <= np.abs(left - 2.0 * here + right) + 4.0 * doubt[:, 1:-1])
 
 
 def _turns(

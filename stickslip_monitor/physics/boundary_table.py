@@ -74,17 +74,15 @@ class BoundaryTable:
         share = inside - k
         c0, c1, c2, c3 = pieces[k].T
         speed = c0 + share * (c1 + share * (c2 + share * c3))
-        grows = self.step if which else averaged_growth(pieces[-1].tolist(), self.step)
+        grows = (averaged_growth(pieces[-1].tolist(), self.step), self.step, 0.0)[which]
         speed = np.where(place > most, speed * np.exp((place - most) * grows), speed)
         return np.where((place >= 0.0) & (speed > 0.0), speed, np.nan)
 
     def lower_end(self, load: ArrayLike) -> Any:
         """The lower end of stick-slip at loads [N]; 0 for none [m/s]."""
         shape, (n,) = flatten(load)
-        rows = self.pieces[2].tolist()
-        places = (place_at(self.first, self.step, each) for each in n.tolist())
-        found = [lower_end_at(rows, self.step, place) for place in places]
-        return restore(np.array(found), shape)
+        with np.errstate(all='ignore'):
+            return restore(np.nan_to_num(self._read(2, n)), shape)
 
 
 def place_at(first: float, step: float, load: float) -> float:
