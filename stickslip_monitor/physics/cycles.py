@@ -21,7 +21,7 @@ that there is no such cycle, and the kind says why. Speeds astern mirror speeds 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -420,7 +420,7 @@ def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, F
         # Ahead of the belt the motion is the mirror image about the middle of the stick limits.
         begin = stroke[rows] - one.place[rows]
         route = Route(0, _ERROR, contact=True, weigh=weigh)
-        ahead = follow(field.take(rows).ahead_of_belt(), begin, np.zeros(rows.size), route)
+        ahead = follow(replace(field.take(rows), drift=-1.0), begin, np.zeros(rows.size), route)
         one.end[rows], one.place[rows] = ahead.end, stroke[rows] - ahead.place
         one.time[rows] += ahead.time
         one.divergence[rows] += ahead.divergence

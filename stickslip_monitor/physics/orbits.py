@@ -180,10 +180,6 @@ class SlipField:
             return np.zeros(self.speed.size)
         return self.damping - self.offset - self.force * self.drop(np.ones(self.speed.size))
 
-    def ahead_of_belt(self) -> SlipField:
-        """The same for the mirror image of a lining that overtook the belt."""
-        return replace(self, drift=-1.0)
-
     def about_steady_sliding(self) -> SlipField:
         """The same motion, with displacement and relative speed counted from steady sliding."""
         return replace(self, drift=0.0, offset=np.zeros(self.speed.size), origin=self.speed)

@@ -45,12 +45,25 @@ class Slip:
             h = min(h, max(mp.mpf(4), (folds - 100) / 2) / rate)
         return h / self.refine
 
+    def steps(self, x, v):
+        """Time, series of displacement and velocity, and length of each step of a motion."""
+        time = mp.mpf(0)
+        for _ in range(100000):
+            xs, vs = self.series(x, v)
+            h = self.step(xs, vs)
+            yield time, xs, vs, h
+            x, v, time = at(xs, h), at(vs, h), time + h
+
 
 def at(series, t):
     value = mp.mpf(0)
     for coefficient in reversed(series):
         value = value * t + coefficient
     return value
+
+
+def derivative(series):
+    return [k * series[k] for k in range(1, len(series))]
 
 
 def crossing(series, level, low, high):
@@ -63,7 +76,7 @@ def crossing(series, level, low, high):
         else:
             low = middle
     t = (low + high) / 2
-    slope = [k * series[k] for k in range(1, len(series))]
+    slope = derivative(series)
     for _ in range(3):
         t -= (at(series, t) - level) / at(slope, t)
     return t
@@ -71,7 +84,7 @@ def crossing(series, level, low, high):
 
 def summit(motion, vs, low, high):
     """Where a step comes nearest the belt: its end, or where the acceleration vanishes."""
-    rate = [k * vs[k] for k in range(1, len(vs))]
+    rate = derivative(vs)
     if motion.side * at(rate, low) > 0 > motion.side * at(rate, high):
         return crossing(rate, 0, low, high)
     return high
@@ -82,10 +95,9 @@ def slip_phase(motion, x, turns=2):
 
     Returns ``(time, x, turning points)``; the contact is looked for after the last turn.
     """
-    time, v, extremes = mp.mpf(0), mp.mpf(1), []
-    for _ in range(100000):
-        xs, vs = motion.series(x, v)
-        h, low = motion.step(xs, vs), mp.mpf(0)
+    extremes = []
+    for time, xs, vs, h in motion.steps(x, mp.mpf(1)):
+        low = mp.mpf(0)
         if len(extremes) < turns and at(vs, h) * (-1) ** len(extremes) < 0:
             low = crossing(vs, 0, low, h)
             extremes.append(at(xs, low))
@@ -94,22 +106,18 @@ def slip_phase(motion, x, turns=2):
             if motion.side * (at(vs, high) - 1) > 0:
                 t = crossing(vs, 1, low, high)
                 return time + t, at(xs, t), extremes
-        x, v, time = at(xs, h), at(vs, h), time + h
     raise AssertionError('no contact')
 
 
 def clearance(motion, x):
     """How far the lining, after two turns, overtakes the belt if it never meets it; < 0: not."""
-    v, turns = mp.mpf(1), 0
-    for _ in range(100000):
-        xs, vs = motion.series(x, v)
-        h, low = motion.step(xs, vs), mp.mpf(0)
+    turns = 0
+    for _, _, vs, h in motion.steps(x, mp.mpf(1)):
+        low, rate = mp.mpf(0), derivative(vs)
         if turns < 2 and at(vs, h) * (-1) ** turns < 0:
             low, turns = crossing(vs, 0, low, h), turns + 1
-        rate = [k * vs[k] for k in range(1, len(vs))]
         if turns == 2 and at(rate, low) > 0 > at(rate, h):
             return at(vs, crossing(rate, 0, low, h)) - 1
-        x, v = at(xs, h), at(vs, h)
     raise AssertionError('no summit')
 
 
@@ -124,15 +132,12 @@ def stick_slip(zeta, static, kinetic, decay, refine=4):
 
 def return_map(zeta, static, kinetic, decay, x):
     """From a turning point below to the next one, and the time."""
-    motion, v, time, turns = Slip(zeta, static, kinetic, decay), mp.mpf(0), mp.mpf(0), []
-    for _ in range(100000):
-        xs, vs = motion.series(x, v)
-        h = motion.step(xs, vs)
+    turns = []
+    for time, xs, vs, h in Slip(zeta, static, kinetic, decay).steps(x, mp.mpf(0)):
         # An even count moves up until the velocity falls through zero.
         if time > 0 and at(vs, h) * (-1) ** len(turns) < 0:
             t = crossing(vs, 0, mp.mpf(0), h)
             turns.append(at(xs, t))
             if len(turns) == 2:
                 return turns, time + t
-        x, v, time = at(xs, h), at(vs, h), time + h
     raise AssertionError('no return')

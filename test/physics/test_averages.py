@@ -6,23 +6,19 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
+from shared import LAWS
 
 from stickslip_monitor.physics.averaging import amplitude_rate, harmonic
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, Tabulated
 from stickslip_monitor.physics.quadrature import crossing_angle, friction_harmonic
 
 STRIBECK = Stribeck(0.30, 0.10, 10.0)
-CLOSED = {
-    'stribeck': STRIBECK,
-    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
-    'rising': Stribeck(0.10, 0.30, 10.0),
-    'flat': Stribeck(0.2, 0.2, 10.0),
+CLOSED = {name: LAWS[name] for name in ('stribeck', 'viscous', 'rising', 'level', 'coulomb')} | {
     'frictionless sliding': Stribeck(0.2, 0.0, 3.0),
     'nearly flat': Stribeck(0.2 + 1e-9, 0.2, 10.0),
     'sharp': Stribeck(0.3, 0.1, 1e4),
     'blunt': Stribeck(0.3, 0.1, 1e-3),
-    'coulomb': Coulomb(0.3, 0.1),
 }
 NEAR = [0.0, 1e-16, 2e-16, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3]
 RATIOS = np.unique(

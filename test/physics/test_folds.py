@@ -66,14 +66,28 @@ def test_a_fold_in_proportion_to_the_load_under_coulombs_law():
     np.testing.assert_allclose(fold / fold[0], [1.0, 100.0, 7e3], rtol=1e-10)
 
 
-# The first is 1.5 % above its onset, where the fold rises 67 times as fast as the load. A steep law has
-# its onset at 2 N, far below the loads that it carries; near grazing its orbits part at once.
-@pytest.mark.parametrize(('decay', 'least', 'rounding'), [(10.0, 203.0, 1e-7), (1000.0, 3.0, 3e-6)])
-def test_the_table_over_the_load_is_the_exact_fold(decay, least, rounding):
-    bearing = bench(Stribeck(0.3, 0.1, decay))
-    load = np.array([least, 311.0, 1007.0, 9001.0])
+@pytest.mark.parametrize(
+    ('bearing', 'load', 'rounding'),
+    [
+        # The first is 1.5 % above its onset, where the fold rises 67 times as fast as the load.
+        (bench(Stribeck(0.3, 0.1, 10.0)), [203.0, 311.0, 1007.0, 9001.0], 1e-7),
+        # A steep law has its onset at 2 N, far below its loads; near grazing its orbits part at once.
+        (bench(Stribeck(0.3, 0.1, 1000.0)), [3.0, 311.0, 1007.0, 9001.0], 3e-6),
+        # Just above the own onset of exact folds, at lower speeds than averaging's.
+        *(
+            (bench(Stretched(0.3, 0.1, 10.0, 0.0, n)), [at], 1e-3)
+            for n, at in ((1.5, 310.0), (2.0, 310.0), (4.0, 285.0))
+        ),
+        # Twice critical damping.
+        *(
+            (bench(law, 4e4), [3.6e4, 8e4, 8e5], 1e-4)
+            for law in (Stribeck(0.3, 0.1, 10.0), Stribeck(0.3, 0.1, 10.0, 0.02), TABLE)
+        ),
+    ],
+)
+def test_the_table_over_the_load_is_the_exact_fold(bearing, load, rounding):
     exact = [exact_fold_speed(bearing, n) for n in load]
-    np.testing.assert_allclose(boundary_table(bearing).exact(load), exact, rtol=rounding)
+    np.testing.assert_allclose(boundary_table(bearing).exact(np.array(load)), exact, rtol=rounding)
 
 
 def measured(count: int, noise: float, seed: int) -> Tabulated:
@@ -207,15 +221,6 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, 
 def test_beyond_critical_damping_coulombs_slip_never_returns():
     """Its slip is linear and overdamped: the velocity changes its sign once, so no fold is found."""
     assert np.all(np.isnan(exact_fold_speed(bench(Coulomb(0.3, 0.1), 4e5), [1e3, 1e5])))
-
-
-@pytest.mark.parametrize(('exponent', 'load'), [(1.5, 310.0), (2.0, 310.0), (4.0, 285.0)])
-def test_the_table_has_the_exact_fold_just_above_its_own_onset(exponent, load):
-    """It begins at lower speeds than averaging's; read off the table, and solved for the load."""
-    bearing = bench(Stretched(0.3, 0.1, 10.0, 0.0, exponent))
-    assert boundary_table(bearing).exact(np.array([load]))[0] == pytest.approx(
-        exact_fold_speed(bearing, load), rel=1e-3
-    )
 
 
 @pytest.mark.parametrize(

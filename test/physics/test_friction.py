@@ -4,21 +4,14 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+import shared
 from scipy.interpolate import pchip_interpolate
 
 from stickslip_monitor.errors import PhysicsError, StickslipError
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 
 TABLE = ((0.0, 0.05, 0.12, 0.3, 0.8), (0.31, 0.22, 0.24, 0.10, 0.13))
-LAWS = {
-    'stribeck': Stribeck(0.30, 0.10, 10.0),
-    'viscous': Stribeck(0.30, 0.10, 10.0, 0.05),
-    'rising': Stribeck(0.10, 0.30, 10.0),
-    'flat': Stribeck(0.2, 0.2, 10.0),
-    'coulomb': Coulomb(0.3, 0.1),
-    'table': Tabulated(*TABLE),
-    'table from above rest': Tabulated((0.1, 0.2, 0.5), (0.3, 0.2, 0.1)),
-}
+LAWS = shared.LAWS | {'table from above rest': Tabulated((0.1, 0.2, 0.5), (0.3, 0.2, 0.1))}
 each_law = pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
 
 
