@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.folds import fold_curve, lower_ends
+from stickslip_monitor.physics.folds import fold_curve
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
 
@@ -149,23 +149,24 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     curve = fold_curve(bearing)
     if curve is None:
         return _NONE
-    octaves = math.log2(curve.top / curve.onset)
+    onset = math.log(curve.span.onset)
+    octaves = math.log2(curve.span.top / curve.span.onset)
     points = round(octaves * (_SMOOTH if curve.smooth else _BROKEN)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0  # beyond it is not in proportion
     if ends:  # in a step of its own: the line to what is unknown is no fold
         grid = np.append(grid, grid[-1] + grid[1])
-    load = np.exp(math.log(curve.onset) + grid)
+    load = np.exp(onset + grid)
     exact = curve.exact_fold(load)
     exact[-1] = np.nan if ends else exact[-1]
     closed = averaging.averaged(law) is closed_form
     averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.
-    begins = averaged[:1] < curve.speed[0]
+    begins = averaged[:1] < curve.exact[0, 0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
     pieces = [_smooth(column) if curve.smooth else _linear(column) for column in (averaged, exact)]
-    pieces.append(_linear(lower_ends(bearing, load)))
-    return BoundaryTable(math.log(curve.onset), float(grid[1]), np.stack(pieces))
+    pieces.append(_linear(curve.lower_end(load)))
+    return BoundaryTable(onset, float(grid[1]), np.stack(pieces))
 
 
 _NONE = BoundaryTable(math.inf, 1.0, np.zeros((3, 1, 4)))

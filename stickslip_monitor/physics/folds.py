@@ -337,15 +337,14 @@ def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
     curve = fold_curve(bearing)
     if curve is None:
         return np.full(load.size, np.nan)
-    grazing = Grazing(bearing)
     out = curve.exact_fold(load)
-    i = np.clip(np.searchsorted(curve.speed, out) - 1, 0, curve.speed.size - 2)
     with np.errstate(all='ignore'):
-        rise = np.log(curve.exact[i + 1] / curve.exact[i])
-        steep = rise / np.log(curve.speed[i + 1] / curve.speed[i]) > _RISES
+        speed, exact = np.log(curve.exact)
+        i = np.clip(np.searchsorted(speed, np.log(out)) - 1, 0, speed.size - 2)
+        steep = (exact[i + 1] - exact[i]) / (speed[i + 1] - speed[i]) > _RISES
     rows = np.flatnonzero(steep & (out > 0.0))
     if rows.size:
-        improved = grazing.speeds(load[rows], out[rows], _CLOSE, near=True)
+        improved = curve.grazing.speeds(load[rows], out[rows], _CLOSE, near=True)
         near = np.abs(np.log(improved / out[rows])) < _RISES
         out[rows[near]] = improved[near]
     return out
@@ -376,55 +375,15 @@ def _by_contact(bearing: Bearing, load: FloatArray) -> FloatArray:
     return out
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoldCurve:
-    """The least loads with a cycle over the speed.
-
-    Attributes:
-        speed: Ascending, shape (n,) [m/s].
-        averaged_speed: The same for ``averaged``, shape (m,) [m/s].
-        averaged: Under averaging, ``inf`` for none, shape (m,) [N].
-        exact: Where slip grazes the belt, shape (n,) [N].
-        onset: The least load with a cycle under averaging [N].
-        top: The largest load that it is meant for [N].
-        larger: ``ln N`` and exact fold of loads beyond the last, shape (2, m): what rises with the
-            speed, or strong damping, makes the fold fall again with the load; ``nan`` for unknown.
-        smooth: Whether a spline joins it, or monotone cubics.
-    """
-
-    speed: FloatArray
-    averaged_speed: FloatArray
-    averaged: FloatArray
-    exact: FloatArray
-    onset: float
-    top: float
-    larger: FloatArray
-    smooth: bool
-
-    def averaged_fold(self, load: FloatArray) -> FloatArray:
-        """The last speeds with a cycle under averaging [m/s]; ``nan`` for none, shape (n,)."""
-        return last_speeds(self.averaged_speed, self.averaged, load, self.smooth)
-
-    def exact_fold(self, load: FloatArray) -> FloatArray:
-        """The last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
-        speed = last_speeds(self.speed, self.exact, load, self.smooth)
-        x, y = self.larger
-        rows = np.flatnonzero(load > math.exp(x[0])) if x.size else np.zeros(0, int)
-        if rows.size:
-            slopes = (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y)
-            speed[rows] = hermite(x, y, slopes, np.log(load[rows]))
-        return speed
-
-
-class _Range(NamedTuple):
-    """The speeds of a curve, over the place ``ln(1 + V/V0)``.
+class FoldRange(NamedTuple):
+    """The loads that a curve is meant for, and its speeds, over the place ``ln(1 + V/V0)``.
 
     Attributes:
         scale: ``V0`` [m/s].
         low: The slowest speed [m/s].
         high: The fastest one with an exact fold [m/s].
-        onset: As of :class:`FoldCurve` [N].
-        top: As of :class:`FoldCurve` [N].
+        onset: The least load with a cycle under averaging [N].
+        top: The largest load [N].
         limit: ``N/V`` up to which large loads have a cycle, as Coulomb's law has it [N s/m].
     """
 
@@ -441,6 +400,73 @@ class _Range(NamedTuple):
         return self.scale * np.expm1(begin + (end - begin) * share)
 
 
+_NOTHING = np.zeros((2, 0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldCurve:
+    """The least loads with a cycle over the speed.
+
+    Attributes:
+        grazing: Where slip grazes the belt.
+        span: The loads and speeds that it is meant for.
+        averaged: Ascending speeds [m/s], and the loads under averaging [N], ``inf`` for none, shape (2, m).
+        exact: The same of loads at which slip grazes the belt, shape (2, n).
+        larger: ``ln N`` and exact fold of loads beyond the last, shape (2, k): what rises with the
+            speed, or strong damping, makes the fold fall again with the load; ``nan`` for unknown.
+    """
+
+    grazing: Grazing
+    span: FoldRange
+    averaged: FloatArray
+    exact: FloatArray
+    larger: FloatArray
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a spline joins it, or monotone cubics."""
+        return not self.grazing.use.kinks
+
+    def averaged_fold(self, load: FloatArray) -> FloatArray:
+        """The last speeds with a cycle under averaging [m/s]; ``nan`` for none, shape (n,)."""
+        return last_speeds(self.averaged, load, self.smooth)
+
+    def exact_fold(self, load: FloatArray) -> FloatArray:
+        """The last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
+        speed = last_speeds(self.exact, load, self.smooth)
+        x, y = self.larger
+        rows = np.flatnonzero(load > math.exp(x[0])) if x.size else np.zeros(0, int)
+        if rows.size:
+            slopes = (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y)
+            speed[rows] = hermite(x, y, slopes, np.log(load[rows]))
+        return speed
+
+    def lower_end(self, load: FloatArray) -> FloatArray:
+        """The lower end of stick-slip by averaging: below this speed no cycle exists.
+
+        It lies where friction first rises with the speed: there slow sliding is stable, and what
+        leaves a stick settles to it.
+
+        Args:
+            load: ``N`` > 0, shape (n,) [N].
+
+        Returns:
+            0 where there are cycles down to rest, or none at any speed, shape (n,) [m/s].
+        """
+        out, law = np.zeros(load.size), self.grazing.law
+        if not -float(law.slope(ALMOST_REST)) < self.grazing.use.fall * _AS_STEEP:
+            return out  # it falls most at rest
+        speed, least = self.averaged[:, self.averaged[0] <= self.grazing.scales[-1]]
+        with np.errstate(all='ignore'):
+            x, y, level = np.log(speed), np.log(np.minimum.accumulate(least)), np.log(load)
+            i = np.searchsorted(-y, -level, side='left')
+            rows = np.flatnonzero((i > 0) & (i < speed.size))
+            i = i[rows]
+            share = np.where(np.isfinite(y[i - 1]), (y[i - 1] - level[rows]) / (y[i - 1] - y[i]), 1.0)
+        out[rows] = np.exp(x[i - 1] + share * (x[i] - x[i - 1]))
+        return out
+
+
 @lru_cache(maxsize=64)
 def fold_curve(bearing: Bearing) -> FoldCurve | None:
     """The curve of a bearing with damping; ``None`` where no load has a cycle."""
@@ -448,9 +474,14 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     span = _range(grazing)
     if span is None:
         return None
+    averaged = np.stack(_averaged_curve(grazing))
     if not grazing.use.kinks:
-        return _smooth_curve(grazing, span)
-    return (_heavily_damped_curve if bearing.damping_ratio >= 1.0 else _curve_in_pieces)(grazing, span)
+        return FoldCurve(grazing, span, averaged, *_smooth_curve(grazing, span))
+    if bearing.damping_ratio < 1.0:
+        return FoldCurve(grazing, span, averaged, _curve_in_pieces(grazing, span), _NOTHING)
+    return FoldCurve(
+        grazing, span, averaged, averaged * [[1.0], [np.inf]], _heavily_damped_curve(grazing, span)
+    )
 
 
 def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
@@ -467,7 +498,7 @@ def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
         return speed, np.asarray(grazing.bearing.damping / np.maximum(peak, 0.0))
 
 
-def _range(grazing: Grazing) -> _Range | None:
+def _range(grazing: Grazing) -> FoldRange | None:
     """The speeds at which the fold lies of loads from the onset to the largest of use."""
     bearing, law, breaks = grazing.bearing, grazing.law, grazing.scales
     in_pieces = len(grazing.use.kinks) > 0
@@ -499,10 +530,10 @@ def _range(grazing: Grazing) -> _Range | None:
         found = 1.01 * float(grazing.speeds(np.array([top]), np.array([high]), 1e-3)[0])
         last = found if found > 0.0 else high
     scale = max(breaks[0], breaks[-1] / 50.0) if in_pieces else breaks[0]
-    return _Range(scale, low, max(high, last) if in_pieces else last, onset, top, limit)
+    return FoldRange(scale, low, max(high, last) if in_pieces else last, onset, top, limit)
 
 
-def _first_guess(grazing: Grazing, span: _Range, speed: FloatArray) -> FloatArray:
+def _first_guess(grazing: Grazing, span: FoldRange, speed: FloatArray) -> FloatArray:
     """Loads that graze, to some tens of percent [N]."""
     least = grazing.by_averaging(speed)
     far = speed > 10.0 * grazing.scales[0]
@@ -510,7 +541,7 @@ def _first_guess(grazing: Grazing, span: _Range, speed: FloatArray) -> FloatArra
     return np.asarray(np.minimum(least, 1.5 * span.top))
 
 
-def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
+def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatArray]:
     """Of a smooth law: a series of Chebyshev's polynomials in the place, as long as it takes."""
     series, known = _series(grazing, span)
     share = (np.arange(_READ + 1) / _READ) ** 1.5
@@ -521,15 +552,14 @@ def _smooth_curve(grazing: Grazing, span: _Range) -> FoldCurve:
         near = np.linspace(share[k - 1], share[k + 1], 129)[1:-1]
         share = np.unique(np.concatenate([share, near]))
         exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
-    speeds, averaged, ends = known.places(share), _averaged_curve(grazing), (span.onset, span.top)
-    larger = np.zeros((2, 0))
+    larger = _NOTHING
     if exact[-1] < math.log(span.top):
         x = np.linspace(exact[-1], math.log(span.top), _LARGER)
         larger = np.stack([x, _solve(grazing.bearing, np.exp(x))])
-    return FoldCurve(speeds, *averaged, np.exp(exact), *ends, larger, smooth=True)
+    return np.stack([known.places(share), np.exp(exact)]), larger
 
 
-def _series(grazing: Grazing, span: _Range, cuts: int = _CUTS) -> tuple[FloatArray, _Range]:
+def _series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[FloatArray, FoldRange]:
     """Chebyshev's series of the logarithm of the loads that graze, and the speeds where it holds.
 
     These end where a motion is damped so much that it does not turn.
@@ -556,7 +586,7 @@ def _series(grazing: Grazing, span: _Range, cuts: int = _CUTS) -> tuple[FloatArr
         count *= 2
 
 
-def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
+def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
     """Of a law in pieces: the ratio to averaging is solved at some speeds and joined."""
     place = np.arange(_BROKEN + 1) / _BROKEN
     speed = span.places(place)
@@ -574,58 +604,25 @@ def _curve_in_pieces(grazing: Grazing, span: _Range) -> FoldCurve:
         rows, ratio = rows[found], ratio[found]
         joined = hermite(place[rows], ratio, monotone_slopes(place[rows], ratio), place)
         exact = np.where(matters & ~lost, averaged * np.exp(joined), np.inf)
-    larger = np.zeros((2, 0))
-    return FoldCurve(speed, *_averaged_curve(grazing), exact, span.onset, span.top, larger, smooth=False)
+    return np.stack([speed, exact])
 
 
-def _heavily_damped_curve(grazing: Grazing, span: _Range) -> FoldCurve:
+def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
     """Of a law in pieces beyond critical damping: over the load, unknown where it jumps."""
     x = np.linspace(math.log(span.onset), math.log(span.top), _CONTACTS)
     fold = _by_contact(grazing.bearing, np.exp(x))
-    speed, averaged = _averaged_curve(grazing)
     with np.errstate(all='ignore'):
         jumps = np.flatnonzero(np.abs(np.diff(np.log(fold))) > _JUMPS)
     fold[jumps] = np.nan
-    none, larger = np.full(speed.size, np.inf), np.stack([x, fold])
-    return FoldCurve(speed, speed, averaged, none, span.onset, span.top, larger, smooth=False)
+    return np.stack([x, fold])
 
 
-def lower_ends(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """The lower end of stick-slip by averaging: below this speed no cycle exists.
-
-    It lies where friction first rises with the speed: there slow sliding is stable, and what
-    leaves a stick settles to it.
-
-    Args:
-        bearing: The bearing, with damping.
-        load: ``N`` > 0, shape (n,) [N].
-
-    Returns:
-        0 where there are cycles down to rest, or none at any speed, shape (n,) [m/s].
-    """
-    out = np.zeros(load.size)
-    grazing = Grazing(bearing)
-    if not -float(bearing.friction.slope(ALMOST_REST)) < grazing.use.fall * _AS_STEEP:
-        return out  # it falls most at rest
-    speed, least = _averaged_curve(grazing)
-    slow = speed <= grazing.scales[-1]
-    speed, least = speed[slow], np.minimum.accumulate(least[slow])
-    with np.errstate(all='ignore'):
-        x, y, level = np.log(speed), np.log(least), np.log(load)
-        i = np.searchsorted(-y, -level, side='left')
-        rows = np.flatnonzero((i > 0) & (i < speed.size))
-        before, after = y[i[rows] - 1], y[i[rows]]
-        share = np.where(np.isfinite(before), (before - level[rows]) / (before - after), 1.0)
-    out[rows] = np.exp(x[i[rows] - 1] + share * (x[i[rows]] - x[i[rows] - 1]))
-    return out
-
-
-def last_speeds(speed: FloatArray, least: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:
+def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:
     """The last speeds at which a load is enough for a cycle.
 
     Args:
-        speed: Ascending, shape (m,) [m/s].
-        least: The load from which there is a cycle at each, or ``inf``, shape (m,) [N].
+        curve: Ascending speeds [m/s], and the load from which there is a cycle at each, or ``inf`` [N],
+            shape (2, m).
         load: Shape (n,) [N].
         smooth: Whether a spline joins the curve, or monotone cubics.
 
@@ -633,8 +630,9 @@ def last_speeds(speed: FloatArray, least: FloatArray, load: FloatArray, smooth: 
         ``nan`` where no speed has a cycle; beyond the curve in proportion to the load, shape (n,)
         [m/s].
     """
+    speed = curve[0]
     with np.errstate(all='ignore'):
-        x, y, level = np.log(speed), np.log(least), np.log(load)
+        (x, y), level = np.log(curve), np.log(load)
         lowest = np.minimum.accumulate(y[::-1])[::-1]
         i = np.searchsorted(lowest, level, side='right') - 1
         beyond = np.where(level > y[-1], np.exp(level - y[-1]), 1.0)

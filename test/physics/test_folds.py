@@ -244,7 +244,7 @@ def test_the_table_of_a_law_that_rises_again_is_its_exact_fold_up_to_the_last_lo
     bearing = Bearing(520.0, 420.0, 9.3e4, Stribeck(0.586, 0.121, 23.5, 0.0355), 0.1)
     curve = folds.fold_curve(bearing)
     assert curve is not None
-    load = curve.top * np.array([0.98, 0.995, 0.999])
+    load = curve.span.top * np.array([0.98, 0.995, 0.999])
     table = boundary_table(bearing).exact(load)
     np.testing.assert_allclose(table, exact_fold_speed(bearing, load), rtol=1e-5)
-    assert np.isnan(boundary_table(bearing).exact(curve.top * np.array([1.01, 2.0]))).all()
+    assert np.isnan(boundary_table(bearing).exact(curve.span.top * np.array([1.01, 2.0]))).all()
