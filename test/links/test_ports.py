@@ -131,6 +131,16 @@ async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     server.close()
 
 
+async def test_what_the_other_end_does_not_take_is_not_kept() -> None:
+    """A display that hangs: the system takes some megabytes for it, and then a part of a line."""
+    with socket.create_server(('127.0.0.1', 0)) as display:
+        end = End(f'tcp://127.0.0.1:{display.getsockname()[1]}', silent=math.inf)
+        await at_work(end.port)
+        await until(lambda: end.states == [True])
+        end.port.send([RPM * 1000] * 1000)
+        await until(lambda: end.reasons[-1] == 'the other end takes nothing', lambda: end.reasons)
+
+
 async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     device = tmp_path / 'tty'

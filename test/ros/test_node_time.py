@@ -195,6 +195,15 @@ def test_a_turn_that_is_frozen_midway_is_excused_by_the_next() -> None:
     assert [event.after.value for event in turns.ship.events] == ['input_stale']
 
 
+def test_a_turn_that_comes_after_the_end_does_nothing() -> None:
+    """The executor may have taken the timer while the node was deactivated."""
+    turns = Turns()
+    turns.running._ticker = None
+    turns.turn(Waits(0, rpm=20.0), Waits(1), after=60.0)
+    assert turns.ship.verdicts[-1].speed == pytest.approx(math.pi / 10.0)  # 60 rpm
+    assert turns.running._health.delays == 0
+
+
 def test_a_clock_that_is_set_while_the_node_is_held_up_refuses_nothing() -> None:
     """What waits came in part before the clock was set back by an hour, and has no stamp."""
     turns = Turns()
