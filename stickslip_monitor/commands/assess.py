@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assess one operating point: regime, margins and predicted amplitude of each bearing.
 
-Exits 1 if the monitor would warn at this point: near the stick-slip region or inside it.
+Exits 1 if the monitor would warn at this point: near the stick-slip region or inside it. A speed
+below alarm.minimum_speed is a shaft at rest.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
     points, warned = [], False
     for item in options.chosen(args).bearings:
         speed = options.parse_speed(args.speed, item.bearing.speed)
+        speed *= abs(speed) >= item.speed.deadband  # as the monitor counts it
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])
     if args.json:

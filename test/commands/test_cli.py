@@ -38,6 +38,15 @@ def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert 'one operating point' in said[0]
 
 
+@pytest.mark.parametrize(('speed', 'outcome', 'code'), [('-0.5rpm', 'at_rest', 0), ('-0.6rpm', 'stick_slip', 1)])
+def test_assess_counts_as_rest_what_the_monitor_does(
+    speed: str, outcome: str, code: int, stickslip: Stickslip
+) -> None:
+    """Rest is below 0.003 m/s, which is 0.57 rpm on a journal of 0.1 m."""
+    done = stickslip(*POINT[:3], '--speed', speed, '--load', '1kN', '--json')
+    assert (done.json['outcome'], done.code) == (outcome, code)
+
+
 def test_assess_asks_about_a_slip(tmp_path: Path, stickslip: Stickslip) -> None:
     path = tmp_path / 'ship.yaml'
     path.write_text(Path(CONFIG).read_text(encoding='utf-8').replace('0.9e-3', '0.9'), encoding='utf-8')
