@@ -274,7 +274,10 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 @contextmanager
 def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
     """A node, and what has a thread of its own spin it. Signals are left to the program."""
-    rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.RCLError as error:
+        raise RosError(f'ROS cannot be started: {str(error).partition(", at /")[0]}') from error
     try:
         node, executor = Node(_NAME), SingleThreadedExecutor()
         executor.add_node(node)

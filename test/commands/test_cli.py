@@ -38,7 +38,9 @@ def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert 'one operating point' in said[0]
 
 
-@pytest.mark.parametrize(('speed', 'outcome', 'code'), [('-0.5rpm', 'at_rest', 0), ('-0.6rpm', 'stick_slip', 1)])
+@pytest.mark.parametrize(
+    ('speed', 'outcome', 'code'), [('-0.5rpm', 'at_rest', 0), ('-0.6rpm', 'stick_slip', 1)]
+)
 def test_assess_counts_as_rest_what_the_monitor_does(
     speed: str, outcome: str, code: int, stickslip: Stickslip
 ) -> None:

@@ -257,6 +257,10 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
     code, text = health()
     assert code == 1
     assert re.fullmatch(rf'{own}: 1 callback failed, last at [\d:]+ UTC: ValueError: odd\n', text)
+    refused(
+        run('env', 'ROS_DOMAIN_ID=x', sys.executable, '-m', 'stickslip_monitor', 'health'),
+        'ROS cannot be started: failed to initialize rcl: ROS_DOMAIN_ID is not an integral number',
+    )
 
 
 @pytest.mark.parametrize(
