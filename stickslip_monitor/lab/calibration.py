@@ -181,11 +181,11 @@ class Calibration:
 
     def boundaries(self) -> list[list[float]]:
         """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
-        rows = []
-        for load in np.unique(np.linspace(*self.loads, _MOST_ROWS)).tolist():
-            fold = [float(self.belief.fold_speed(load, p)) for p in QUANTILES]
-            rows.append([load, *self.hopf_speeds(load), *fold])
-        return rows
+        fold = self.belief.fold_speed
+        return [
+            [load, *self.hopf_speeds(load), *(float(fold(load, p)) for p in QUANTILES)]
+            for load in np.unique(np.linspace(*self.loads, _MOST_ROWS)).tolist()
+        ]
 
     @cached_property
     def doubts(self) -> list[tuple[End, float]]:
@@ -198,21 +198,10 @@ class Calibration:
             each.append((end, doubt(end, self.reference, log_r, log_q, spread)))
         return [(end, p) for end, p in each if p > _DOUBTFUL]
 
-    def misses(self) -> list[tuple[float, float, float]]:
-        """Of each end its time [s], how far ``ln V`` is off the fold, and the spread of that."""
-        log_r, log_q = self.factors
-        found = []
-        for end in self.edges.seen:
-            speed, load = np.log(end.middle)
-            fold = log_r + float(self.reference.fold(np.array([load + log_q]))[0])
-            found.append((end.time, float(speed) - fold, math.hypot(0.02, end.timing)))
-        return found
-
     @property
     def warnings(self) -> list[str]:
         """What makes the result worth less, a sentence each."""
-        found = []
-        seen = self.edges.seen
+        found, seen = [], self.edges.seen
         if not self.episodes:
             found.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
         elif not seen:
@@ -241,11 +230,13 @@ class Calibration:
     @property
     def has_changed(self) -> bool:
         """Whether the last ends differ from those before, or all have a trend."""
-        rows = sorted(self.misses())
-        if len(rows) < _FEWEST_ENDS:
+        ends = sorted(self.edges.seen, key=lambda end: end.time)
+        if len(ends) < _FEWEST_ENDS:
             return False
-        off, spread = np.array([[miss, s] for _, miss, s in rows]).T
-        off = np.clip(off, -4.0 * spread, 4.0 * spread)
+        log_r, log_q = self.factors
+        speed, load = np.log([end.middle for end in ends]).T
+        spread = np.hypot(0.02, [end.timing for end in ends])
+        off = np.clip(speed - (log_r + self.reference.fold(load + log_q)), -4.0 * spread, 4.0 * spread)
         least = math.hypot(_LEAST_SCATTER, self.spreads.load)
         size = max(float(np.std(np.diff(off)) / math.sqrt(2.0)), least)
         place = np.arange(off.size) - 0.5 * (off.size - 1)

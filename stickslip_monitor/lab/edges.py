@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
@@ -162,12 +161,10 @@ class ReportedCourse:
 
     def at(self, time: float) -> tuple[float, float]:
         """Speed and load about a time [s]."""
-        near = (self.time >= time - _NEAR) & (self.time <= time + _NEAR)
-        columns = self.speed, self.load
+        near = np.abs(self.time - time) <= _NEAR
         if near.any():
             return float(self.speed[near].mean()), float(self.load[near].mean())
-        speed, load = (float(np.interp(time, self.time, each)) for each in columns)
-        return speed, load
+        return float(np.interp(time, self.time, self.speed)), float(np.interp(time, self.time, self.load))
 
 
 def track_of(
@@ -211,42 +208,37 @@ def edges_of(
 
 
 def _read(found: Edges, track: ReportedCourse, reference: Reference, onsets: bool) -> None:
-    begin = float(track.time[0])
-    for one, after in pairwise([*track.reports, None]):
-        assert one is not None
-        a = max(one.start_ns / 1e9, float(track.time[0]))
-        b = min(one.end_ns / 1e9, float(track.time[-1]))
-        meets = (
-            after is not None
-            and after.squeal != one.squeal
-            and after.start_ns / 1e9 - b <= one.tolerance + 1.0
-        )
+    first, last = float(track.time[0]), float(track.time[-1])
+    begin = first
+    for one, after in zip(track.reports, [*track.reports[1:], None], strict=True):
+        a, b = max(one.start_ns / 1e9, first), min(one.end_ns / 1e9, last)
+        if after and (after.squeal == one.squeal or after.start_ns / 1e9 - b > one.tolerance + 1.0):
+            after = None  # they do not meet
         if one.squeal:
-            end = _end_of(track, one, a, b, meets, reference)
-            found.ends += [] if end is None else [end]
+            end = _end_of(track, one, a, b, after is not None, reference)
+            found.ends += [end] if end else []
             # Where it ended inside it is not known how far a disturbance has grown.
-            begin = b if end is not None and not end.is_bound else math.inf
+            begin = b if end and not end.is_bound else math.inf
         else:
-            trust = min(one.trust, after.trust) if meets and after is not None else one.trust
-            passage = _passage(track, one, begin, b, meets, trust)
-            if passage is not None and onsets:
-                found.passages.append(passage)
+            passage = _passage(track, one, begin, b, after)
+            found.passages += [passage] if passage and onsets else []
             begin = b
 
 
 def _passage(
-    track: ReportedCourse, report: VibrationReport, begin: float, b: float, began: bool, trust: float
+    track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
 ) -> Passage | None:
-    late = report.tolerance + LAGS[-1] if began else 0.0
+    """Quiet up to the onset that ends it, if any; ``None`` where it tells nothing."""
+    late = report.tolerance + LAGS[-1] if onset else 0.0
     rows = (track.time >= begin) & (track.time <= b + late)
     if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
         return None
-    time = track.time[rows]
-    if began and _pace(time, track.speed[rows], b) > 1.0 / _SLOWEST_ONSET:
+    time, speed = track.time[rows], track.speed[rows]
+    if onset and _pace(time, speed, b) > 1.0 / _SLOWEST_ONSET:
         return None
     step = np.minimum(np.diff(time, prepend=time[0]), 5.0)
-    columns = track.speed[rows], track.load[rows], step
-    return Passage(b, *columns, began, report.tolerance, trust)
+    trust = min(report.trust, onset.trust) if onset else report.trust
+    return Passage(b, speed, track.load[rows], step, onset is not None, report.tolerance, trust)
 
 
 def _pace(time: FloatArray, speed: FloatArray, at: float) -> float:
