@@ -17,7 +17,7 @@ import io
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -104,8 +104,7 @@ def time_call(
     """
     start = wall()
     call()
-    once = max(wall() - start, 1e-9)
-    inner = max(1, math.ceil(effort.sample / once))
+    inner = max(1, math.ceil(effort.sample / max(wall() - start, 1e-9)))
     samples: list[tuple[float, float]] = []
     while len(samples) < effort.fewest or (len(samples) < effort.most and wall() - start < effort.budget):
         wall_begin, cpu_begin = wall(), cpu()
@@ -137,12 +136,11 @@ class Row:
 
 def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Error and time of a method at a case; the first call warms it up."""
-    result = method.solve(case.bearing, case.speed, case.load)
+    point = case.bearing, case.speed, case.load
+    result = method.solve(*point)
     seconds, samples, disturbed = math.nan, 0, False
     if result.outcome != REFUSED:
-        seconds, samples, disturbed = time_call(
-            lambda: method.amplitude(case.bearing, case.speed, case.load), effort
-        )
+        seconds, samples, disturbed = time_call(partial(method.amplitude, *point), effort)
     return Row(
         method=method.name,
         family=method.family,
@@ -206,11 +204,8 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
 
     Points that are not finite take no part; errors below rounding are equal.
     """
-    usable = [
-        i
-        for i, (t, e) in enumerate(zip(seconds, errors, strict=True))
-        if math.isfinite(t) and math.isfinite(e)
-    ]
+    known = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]
+    usable = [i for i, is_known in enumerate(known) if is_known]
     front: list[int] = []
     least = math.inf
     for i in sorted(usable, key=lambda i: (seconds[i], errors[i])):
@@ -222,8 +217,7 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
 
 def columns(rows: Sequence[Row]) -> dict[str, list[object]]:
     """The measurement as columns for a CSV file."""
-    table = [astuple(row) for row in rows]
-    return {field.name: [line[i] for line in table] for i, field in enumerate(fields(Row))}
+    return {field.name: [getattr(row, field.name) for row in rows] for field in fields(Row)}
 
 
 _PARSERS: dict[str, Callable[[str], object]] = {
@@ -250,9 +244,8 @@ def read_rows(path: str | Path) -> list[Row]:
         raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
     try:
         parsers = {field.name: _PARSERS[str(field.type)] for field in fields(Row)}
-        # The type checker cannot follow that each value has the type of its field.
-        rows = [{name: parse(line[name]) for name, parse in parsers.items()} for line in lines]
-        return [Row(**row) for row in rows]  # type: ignore[arg-type]
+        rows: Any = ({name: parse(line[name]) for name, parse in parsers.items()} for line in lines)
+        return [Row(**row) for row in rows]
     except (ValueError, TypeError) as error:
         raise ConfigurationError(f'{path} has a cell that is no number: {error}') from error
 
@@ -271,15 +264,18 @@ def _single_and_bulk(
 
 
 def _smoothed(width: float, tight: bool) -> Method:
-    tolerance = 'tight' if tight else 'default'
-    name = f'tanh {width:.0e} m/s, {tolerance}'.replace('e-0', 'e-')
-    slow = tight and width < 5e-5
-    return Method(name, 'tanh friction, LSODA', partial(smoothed, width, tight), slow=slow)
+    name = f'tanh {width:.0e} m/s, {"tight" if tight else "default"}'.replace('e-0', 'e-')
+    solve = partial(smoothed, width, tight)
+    return Method(name, 'tanh friction, LSODA', solve, slow=tight and width < 5e-5)
 
 
 def _switching(name: str, tight: bool, longest: float = math.inf) -> Method:
-    solve = partial(switching, tight, longest)
-    return Method(f'switching, {name}', 'switching, solve_ivp', solve)
+    return Method(f'switching, {name}', 'switching, solve_ivp', partial(switching, tight, longest))
+
+
+def _balance(harmonics: int) -> Method:
+    name, solve = f'harmonic balance, H = {harmonics}', partial(harmonic_balance, harmonics)
+    return Method(name, 'harmonic balance', solve, has_resolvent, slow=harmonics > 31)
 
 
 BASE, _AVERAGING_IN_BULK = _single_and_bulk('KBM', averaging)
@@ -287,16 +283,7 @@ BASE, _AVERAGING_IN_BULK = _single_and_bulk('KBM', averaging)
 METHODS = (
     BASE,
     _AVERAGING_IN_BULK,
-    *(
-        Method(
-            f'harmonic balance, H = {harmonics}',
-            'harmonic balance',
-            partial(harmonic_balance, harmonics),
-            has_resolvent,
-            slow=harmonics > 31,
-        )
-        for harmonics in HARMONICS
-    ),
+    *map(_balance, HARMONICS),
     *(_smoothed(width, tight) for tight in (False, True) for width in WIDTHS),
     _switching('default', False),
     _switching('tight', True),
@@ -306,13 +293,7 @@ METHODS = (
 )
 """All methods, in the order of the tables."""
 
-REFERENCE = Bearing(
-    mass=50.0,
-    damping=400.0,
-    stiffness=2.0e6,
-    friction=Stribeck(static=0.30, kinetic=0.10, decay=10.0),
-    journal_diameter=0.100,
-)
+REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), journal_diameter=0.100)
 """The test-bench bearing of the docs."""
 _RPM = REFERENCE.speed.factor('rpm')
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,7 +53,6 @@ _UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
 _SIMULATED = 4000
 
 Viscous = Literal['auto', 'yes', 'no']
-Loss = Literal['soft_l1', 'cauchy']
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,9 +259,7 @@ def _solve(curve: FrictionCurve, names: tuple[str, ...]) -> StribeckFit:
     """The robust fit with some coefficients free, whether or not it makes sense."""
     found = StribeckFit(curve, names, _start(curve, names), 1.0)
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
-    steps: tuple[tuple[Loss, float], ...]
-    steps = (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY))
-    for loss, at in steps:
+    for loss, at in (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY)):
         scale = _robust_scale(found)
         found = replace(found, median_scale=scale, values=_descend(found, scale, loss, at))
     return found
@@ -288,7 +285,7 @@ def _start(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
     return start
 
 
-def _descend(fit: StribeckFit, scale: float, loss: Loss, at: float) -> FloatArray:
+def _descend(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray:
     """The values that fit best, from those on, by a loss of the residuals over the scale."""
     free = np.array([name in fit.names for name in UNITS])
 
@@ -300,19 +297,9 @@ def _descend(fit: StribeckFit, scale: float, loss: Loss, at: float) -> FloatArra
     def misfit(part: FloatArray) -> FloatArray:
         return (_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
 
-    found = least_squares(
-        misfit,
-        fit.values[free],
-        'cs',
-        x_scale='jac',
-        loss=loss,
-        f_scale=at,
-        ftol=1e-15,
-        xtol=1e-15,
-        gtol=1e-15,
-        max_nfev=200,
-    )
-    return whole(found.x)
+    exactly: Any = dict.fromkeys(('ftol', 'xtol', 'gtol'), 1e-15)
+    how: Any = {'x_scale': 'jac', 'loss': loss, 'f_scale': at, 'max_nfev': 200}
+    return whole(least_squares(misfit, fit.values[free], 'cs', **how, **exactly).x)
 
 
 def _robust_scale(fit: StribeckFit) -> float:
@@ -375,10 +362,10 @@ def _require_fall(fit: StribeckFit) -> None:
             f'static - kinetic = {fit.values[0]:.3g} must be above 0: the curve has no falling'
             ' part that levels off, as the Stribeck law has'
         )
-    columns = [np.ones_like(fit.curve.speed)]
-    columns += [fit.curve.speed] if 'viscous' in fit.names else []
+    # A constant, and a slope where the fit has one.
+    powers = np.arange(2 if 'viscous' in fit.names else 1)
     root = np.sqrt(fit.weight) / fit.curve.std
-    left, target = np.stack(columns, axis=1) * root[:, None], root * fit.curve.coefficient
+    left, target = fit.curve.speed[:, None] ** powers * root[:, None], root * fit.curve.coefficient
     level = np.linalg.lstsq(left, target, rcond=None)[0]
     gain = np.sum((target - left @ level) ** 2) - np.sum((root * fit.residual) ** 2)
     f_value = float(gain) / 2.0 / fit.scale**2
