@@ -8,7 +8,7 @@ deviations with what they do to the fold speed: what to measure next.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from stickslip_monitor.errors import ConfigurationError
@@ -100,61 +100,58 @@ def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, 
         journal_diameter, mass, damping, stiffness, static, kinetic, decay and load.
     """
     own = {name: _stated(name, item) for name, item in given.items()}
-    diameter, thickness = own['journal_diameter'], own['thickness']
-    area = own.get('area') or Estimate(
-        'area', diameter.value * own['length'].value, 'm^2', LOADED_AREA, 'diameter x length'
-    )
-    modulus = own.get('shear_modulus') or Estimate(
-        'shear_modulus',
-        shear_modulus(given['hardness'].value),
-        'Pa',
-        GENT,
-        f'Gent 1958, {given["hardness"].value:g} Shore A',
-    )
-    density = own.get('density') or Estimate(
-        'density', DENSITY[material], 'kg/m^3', FILLED, f'{material} rubber, Brydson 1988'
+    for each in _derived(own, material):
+        own.setdefault(each.name, each)
+    diameter, thickness, area, modulus, density, ratio = (
+        own[name]
+        for name in ('journal_diameter', 'thickness', 'area', 'shear_modulus', 'density', 'damping_ratio')
     )
     layer = f'A = {area.value:.3g} m^2 ({area.origin}), h = {1e3 * thickness.value:.3g} mm'
-    stiffness = Estimate(
-        'stiffness',
-        modulus.value * area.value / thickness.value,
-        'N/m',
-        math.hypot(modulus.spread, area.spread),
-        f'G A/h: G = {modulus.value / 1e6:.3g} MPa ({modulus.origin}), {layer}',
-    )
-    mass = Estimate(
-        'mass',
-        density.value * area.value * thickness.value / 3.0,
-        'kg',
-        math.hypot(density.spread, area.spread),
-        f'rho A h/3, a layer in even shear (Rayleigh): rho = {density.value:.4g} kg/m^3 ({density.origin})',
-    )
-    damping = _damping(own, math.sqrt(stiffness.value * mass.value), modulus, density, area)
+    shear = f'G A/h: G = {modulus.value / 1e6:.3g} MPa ({modulus.origin}), {layer}'
+    stiffness = _product(('stiffness', 'N/m', shear), (modulus, 1.0), (area, 1.0), (thickness, -1.0))
+    rho = f'rho = {density.value:.4g} kg/m^3 ({density.origin})'
+    even = f'rho A h/3, a layer in even shear (Rayleigh): {rho}'
+    mass = _product(('mass', 'kg', even), (density, 1.0), (area, 1.0), (thickness, 1.0), times=1.0 / 3.0)
+    origin = f'2 zeta sqrt(k m): zeta = {ratio.value:.3g} ({ratio.origin})'
+    parts = (ratio, 1.0), (area, 1.0), (modulus, 0.5), (density, 0.5)
+    damping = _product(('damping', 'N s/m', origin), *parts, times=2.0 / math.sqrt(3.0))
     law = (own[name] for name in ('static', 'kinetic', 'decay'))
     return diameter, mass, damping, stiffness, *law, own['load']
 
 
 def _stated(name: str, item: Given) -> Estimate:
-    known = item.spread == item.spread
-    spread = item.spread if known else UNSTATED.get(name, 0.0)
-    return Estimate(name, item.value, '', spread, 'given')
+    spread = UNSTATED.get(name, 0.0) if math.isnan(item.spread) else item.spread
+    return Estimate(name, item.value, '', spread, 'ring-down' if name == 'damping_ratio' else 'given')
 
 
-def _damping(
-    own: Mapping[str, Estimate], critical: float, modulus: Estimate, density: Estimate, area: Estimate
-) -> Estimate:
-    """``c = 2 zeta sqrt(k m)``; of a loss factor ``eta``, ``zeta = eta/2`` at resonance.
+def _derived(own: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
+    """What follows from other values where it is not given itself.
 
-    Nashif, Jones and Henderson, Vibration Damping, 1985. ``sqrt(k m)`` goes with the area and with
-    the roots of modulus and density.
+    Of a loss factor ``eta``, ``zeta = eta/2`` at resonance: Nashif, Jones and Henderson, Vibration
+    Damping, 1985.
     """
-    measured = own.get('damping_ratio')
-    ratio = measured.value if measured else 0.5 * own['loss_factor'].value
-    own_spread = (measured or own['loss_factor']).spread
-    spread = math.hypot(own_spread, area.spread, 0.5 * modulus.spread, 0.5 * density.spread)
-    name = 'ring-down' if measured else f'half the loss factor {2 * ratio:.3g}, Nashif 1985'
-    origin = f'2 zeta sqrt(k m): zeta = {ratio:.3g} ({name})'
-    return Estimate('damping', 2.0 * ratio * critical, 'N s/m', spread, origin)
+    if length := own.get('length'):
+        area = own['journal_diameter'].value * length.value
+        yield Estimate('area', area, 'm^2', LOADED_AREA, 'diameter x length')
+    if hardness := own.get('hardness'):
+        origin = f'Gent 1958, {hardness.value:g} Shore A'
+        yield Estimate('shear_modulus', shear_modulus(hardness.value), 'Pa', GENT, origin)
+    if material:
+        origin = f'{material} rubber, Brydson 1988'
+        yield Estimate('density', DENSITY[material], 'kg/m^3', FILLED, origin)
+    if loss := own.get('loss_factor'):
+        origin = f'half the loss factor {loss.value:.3g}, Nashif 1985'
+        yield Estimate('damping_ratio', 0.5 * loss.value, '-', loss.spread, origin)
+
+
+def _product(what: tuple[str, str, str], *parts: tuple[Estimate, float], times: float = 1.0) -> Estimate:
+    """A product of powers, of which the deviations add as those of independent values.
+
+    ``what`` is its name, unit and origin.
+    """
+    name, unit, origin = what
+    value = times * math.prod(each.value**power for each, power in parts)
+    return Estimate(name, value, unit, math.hypot(*(power * each.spread for each, power in parts)), origin)
 
 
 def bearing_of(values: Sequence[Estimate]) -> Bearing:

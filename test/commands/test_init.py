@@ -54,7 +54,8 @@ def test_spreads_combine_as_independent_errors() -> None:
     """Of independent factors the squares of the relative deviations add, roots count half."""
     values = {item.name: item.spread for item in estimate(_given())}
     area = 0.2  # of the loaded arc, as the length is not exact about it
-    assert values['stiffness'] == pytest.approx(math.hypot(0.1, area))
+    assert values['stiffness'] == values['mass'] == pytest.approx(math.hypot(0.1, 0.1, area))
+    # The thickness divides stiffness and multiplies mass: damping does not see it.
     assert values['damping'] == pytest.approx(math.hypot(0.1, area, 0.05, 0.05))
 
 
