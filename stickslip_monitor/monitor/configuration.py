@@ -182,7 +182,7 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     notes = _retired(values, names)
     sections = [_Section(name, values) for name in names]
     bearings = tuple(section.build() for section in sections)
-    notes += [note for section in sections for note in section.unused()]
+    notes += [note for s, bearing in zip(sections, bearings, strict=True) for note in s.unused(bearing)]
     notes += [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
     clips = filled(parameters.ClipConfig, 'clips.', node)
     return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes))
@@ -308,19 +308,21 @@ class _Section:
                 )
         return make(*(self._own[f'friction.{key}'] for key in names))
 
-    def unused(self) -> Iterator[str]:
-        """A sentence on each parameter of friction that the law does not take.
+    def unused(self, config: BearingConfig) -> Iterator[str]:
+        """A sentence on each parameter that this bearing does not take, of friction and of probability.
 
         One at its default is passed over: over ROS all of them are declared.
         """
         law = self._own['friction.law']
         taken = [f'friction.{key}' for key in LAWS[law][1]]
-        for row in parameters.FRICTION_PARAMETERS[1:]:
-            if row.name not in taken and not row.is_default(self._own[row.name]):
-                yield (
-                    f'{self._shown(row.name, row.unit)} has no effect: the law {law} takes'
-                    f' {", ".join(taken)}; is friction.law right?'
-                )
+        for row in parameters.BEARING_PARAMETERS:
+            if row.is_default(self._own[row.name]):
+                continue
+            shown = f'{self._shown(row.name, row.unit)} has no effect'
+            if row.name.startswith('friction.') and row.name not in ('friction.law', *taken):
+                yield f'{shown}: the law {law} takes {", ".join(taken)}; is friction.law right?'
+            elif row.name.endswith('_probability') and not config.alarms_by_chance:
+                yield f'{shown}: alarms go by margins without tolerances, and after a calibration'
 
     def _load(self, speed: InputConfig) -> parameters.LoadConfig:
         """The input of the load, or the constant that stands for it, which comes with the speed."""

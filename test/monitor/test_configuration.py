@@ -230,3 +230,10 @@ def test_what_a_law_does_not_take_is_named(law: Any, parameter: str, value: Any,
     named = [note for note in config.notes if note.startswith(f'aft.friction.{parameter} = ')]
     assert bool(named) == has_no_effect
     assert all(f'has no effect: the law {law["law"]} takes ' in note for note in named)
+
+
+@pytest.mark.parametrize(('more', 'has_no_effect'), [({}, True), ({'tolerance__damping': 0.1}, False)])
+def test_a_probability_without_tolerances_is_named(more: dict[str, float], has_no_effect: bool) -> None:
+    notes = configured(alarm__can_probability=0.4, **more).notes
+    named = [note for note in notes if note.startswith('aft.alarm.can_probability = 0.4 has no effect: ')]
+    assert len(notes) == len(named) == has_no_effect
