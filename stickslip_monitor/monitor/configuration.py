@@ -14,7 +14,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,19 +38,16 @@ INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
 _LARGEST_VARIANCE = 100.0
 
 
-def load_calibration(path: str | Path) -> dict[str, Any]:
-    """The JSON object of a calibration.
-
-    Raises:
-        ConfigurationError: The file cannot be read or is none; the text names it.
-    """
+def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The object in the file of a bearing's calibration, made with sensors as :data:`INPUT_KEYS` say now."""
     try:
         document = read_json(path, LARGEST_JSON)
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from error
     except ValueError as error:
         raise ConfigurationError(f'{path} is not JSON: {error}') from error
-    schema = document.get('schema') if isinstance(document, dict) else None
+    found: dict[str, Any] = document if isinstance(document, dict) else {}
+    schema = found.get('schema')
     if schema == _LAST_SCHEMA:
         raise ConfigurationError(
             f'{path} was made by an earlier version, which weighed its evidence by another model:'
@@ -63,44 +59,28 @@ def load_calibration(path: str | Path) -> dict[str, Any]:
             f'{path} has the schema {schema!r} and must have {CALIBRATION_SCHEMA!r}: make it with'
             ' stickslip calibrate'
         )
-    assert isinstance(document, dict)
-    return document
-
-
-def require_same_sensors(
-    path: str | Path, document: Mapping[str, Any], bearing: str, inputs: Mapping[str, Any]
-) -> None:
-    """Refuse a calibration of another bearing, or one whose sensors have other :data:`INPUT_KEYS` now.
-
-    Raises:
-        ConfigurationError: Something differs; the text says what.
-    """
-    if document.get('bearing') != bearing:
-        raise ConfigurationError(
-            f"{path} is a calibration of '{document.get('bearing')}' and not of '{bearing}'"
-        )
-    past = document.get('inputs')
-    for quantity, now in inputs.items():
+    if found.get('bearing') != name:
+        raise ConfigurationError(f"{path} is a calibration of '{found.get('bearing')}' and not of '{name}'")
+    past = found.get('inputs')
+    for quantity, now in sensors.items():
         then = past.get(quantity) if isinstance(past, dict) else None
         if not isinstance(then, dict):
             raise ConfigurationError(f'{path} is damaged: it does not name its sensors')
-        for key in INPUT_KEYS:
-            if then.get(key) != now[key]:
+        for key, value in now.items():
+            if then.get(key) != value:
                 raise ConfigurationError(
-                    f'{path} was made with {quantity}.{key} = {then.get(key)!r}, and it is {now[key]!r} now:'
+                    f'{path} was made with {quantity}.{key} = {then.get(key)!r}, and it is {value!r} now:'
                     ' a calibration holds for its own sensors only, so calibrate anew'
                 )
+    return found
 
 
-def calibrated(
-    path: str | Path, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
+def _calibrated(
+    path: str, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
 ) -> tuple[Bearing, Belief]:
     """The bearing by which alarms go after a calibration, and what is believed of it and its sensors.
 
     Mass, stiffness and diameter are those that are configured.
-
-    Raises:
-        ConfigurationError: The object is incomplete.
     """
     try:
         found = _with_law(bearing, document['parameters'])
@@ -110,15 +90,7 @@ def calibrated(
         np.linalg.cholesky(covariance)
         low, high = (float(load) for load in document['loads'])
         floor = float(document['floor'])
-    except (
-        KeyError,
-        IndexError,
-        TypeError,
-        ValueError,
-        OverflowError,
-        PhysicsError,
-        np.linalg.LinAlgError,
-    ) as error:
+    except (LookupError, TypeError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise ConfigurationError(f'{path} is damaged: {error!r}') from error
     sound = covariance.shape == (2, 2) and bool((np.abs(covariance) < _LARGEST_VARIANCE).all())
     if not (sound and 0.0 < low <= high < math.inf and 0.0 <= floor <= 1.0):
@@ -289,10 +261,8 @@ class _Section:
         own, path = self._own, self._own['calibration']
         if not path:
             return bearing, None if tolerance.is_exact else _of_tolerance(bearing, tolerance)
-        document = load_calibration(path)
         sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
-        require_same_sensors(path, document, self.name, sensors)
-        return calibrated(path, document, bearing, tolerance)
+        return _calibrated(path, _calibration(path, self.name, sensors), bearing, tolerance)
 
     def _friction(self) -> FrictionLaw:
         law = self._own['friction.law']

@@ -16,15 +16,9 @@ from sending import configured, points
 
 from stickslip_monitor import Monitor, fold_speed
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.monitor.configuration import (
-    calibrated,
-    load_calibration,
-    questions,
-    require_same_sensors,
-)
+from stickslip_monitor.monitor.configuration import questions
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.probability import EXACT
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = math.pi * 0.1 / 60.0
@@ -69,9 +63,7 @@ def test_a_damaged_result_is_refused_in_a_sentence(tmp_path: Path) -> None:
     for _ in range(150):
         path.write_text(json.dumps(mutated(RESULT, source)))
         with contextlib.suppress(StickslipError):
-            document = load_calibration(path)
-            require_same_sensors(path, document, 'aft', SENSORS)
-            calibrated(path, document, BEARING, EXACT)
+            configured(calibration=str(path))
             read += 1
     assert 0 < read < 150
 
@@ -86,7 +78,7 @@ def test_what_is_no_file_of_results_is_not_read_for_ever(tmp_path: Path, kind: s
     else:
         path.write_text('[' * 100_000)
     with pytest.raises(ConfigurationError, match=r'it is a pipe|it is a device|nested too deeply'):
-        load_calibration(path)
+        configured(calibration=str(path))
 
 
 @pytest.fixture
