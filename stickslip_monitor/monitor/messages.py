@@ -264,11 +264,24 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
-    """The diagnostic status of a bearing, by a node of that full name without the leading slash."""
-    name, record = state.bearing.config.name, bearing_record(state)
-    values = {key: _written(value) for key, value in diagnostic_values(state, record).items()}
-    severity = Severity[record['severity']]
-    return DiagnosticRecord(severity, f'{node}: {name}', hardware_id(node, name), record['text'], values)
+    """The diagnostic status of a bearing, by a node of that full name without the leading slash.
+
+    One number a key, with its unit in the key.
+    """
+    bearing, record, shown = state.bearing, bearing_record(state), ['reason']
+    if state.point is not None:
+        shown += _OF_POINT if bearing.config.belief is None else (*_OF_POINT, *BELIEFS)
+    if record['measured'] is not None:
+        shown += 'measured', 'unmeasured', 'unseen'
+    values = {KEYS.get(name, name.replace('_', ' ')): record[name] for name in shown}
+    values |= {f'{name} age [s]': age for name, age in bearing.lost().items()}
+    values |= {f'{name} fault': text for name, text in state.faults.items()}
+    for name, own in record['inputs'].items():
+        values |= {f'{name} samples {key.replace("_", " ")}': count for key, count in own['counts'].items()}
+    name, written = bearing.config.name, {key: _written(value) for key, value in values.items()}
+    return DiagnosticRecord(
+        state.severity, f'{node}: {name}', hardware_id(node, name), record['text'], written
+    )
 
 
 def _written(value: str | float | None) -> str:
@@ -281,21 +294,6 @@ def hardware_id(node: str, bearing: str) -> str:
     """A bearing's name in the namespace of its node: ``aft``, ``port/aft``."""
     space = node.rpartition('/')[0]
     return f'{space}/{bearing}' if space else bearing
-
-
-def diagnostic_values(state: BearingState, record: Mapping[str, Any]) -> dict[str, str | float | None]:
-    """The pairs of a bearing's diagnostic status, of its record: one number a key, unit in the key."""
-    bearing, shown = state.bearing, ['reason']
-    if state.point is not None:
-        shown += _OF_POINT if bearing.config.belief is None else (*_OF_POINT, *BELIEFS)
-    if record['measured'] is not None:
-        shown += 'measured', 'unmeasured', 'unseen'
-    result = {KEYS.get(name, name.replace('_', ' ')): record[name] for name in shown}
-    result |= {f'{name} age [s]': age for name, age in bearing.lost().items()}
-    result |= {f'{name} fault': text for name, text in state.faults.items()}
-    for name, own in record['inputs'].items():
-        result |= {f'{name} samples {key.replace("_", " ")}': count for key, count in own['counts'].items()}
-    return result
 
 
 DOUBLE = 'Another node has the same full name: services and parameters reach either of them.'

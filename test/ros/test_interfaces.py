@@ -18,13 +18,7 @@ from stickslip_monitor.commands import assess as assess_command
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import ActionRequest, Note, alarms_record, request_record
 from stickslip_monitor.monitor.input_faults import InputState
-from stickslip_monitor.monitor.messages import (
-    BearingState,
-    bearing_record,
-    bearings_json,
-    diagnostic_values,
-    event_record,
-)
+from stickslip_monitor.monitor.messages import BearingState, bearings_json, diagnostic_record, event_record
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
 SCHEMAS = resources.files('stickslip_monitor') / 'schemas'
@@ -135,7 +129,7 @@ def test_keys_of_diagnostics(monitor: Monitor) -> None:
     monitor.advance(10**12)
     inputs = dict.fromkeys(('speed', 'load'), InputState(fault='nobody publishes'))
     state = BearingState(monitor.bearings['aft'], inputs)
-    keys = diagnostic_values(state, bearing_record(state))
+    keys = diagnostic_record('monitor', state).values
     named = {name.replace('... ', 'speed samples ') for name in fields('Diagnostics')}
     assert named <= set(keys)
     assert {name for name in keys if name.startswith('speed samples')} <= named
