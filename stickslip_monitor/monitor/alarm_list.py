@@ -22,7 +22,6 @@ from stickslip_monitor.monitor.alarms import (
     Priority,
     Trigger,
     follow,
-    kinds_of,
 )
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.severity import WordEnum
@@ -166,8 +165,10 @@ class Annunciator:
         self.config = config
         for bearing in config.bearings:
             self.causes[bearing.name].config = bearing
-            for kind in kinds_of(bearing):
-                self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
+            for kind in AlarmKind:
+                # That of vibration takes a level.
+                if bearing.level or kind is not AlarmKind.VIBRATION:
+                    self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
 
     def restart(self) -> None:
         """The monitor starts afresh: what it knew holds until it knows again."""

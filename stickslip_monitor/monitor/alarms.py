@@ -59,11 +59,6 @@ LATCHING = (AlarmKind.AMPLITUDE_LIMIT, AlarmKind.STICK_SLIP)
 """The alarms of stick-slip itself: each onset sounds, and they latch where it is configured."""
 
 
-def kinds_of(config: BearingConfig) -> tuple[AlarmKind, ...]:
-    """The alarms that a bearing has: that of vibration takes a level."""
-    return tuple(k for k in AlarmKind if config.level or k is not AlarmKind.VIBRATION)
-
-
 class Causes:
     """The causes of one bearing's alarms; ``now_ns`` is a running time that never goes back.
 

@@ -223,6 +223,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
     time_ns, lost = bearing.now_ns or 0, bearing.lost()
     clears = None if point is None or lost else bearing.clears
+    rpm = None if point is None else bearing.config.bearing.speed.from_surface(point.speed, 'rpm')
     measured = bearing.measured if monitoring else None
     unknown = bearing.unknown if monitoring else None
     return {
@@ -237,17 +238,13 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
         'clears_in': clears,
         'held_until': None if clears is None else time_ns + round(clears * 1e9),
         'raised': bearing.raised_lately,
-        'rpm': None if point is None else _rpm(bearing, point),
+        'rpm': None if rpm is None else float(rpm),
         **point_record(point),
         'measured': None if measured is None else measured.value,
         'unmeasured': '' if unknown is None else unknown.sentence,
         'unseen': bearing.unseen,
         'inputs': {name: _input_record(state, name) for name in bearing.config.inputs},
     }
-
-
-def _rpm(bearing: BearingMonitor, point: Assessment) -> float:
-    return float(bearing.config.bearing.speed.from_surface(point.speed, 'rpm'))
 
 
 def _input_record(state: BearingState, name: str) -> dict[str, Any]:
