@@ -38,15 +38,6 @@ _KEPT: dict[str, tuple[str, tuple[type, ...]]] = {
 _T = TypeVar('_T')
 
 
-@dataclass(frozen=True, slots=True)
-class Note:
-    """Something to be put on record that concerns no single alarm."""
-
-    time_ns: int
-    what: str  # 'lifecycle', 'parameter', 'input', 'node' or 'action'
-    text: str
-
-
 def alarms_record(
     annunciator: Annunciator,
     changes: Iterable[AlarmChange],
@@ -54,7 +45,7 @@ def alarms_record(
     sequence: int,
     *,
     monitoring: bool = True,
-    notes: Iterable[Note] = (),
+    notes: Iterable[dict[str, Any]] = (),
     text_of: Callable[[str], str] = str,
 ) -> dict[str, Any]:
     """Every alarm as it stands, and what has just happened; the fields are in interfaces.md."""
@@ -67,7 +58,7 @@ def alarms_record(
         'unacknowledged': sum(alarm.state in WAITING for alarm in annunciator),
         'flood': annunciator.flood.figures(annunciator.now_ns),
         'changes': [change_record(change) for change in changes],
-        'notes': [{'time': n.time_ns, 'what': n.what, 'text': n.text} for n in notes],
+        'notes': list(notes),
         'alarms': [alarm_record(annunciator, alarm) for alarm in annunciator],
         'rows': list(row_records(annunciator, time_ns, text_of)),
     }

@@ -136,7 +136,7 @@ class Session:
         self.annunciator = Annunciator(config)
         self._begun_ns = self._listed_ns = self._sequence = 0
         self._unkept = ''
-        self._notes: deque[alarm_records.Note] = deque(maxlen=NOTES_KEPT)
+        self._notes: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         known = {} if store is None else self._recalled(store)
         self.monitor = Monitor(config, known)
         for name in self.monitor.bearings.keys() & known.keys():
@@ -282,8 +282,8 @@ class Session:
             self.note('input', f'{bearing}: {text}')
 
     def note(self, what: str, text: str) -> None:
-        """Put something on record, with the next list of alarms; see :class:`.Note`."""
-        self._notes.append(alarm_records.Note(self._clock(), what, text))
+        """Put a lifecycle, parameter, input, node or action on record, with the next list of alarms."""
+        self._notes.append({'time': self._clock(), 'what': what, 'text': text})
 
     def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
         """Do what a person asks for, put on record why, and return what it changed."""
@@ -354,8 +354,7 @@ class Session:
         """Publish every alarm as it stands, with what has just changed."""
         self._listed_ns = self.annunciator.now_ns
         self._sequence += 1
-        notes = list(self._notes)
-        self._notes.clear()
+        notes, self._notes = self._notes, deque(maxlen=NOTES_KEPT)
         record = alarm_records.alarms_record(
             self.annunciator,
             changes,

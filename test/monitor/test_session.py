@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from sending import SECOND, Ship, configured
+from sending import SECOND, T0, Ship, configured
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.alarm_list import Action
@@ -151,6 +151,14 @@ def test_the_list_is_published_once_a_minute_without_any_change(ship: Ship) -> N
     ship.session.tick(ship.now, HEARTBEAT_NS)
     ship.session.tick(ship.now, HEARTBEAT_NS + 1)
     assert [record['changes'] for record in ship.published] == [[], []]
+
+
+def test_what_is_noted_comes_once_with_the_next_list(ship: Ship) -> None:
+    ship.session.note('node', 'it was held up')
+    for _ in range(2):
+        ship.tick()
+    assert ship.published[-1]['notes'] == [{'time': T0, 'what': 'node', 'text': 'it was held up'}]
+    assert len(ship.published) == 2
 
 
 def test_a_store_that_fails_is_told_once_for_each_outage(ship: Ship) -> None:

@@ -16,7 +16,7 @@ import pytest
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
-from stickslip_monitor.monitor.alarm_records import ActionRequest, Note, alarms_record, request_record
+from stickslip_monitor.monitor.alarm_records import ActionRequest, alarms_record, request_record
 from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.messages import BearingState, bearings_json, diagnostic_record, event_record
 
@@ -84,7 +84,7 @@ def test_a_warning_and_the_alarms_keep_their_schemas(monitor: Monitor) -> None:
         assert complaints('warning-2', event_record(event)) == []
         changes += annunciator.take_event(event)
     assert changes
-    record = alarms_record(annunciator, changes, 2, 1, notes=[Note(1, 'node', 'x')])
+    record = alarms_record(annunciator, changes, 2, 1, notes=[{'time': 1, 'what': 'node', 'text': 'x'}])
     assert complaints('alarm-1', record) == []
     # A schema that takes anything would be none.
     assert complaints('alarm-1', record | {'time': 'now', 'more': 1}) == ['.time is a str', ' has more']
