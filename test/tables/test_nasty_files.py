@@ -27,6 +27,7 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import InputConfig
+from stickslip_monitor.tables.dialect import unit_of
 
 CONFIG = Path(__file__).resolve().parents[2] / 'launch_configs/reference_bearing.yaml'
 NAN = math.nan
@@ -879,3 +880,11 @@ def test_a_package_of_a_standard_is_refused_with_the_way_to_read_it(tmp_path: Pa
     (tmp_path / 'voyage.json').write_text('{"Package": {"TimeSeriesData": [{"TabularData": []}]}}')
     with pytest.raises(BagError, match="is JSON: write it as CSV; a package of ISO 19848 with jq -r '"):
         open_bag(tmp_path / 'voyage.json')
+
+
+@pytest.mark.parametrize(
+    ('written', 'unit'),
+    [('m/s²', 'm/s^2'), ('[\u03bcm]', 'um'), ('\u00b5m', 'um'), ('r.p.m.', 'rpm'), ('t', None)],
+)
+def test_units_as_they_are_written(written: str, unit: str | None) -> None:
+    assert unit_of(written) == unit
