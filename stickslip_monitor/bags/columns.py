@@ -74,14 +74,12 @@ class LogColumn:
         place: Of the column that holds its numbers.
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
-        status: The place of the column that says whether its numbers count, if there is one.
     """
 
     heading: str
     place: int
     name: str | None = None
     unit: str | None = None
-    status: int | None = None
 
     @property
     def has_unit(self) -> bool:
@@ -91,12 +89,16 @@ class LogColumn:
 
 @dataclass(frozen=True, slots=True)
 class SourceColumn:
-    """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``."""
+    """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
+
+    ``status`` is the place of the column that says whether its numbers count, if there is one.
+    """
 
     column: LogColumn
     ratio: float = 1.0
     scale: float = 1.0
     offset: float = 0.0
+    status: int | None = None
 
     def sent(self, values: FloatArray) -> FloatArray:
         """What the sensor would have sent, of numbers in the column."""

@@ -11,6 +11,7 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -170,7 +171,7 @@ class TableRecording(Recording):
         if self.names is None:
             for k, heading in enumerate(table.names):
                 if k not in table.clock.columns:
-                    yield LogColumn(heading, k, unit=table.units[k], status=self._status_of(k))
+                    yield LogColumn(heading, k, unit=table.units[k])
             return
         name, value = self.names
         units = [k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)]
@@ -179,7 +180,7 @@ class TableRecording(Recording):
             seen.setdefault(row[name], row[units[0]] if units and len(row) > units[0] else '')
         for own, unit in seen.items():
             heading, known = with_unit(own, unit)
-            yield LogColumn(heading, value, own, known, self._status_of(value))
+            yield LogColumn(heading, value, own, known)
 
     def _status_of(self, column: int) -> int | None:
         """The column that says whether the numbers of another count: called so, or so and behind it."""
@@ -230,13 +231,18 @@ class TableRecording(Recording):
         """Let columns stand for the topics of a configuration."""
         binding = ColumnBinding(self.path, self.all_columns, self._interval)
         bound = binding.bind(config)
-        self.by_topic = binding.columns
+        self.by_topic = {
+            topic: replace(own, status=self._status_of(own.column.place))
+            for topic, own in binding.columns.items()
+        }
         for text in binding.said:
             self._findings.note(text)
-        for column in dict.fromkeys(own.column for own in self.by_topic.values()):
-            if column.status is not None:
-                named = self.table.names[column.status]
-                self._findings.note(f"numbers of '{column.heading}' count where '{named}' says so")
+        named = {(own.column.heading, own.status): None for own in self.by_topic.values()}
+        for heading, status in named:
+            if status is not None:
+                self._findings.note(
+                    f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
+                )
         return bound
 
     def _interval(self, column: LogColumn) -> float:
@@ -321,7 +327,7 @@ class TableReading:
         self._names, self._progress = recording.names, progress
         self._last_ns, self._rows, self._distinct = -1, 0, 0
         places = self._names or [own.column.place for own in columns.values()]
-        statuses = {k for own in columns.values() if (k := own.column.status) is not None}
+        statuses = {k for own in columns.values() if (k := own.status) is not None}
         self._wanted = [*places, *statuses]
         self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
@@ -379,7 +385,7 @@ class TableReading:
         number = np.cumsum(rows.is_timed) - 1
         for topic, own in self._columns.items():
             cells, where = rows.columns[self._wanted.index(own.column.place)], None
-            status = own.column.status
+            status = own.status
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
             if own.column.name is not None:
                 names = texts_of(rows.columns[0])

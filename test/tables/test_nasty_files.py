@@ -208,6 +208,11 @@ LOGS = {
         load=[900, NAN],
         says="numbers of 'speed [rpm]' count where 'speed.Status' says so",
     ),
+    'words of quality beside columns by their places': Log(
+        'time,a,Quality,b,Quality\n2026-04-13T10:00:00Z,30,Bad,900,Good\n'
+        '2026-04-13T10:00:01Z,31,Good,901,Good\n',
+        speed=[NAN, 31],
+    ),
     'codes of OPC, one value a line': Log(
         'time,tag,value,quality\n@0,speed,30,192\n@0,load,900,192\n@1,speed,31,0\n@1,load,901,216\n',
         speed=[30, NAN],
@@ -610,6 +615,7 @@ LOGS = {
 # Columns that nothing names are given.
 COLUMNS = {
     'no heading': ('#2', '#3'),
+    'words of quality beside columns by their places': ('#2', '#4'),
     'no heading, a line without a time': ('#2', '#3'),
     'no heading, a status in words': ('#3', '#3'),
     'blanks': ('#2', '#3'),
