@@ -374,7 +374,8 @@ def _way_out(b: Standing, point: Assessment) -> str:
         # The text is about what is not raised yet, or of what no speed ends.
         return ''
     clear = _clear_speed(b, point)
-    if point.outcome is Outcome.BELOW or not abs(point.speed) < clear < math.inf:
+    ended = point.outcome in (Outcome.BELOW, Outcome.AT_REST)
+    if ended or not abs(point.speed) < clear < math.inf:
         return ''
     goal = _goal(b.config, point, clear)
     if b.condition is Condition.CAUTION:

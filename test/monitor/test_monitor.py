@@ -199,6 +199,15 @@ def test_event_text_names_speed_load_amplitude_and_way_out() -> None:
     assert event.standing.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
 
 
+def test_nobody_is_told_to_stop_a_shaft_that_stands() -> None:
+    monitor = Monitor(configured())
+    for k in range(40):
+        _point(monitor, k / 2, UNSTABLE if k < 30 else 0.0)
+    assert monitor.condition('aft') is Condition.STICK_SLIP
+    text = 'aft: Stick-slip predicted. Now 0 rpm, 1 kN. The shaft is at rest: nothing slides.'
+    assert monitor.bearings['aft'].text() == text
+
+
 def test_texts_of_milder_conditions_say_what_to_do() -> None:
     """At 1 kN the fold is at 40.723 rpm, and caution clears above 1.22 times it, 49.7 rpm."""
     monitor, texts = Monitor(configured(load__timeout=600.0)), []
