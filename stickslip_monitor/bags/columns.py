@@ -29,11 +29,12 @@ _OTHERS = {
     # C663 is a turbocharger in the ISO 19848 names of DNV.
     'speed': {
         *('turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'alternator'),
-        *('wind', 'winch', 'thruster'),
+        *('wind', 'winch', 'thruster', 'grid', 'mains', 'busbar', 'blade', 'sampling'),
+        *('gyro', 'turn', 'roll', 'pitch', 'yaw', 'heave'),
     },
     'load': {
         *('thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'),
-        *('rudder', 'crane', 'rope', 'ice', 'mooring', 'towing', 'winch'),
+        *('rudder', 'steering', 'crane', 'rope', 'chain', 'anchor', 'ice', 'mooring', 'towing', 'winch'),
     },
 }
 # In the unit of an input, but not what is measured.

@@ -722,6 +722,8 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
             for heading in (
                 *(
                     'Bow thruster rpm',
+                    'Grid frequency [Hz]',
+                    'Roll velocity [rad/s]',
                     'rpm setpoint',
                     'Alternator (1/min)',
                     'Shaft RPM std',
