@@ -114,15 +114,21 @@ class SourceColumn:
 class ColumnBinding:
     """Finds the columns of the inputs of a configuration.
 
+    ``is_sent`` is whether their numbers are as sensors sent them, over a bus.
+
     Attributes:
         columns: By the topic that each stands for.
         said: What was guessed.
     """
 
     def __init__(
-        self, path: Path, columns: Sequence[LogColumn], interval: Callable[[LogColumn], float]
+        self,
+        path: Path,
+        columns: Sequence[LogColumn],
+        interval: Callable[[LogColumn], float],
+        is_sent: bool = False,
     ) -> None:
-        self._path, self._all, self._interval = path, columns, interval
+        self._path, self._all, self._interval, self._is_sent = path, columns, interval, is_sent
         self.columns: dict[str, SourceColumn] = {}
         self.said: list[str] = []
 
@@ -229,11 +235,15 @@ class ColumnBinding:
     ) -> InputConfig:
         """An input as the table gives it; what was guessed is said."""
         unit = column.unit if column.unit in _units_of(quantity, source) else None
+        is_geared = quantity == 'speed' and bool(_GEARED & {*parse_heading(column.heading).name.split()})
+        has_scale = (source.scale, source.offset) != (1.0, 0.0)
         sent = SourceColumn(column)
         if unit is not None:
             ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
             ratio = 1.0 if unit == source.unit else ratio
-            sent = SourceColumn(column, ratio, source.scale, source.offset)
+            # What came over a bus is what the sensor sent, and the scale of an engine's speed is its gear.
+            is_done = not (self._is_sent or is_geared)
+            sent = SourceColumn(column, ratio, *((source.scale, source.offset) if is_done else ()))
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'
@@ -243,7 +253,11 @@ class ColumnBinding:
         if unit is None and column.has_unit:
             stated = parse_heading(column.heading).unit
             said += f": is that right? Its heading says '{stated}'"
-        if quantity == 'speed' and _GEARED & set(parse_heading(column.heading).name.split()):
+        if has_scale:
+            is_done = (sent.scale, sent.offset) != (1.0, 0.0)
+            said += ', taken as scaled already' if is_done else f', times its scale {source.scale:g}'
+            said += f' and with its offset {source.offset:g}' if source.offset and not is_done else ''
+        elif is_geared:
             said += ": is it the shaft's own, with no gear between?"
         timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)
         if timeout_ns <= source.timeout_ns:

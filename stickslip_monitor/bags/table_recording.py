@@ -229,7 +229,7 @@ class TableRecording(Recording):
 
     def bound(self, config: MonitorConfig) -> Bound:
         """Let columns stand for the topics of a configuration."""
-        binding = ColumnBinding(self.path, self.all_columns, self._interval)
+        binding = ColumnBinding(self.path, self.all_columns, self._interval, self.table.is_sent)
         bound = binding.bind(config)
         self.by_topic = {
             topic: replace(own, status=self._status_of(own.column.place))

@@ -62,6 +62,7 @@ class NumberTable(ABC):
         line_count: About how many rows there are.
         said: What was guessed.
         losses: What cannot be read.
+        is_sent: Whether its numbers are as sensors sent them, over a bus.
     """
 
     names: tuple[str, ...]
@@ -72,6 +73,7 @@ class NumberTable(ABC):
     line_count: int
     said: tuple[str, ...]
     losses: tuple[str, ...] = ()
+    is_sent = False
 
     @abstractmethod
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
@@ -129,7 +131,7 @@ class TextTable(NumberTable):
     def __init__(self, path: Path) -> None:
         self._path, extent = path, extent_of(path)
         self._dialect = sniff(path, extent)
-        self._is_ended = extent.is_ended
+        self._is_ended, self.is_sent = extent.is_ended, self._dialect.delimiter in BUS_LOGS
         self.clock = _without_unit(find_clock(path, self._dialect), self._dialect.suffixes)
         self.names, self.units = self._dialect.names, self._dialect.units
         self.head, self.tail = self._dialect.rows, self._dialect.tail

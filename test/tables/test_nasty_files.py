@@ -896,3 +896,29 @@ def test_a_package_of_a_standard_is_refused_with_the_way_to_read_it(tmp_path: Pa
 )
 def test_units_as_they_are_written(written: str, unit: str | None) -> None:
     assert unit_of(written) == unit
+
+
+@pytest.mark.parametrize(
+    ('text', 'speed', 'says'),
+    [
+        # The gear of docs/ship.md: 4 turns of the engine are one of the shaft, live as well.
+        (
+            '{"updates":[{"timestamp":"2026-04-13T10:00:00Z","values":['
+            '{"path":"propulsion.port.revolutions","value":2},{"path":"shaft.load","value":900}]}]}\n',
+            30.0,
+            'times its scale 0.25',
+        ),
+        ('time,Engine speed [rpm],load [N]\n0,120,900\n1,120,901\n', 30.0, 'times its scale 0.25'),
+        ('time,Engine speed,load [N]\n0,120,900\n1,120,901\n', 30.0, 'times its scale 0.25'),
+        ('time,Shaft speed [rpm],load [N]\n0,30,900\n1,30,901\n', 30.0, 'taken as scaled already'),
+    ],
+)
+def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str, tmp_path: Path) -> None:
+    config = tmp_path / 'ship.yaml'
+    own = "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
+    config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
+    recording = opened(tmp_path, text)
+    (bearing,) = recording.bound(load_config(config)).config.bearings
+    request = Request(bearing.speed.topic, 'data')
+    assert 0.25 * recording.read([request])[request].value[0] == pytest.approx(speed)
+    assert any(says in said for said in recording.warnings)
