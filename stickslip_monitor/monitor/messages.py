@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import plural
@@ -83,8 +84,16 @@ def verdict_value(name: str, verdict: Verdict) -> float | str:
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
     """A number of one point or many as its topic says it, worked out only where somebody wants it."""
-    value = np.asarray(getattr(points, name))
+    value = np.asarray(_number_of(points, name))
     return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
+
+
+def _number_of(points: Assessment | Assessments, name: str) -> ArrayLike:
+    """A number of points; the margin to the exact fold where averaging has none, as of a Coulomb law."""
+    value: ArrayLike = getattr(points, name)
+    if name == 'fold_margin' and np.isinf(value).any():
+        return np.where(np.isnan(points.fold_speed), points.exact_fold_margin, value)
+    return value
 
 
 def number(value: float) -> float | None:
@@ -99,7 +108,7 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(getattr(point, name)) for name in POINT_NUMBERS},
+        **{name: number(float(np.asarray(_number_of(point, name)))) for name in POINT_NUMBERS},
     }
 
 

@@ -12,6 +12,7 @@ from sending import SECOND, T0, Ship, configured
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.messages import verdict_value
 from stickslip_monitor.monitor.session import HEARTBEAT_NS
 
 
@@ -34,6 +35,16 @@ def test_the_record_of_a_bearing_has_numbers(ship: Ship) -> None:
     assert record['inputs']['speed']['rate'] == pytest.approx(5.0)
     assert record['inputs']['load']['age'] == 0.0
     assert record['inputs']['load']['counts']['accepted'] == 100
+
+
+@pytest.mark.parametrize(('rpm', 'regime'), [(7.0, 'bistable'), (30.0, 'stable')])
+def test_a_bearing_without_a_fold_under_averaging_has_a_margin(rpm: float, regime: str) -> None:
+    ship = Ship(configured(friction__law='coulomb'))
+    record = ship.sail(2.0, rpm=rpm)
+    assert (record['regime'], record['fold_speed']) == (regime, None)
+    # Its exact fold, by bisection of single slip phases (test_assessment.py), is at 7.1936 rpm.
+    assert record['fold_margin'] == record['exact_fold_margin'] == pytest.approx(rpm / 7.1936 - 1.0, rel=1e-3)
+    assert verdict_value('fold_margin', ship.verdicts[-1]) == record['fold_margin']
 
 
 def test_a_held_state_is_not_held_while_an_input_is_lost(ship: Ship) -> None:
