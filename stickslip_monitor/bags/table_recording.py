@@ -325,7 +325,7 @@ class TableReading:
     ) -> None:
         self._recording, self._requests, self._columns = recording, requests, columns
         self._names, self._progress = recording.names, progress
-        self._last_ns, self._rows, self._distinct = -1, 0, 0
+        self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
         places = self._names or [own.column.place for own in columns.values()]
         statuses = {k for own in columns.values() if (k := own.status) is not None}
         self._wanted = [*places, *statuses]
@@ -349,15 +349,17 @@ class TableReading:
             self._recording.end_ns = clock.latest_ns
 
     def _tell_rounded(self) -> None:
-        """Say it of a table most of whose lines have the time of the one before."""
+        """Say it of a column most of whose numbers have the time of the one before."""
         recording = self._recording
         span_ns = (recording.end_ns or 0) - (recording.start_ns or 0)
-        alike = self._rows / max(self._distinct, 1)
-        if self._names is None and alike > _MOST_ALIKE and span_ns >= _COARSE_NS * (self._distinct - 1):
-            recording.lose(
-                f'{self._rows} lines have {plural(self._distinct, "time")} between them: write the file'
-                ' with whole times, as a spreadsheet may have rounded them'
-            )
+        for topic, distinct in self._distinct.items():
+            count = recording.counts[topic]
+            if count > _MOST_ALIKE * distinct and span_ns >= _COARSE_NS * (distinct - 1):
+                recording.lose(
+                    f'{count} lines have {plural(distinct, "time")} between them: write the file with'
+                    ' whole times, as a spreadsheet may have rounded them'
+                )
+                return
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """The words in place of numbers."""
@@ -444,13 +446,13 @@ class TableReading:
     def _series(self, part: Part, clock: StepClock) -> dict[Request, Series]:
         """The series of a part, whose rows are in the order of events."""
         stamp, arrival = clock.follow(part.time_ns)
-        if part.time_ns.size:
-            self._distinct += int(np.count_nonzero(np.diff(part.time_ns, prepend=self._last_ns)))
-            self._last_ns = int(part.time_ns[-1])
         found: dict[str, Series] = {}
         for k, (topic, (at, value)) in enumerate(part.numbers.items()):
             sequence = (at + self._rows) * len(part.numbers) + k
             found[topic] = Series(arrival[at], stamp[at], sequence, value, ())
             self._recording.counts[topic] += at.size
+            times = part.time_ns[at]
+            self._distinct[topic] += int(np.count_nonzero(np.diff(times, prepend=self._last_ns[topic])))
+            self._last_ns[topic] = int(times[-1]) if at.size else self._last_ns[topic]
         self._rows += part.time_ns.size
         return {request: found[request.topic] for request in self._requests}

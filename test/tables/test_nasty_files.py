@@ -173,6 +173,20 @@ LOGS = {
         load=[900] * 10,
         lost='10 lines have 2 times between them',
     ),
+    'the newest first, with minutes alone': Log(
+        'time,speed,load\n' + '2026-04-13 10:01,31,901\n' * 3 + '2026-04-13 10:00,30,900\n' * 3,
+        times=after(0, 0, 0, 60, 60, 60),
+        speed=[30] * 3 + [31] * 3,
+        load=[900] * 3 + [901] * 3,
+        lost='6 lines have 2 times between them',
+    ),
+    'a line for each number': Log(
+        'time,speed,load,oil,air\n'
+        + ''.join(f'{t},30,,,\n{t},,900,,\n{t},,,40,\n{t},,,,20\n' for t in (0, 10, 20)),
+        times=since(0, 10, 20),
+        speed=[30] * 3,
+        load=[900] * 3,
+    ),
     'before and behind a change': Log(
         'time,speed,load\n0,30,900\n60,30,900\n60,31,901\n120,31,901\n120,32,902\n',
         times=since(0, 60, 60, 120, 120),
