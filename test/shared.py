@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import signal
 import socket
@@ -77,6 +78,16 @@ def until(
             pytest.fail(f'{text}: not within {deadline:g} s')
         time.sleep(0.01)
     return value
+
+
+async def comes(
+    condition: Callable[[], Any], what: Callable[[], Any] = lambda: '', deadline: float = DEADLINE
+) -> None:
+    """The same on a loop that goes on meanwhile."""
+    end = time.monotonic() + deadline
+    while not condition():
+        assert time.monotonic() < end, what()
+        await asyncio.sleep(0.01)
 
 
 class Program:

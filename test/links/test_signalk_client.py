@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import comes
 
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
@@ -25,7 +26,6 @@ from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 
-DEADLINE = 20.0
 PATH = 'propulsion.port.revolutions'
 STICK = 'notifications.p.shaft.aft.stickSlip'
 MARGIN = 'p.shaft.aft.foldMargin'
@@ -81,13 +81,14 @@ class Ship:
     def up(self, name: str) -> bool:
         return next((up for told, up in reversed(self.told) if told == name), False)
 
-    async def until(self, condition: Callable[[], Any]) -> None:
-        """Wait, while time passes for the client."""
-        end = asyncio.get_running_loop().time() + DEADLINE
-        while not condition():
-            assert asyncio.get_running_loop().time() < end, (self.told, self.reasons[-1:])
-            self.client.tick(True)
-            await asyncio.sleep(0.01)
+    async def until(self, condition: Callable[[], Any], there: bool = True) -> None:
+        """Wait, while time passes for the client, with a monitor that is there or not."""
+
+        def passes() -> Any:
+            self.client.tick(there)
+            return condition()
+
+        await comes(passes, lambda: (self.told, self.reasons[-1:]))
 
     def kept(self, path: str) -> Any:
         """What the server has of us."""
@@ -230,12 +231,14 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
         ship.client.take_alarms(alarms('unacknowledged'))
         ship.client.take_record(RECORD)
         await ship.until(lambda: ship.kept(MARGIN) == -0.5)
-        ship.client.tick(False)
-        await asyncio.sleep(0.05)
-        assert ship.kept('notifications.p.shaft.monitor')['message'] == ('No data from the monitor.')
+        words = ['No data from the monitor.', 'The monitor was stopped.']
+
+        def said() -> str:
+            return str(ship.kept('notifications.p.shaft.monitor')['message'])
+
+        await ship.until(lambda: said() == words[0], there=False)
         await ship.client.finish()
-        await asyncio.sleep(0.1)
-        assert ship.kept(MARGIN) is None
+        await comes(lambda: (ship.kept(MARGIN), said()) == (None, words[1]))
         assert ship.kept(STICK)['state'] == 'alarm'
         assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
 

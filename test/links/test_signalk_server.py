@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import pytest
-from shared import CONFIG
+from shared import CONFIG, DEADLINE, comes
 
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
@@ -28,7 +28,6 @@ from stickslip_monitor.monitor.signals import Input
 
 pytestmark = pytest.mark.slow
 
-DEADLINE = 60.0
 SPEED, LOAD = 'propulsion.port.revolutions', 'propulsion.port.shaft.aft.load'
 PREFIX = 'propulsion.port.shaft'
 BEARING = 'aft_stern'
@@ -131,11 +130,7 @@ class Ship:
             await asyncio.sleep(0.1)
 
     async def until(self, condition: Callable[[], Any], what: str) -> None:
-        end = asyncio.get_running_loop().time() + DEADLINE
-        while not condition():
-            told = (what, self.states, self.links, self.seen)
-            assert asyncio.get_running_loop().time() < end, told
-            await asyncio.sleep(0.01)
+        await comes(condition, lambda: (what, self.states, self.links, self.seen))
 
     def sounds(self) -> dict[str, Any] | None:
         """The notification that calls for attention aloud and is not acknowledged."""
