@@ -76,8 +76,8 @@ def declare(node: Node) -> None:
 
 
 def _as_written(name: str, value: Any) -> Any:
-    # 'ros2 param dump' writes what has no value as null, which comes back as a word.
-    if value is None or value in ('null', 'None'):
+    # rcl takes a null, as 'ros2 param dump' writes it, for a word.
+    if value is None or value in ('null', 'None', 'Null', 'NULL', '~'):
         return None
     # ROS reads the bare word N of a parameter file as the YAML 1.1 boolean 'no'.
     if value is False and name.endswith('load.unit'):
