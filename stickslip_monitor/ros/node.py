@@ -115,6 +115,8 @@ def changed_config(
     rows = parameters_of(bearing_names(known))
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
+        if not node.has_parameter(name):  # rclpy sees to it, but for one without a name
+            raise ConfigurationError(f'there is no parameter {name!r}')
         before = _as_written(name, node.get_parameter(name).value)
         # What is deleted is not declared any more, whether it had a value or not.
         if change.type_ == RosParameter.Type.NOT_SET or (value is None and before is not None):

@@ -72,6 +72,8 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
     assert refused(use_sim_time=True, aft__alarm__on_delay=9.0) == (
         'use_sim_time = True cannot be set: it is read-only while the node is active; deactivate it first'
     )
+    assert monitor.set(**{'': 1.0}) == [(False, "there is no parameter ''")]
+    assert monitor.node.health.failures == 0
     # What rclpy deletes cannot be set again, whether it had a value or not.
     for name in ('aft.alarm.on_delay', 'aft.friction.speed'):
         text = f'{name} cannot be deleted: set it to a value'
