@@ -37,16 +37,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stickslip_monitor import errors
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.errors import (
-    BagError,
-    CalibrationError,
-    ConfigurationError,
-    StickslipError,
-    cause,
-    plural,
-    program_fault,
-)
+from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError, plural
 from stickslip_monitor.files import PICTURES, printable
 
 if TYPE_CHECKING:
@@ -246,7 +239,7 @@ def _check_all(
     rest = replace(task, left_out='')
     calls = {number: (rest if number else task, bag) for number, bag in enumerate(bags)}
     waiting: dict[int, Found] = {}
-    following = 0
+    following, total = 0, len(bags)
     with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
         for count, (number, outcome) in enumerate(arriving, 1):
             waiting[number] = _as_found(*calls[number], outcome)
@@ -254,8 +247,8 @@ def _check_all(
             while following in waiting:
                 yield waiting.pop(following)
                 following += 1
-            if following < len(bags):
-                meter.show(f'{count} of {len(bags)} recordings', count, len(bags))
+            if following < total:
+                meter.show(f'{count} of {total} recordings', count, total)
 
 
 def _outcomes(
@@ -282,8 +275,8 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
     """
     from stickslip_monitor.offline.check import Kept, check_recording, to_json
 
-    sinks: list[StretchSink] = []
     kept, clips = Kept(), None
+    sinks: list[StretchSink] = [] if task.learn is None else [kept]
     try:
         with contextlib.ExitStack() as opened:
             if task.mcap is not None:
@@ -295,8 +288,6 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
 
                 clips = ClipWriter(ClipFolder(replace(task.config.clips, directory=task.clips)))
                 sinks.append(clips)
-            if task.learn is not None:
-                sinks.append(kept)
             checked = check_recording(
                 bag, task.config, sinks, progress and partial(progress, str(bag)), outlined=task.is_drawn
             )
@@ -305,17 +296,18 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
             checked = replace(checked, complete=False)
         document = to_json(checked)
         part, counts = _part(task, document, checked), None if clips is None else clips.counts
-        if task.learn is None:
-            return Found(document, part, counts)
-        return Found(document, part, counts, dict(_evidence(task.learn, checked.config.bearings, kept)))
+        evidence = () if task.learn is None else _evidence(task.learn, checked.config.bearings, kept)
+        return Found(document, part, counts, dict(evidence))
     except StickslipError as error:
         return _failed(task, bag, str(error))
 
 
 def _failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
     """What came of a recording that could not be checked."""
+    from stickslip_monitor.offline.check import SCHEMA
+
     text = '; '.join(filter(None, (text, task.left_out)))
-    document = {'schema': 'stickslip_monitor/check/2', 'path': str(bag), 'error': text}
+    document = {'schema': SCHEMA, 'path': str(bag), 'error': text}
     return Found(document, _part(task, document), faulty=faulty)
 
 
@@ -339,8 +331,8 @@ def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
     if isinstance(outcome, MemoryError):
         return _failed(task, bag, 'there is not enough memory for it')
     if isinstance(outcome, StickslipError | OSError):
-        return _failed(task, bag, cause(outcome))
-    return _failed(task, bag, program_fault(outcome), faulty=True)
+        return _failed(task, bag, errors.cause(outcome))
+    return _failed(task, bag, errors.program_fault(outcome), faulty=True)
 
 
 def _evidence(
@@ -349,7 +341,7 @@ def _evidence(
     for config in bearings:
         try:
             yield config.name, source.of_recording(kept, config)
-        except CalibrationError as error:
+        except errors.CalibrationError as error:
             yield config.name, str(error)
 
 

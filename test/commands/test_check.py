@@ -110,11 +110,8 @@ def test_the_report_has_every_event_of_the_check(page: Path, stickslip: Sticksli
 def hostile_bag(folder: Path) -> Path:
     """A recording whose folder and topics have names that would break a page."""
     times = START + np.arange(60, dtype=np.int64) * 10**9
-    columns = {
-        '/shaft/speed': (times, np.full(60, 20.0)),
-        '/bearing/aft_stern/load': (times, np.full(60, 1000.0)),
-        '/<script>alert(1)</script>': (times, np.zeros(60)),
-    }
+    values = {'/shaft/speed': 20.0, '/bearing/aft_stern/load': 1000.0, '/<script>alert(1)</script>': 0.0}
+    columns = {name: (times, np.full(60, value)) for name, value in values.items()}
     return record(folder / '<b>&"\'$x$ {{ 1 }}[red][x', columns)
 
 
@@ -200,7 +197,7 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
         'dump-dom',
         'allow-file-access-from-files',
     ]
-    flags += [f'blink-settings=preferredColorScheme={int(not dark)}']
+    flags += ['allow-file-access-from-files', f'blink-settings=preferredColorScheme={int(not dark)}']
     line = [CHROMIUM, *(f'--{flag}' for flag in flags), harness.as_uri()]
     done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60)
     (title,) = re.findall(r'<title>(.*?)</title>', done.stdout)
