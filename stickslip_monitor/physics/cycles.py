@@ -236,7 +236,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return _cycle(bearing, speed, load, stable=False)
 
 
-def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
+def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike, *, compiled: bool = False) -> Any:
     """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle` to 1e-9 at half the price.
 
     Of a measured table it is right to 1e-7.
@@ -245,6 +245,8 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
         bearing: The bearing.
         speed: Surface speed ``V`` [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
+        compiled: Whether few points are followed by a compiled loop, to the same bits: 0.13 ms each in
+            place of 0.49, after seconds to compile it once.
 
     Returns:
         ``nan`` where there is no cycle.
@@ -259,10 +261,12 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
         with np.errstate(all='ignore'):
-            stroke[part] = _sticking_strokes(slip_field(bearing, np.abs(v[part]), n[part]))
+            field = slip_field(bearing, np.abs(v[part]), n[part])
+            stroke[part] = _sticking_strokes(field, compiled=compiled)
     rest = rows[np.isnan(stroke[rows])]
-    found = _found(bearing, v[rest], n[rest], stable=True, weigh=False)
-    stroke[rest] = found.crest - found.trough
+    if rest.size:
+        found = _found(bearing, v[rest], n[rest], stable=True, weigh=False)
+        stroke[rest] = found.crest - found.trough
     return restore(0.5 * stroke * np.abs(v) / bearing.natural_frequency, shape)
 
 
@@ -538,11 +542,12 @@ def _changes(gains: FloatArray, stable: bool) -> BoolArray:
     return changes
 
 
-def _sticking_strokes(field: SlipField) -> FloatArray:
+def _sticking_strokes(field: SlipField, *, compiled: bool) -> FloatArray:
     """From turn to turn of the cycles that certainly stick; ``nan`` for all others."""
     nothing = np.zeros(field.speed.size)
     few = nothing.size <= FEW  # to locate a contact costs them less than to follow them again
-    one = follow(field, nothing, nothing, Route(3, _OF_AMPLITUDES, contact=True, locate=few))
+    route = Route(3, _OF_AMPLITUDES, contact=True, locate=few, compiled=compiled)
+    one = follow(field, nothing, nothing, route)
     stroke = _stroke(field)
     known = _LOCATED if few else _ROUGHLY
     sticks = (one.end == LANDED) & (one.place >= stroke + known * (1.0 - stroke))

@@ -18,17 +18,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.physics import scalar_law as scalar_laws
 from stickslip_monitor.physics import slip_step as dop853
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.scalar_law import ALMOST_REST, LawInUse, friction_slope, scalar_law
-from stickslip_monitor.physics.scalar_law import friction_drop as scalar_drop
 from stickslip_monitor.physics.slip_step import (
     PLACE,
     RELATIVE_SPEED,
@@ -273,6 +275,7 @@ class Route(NamedTuple):
         most: Steps.
         locate: Whether the contact is wanted to the digits of the step that it ends; otherwise
             its time and place are those of a cubic, but whether there is one is as certain.
+        compiled: Whether few are followed by compiled loops, to the same bits.
     """
 
     last: Any
@@ -282,6 +285,7 @@ class Route(NamedTuple):
     weigh: bool = False
     most: int = _MOST_STEPS
     locate: bool = True
+    compiled: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,33 +331,40 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
 
 
 def _one_by_one(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbits:
-    n, law = e.size, law_in_use(field.law)
+    n, law, loop = e.size, law_in_use(field.law), follow_one
+    scalar = scalar_law(field.law)
+    if route.compiled and scalar.compiled is not None:
+        law, modules = scalar.compiled, (import_module(__name__), dop853, scalar_laws)
+        loop = jit.compiled('follow_one', *modules, law=scalar.module, inline=False)
     columns = field.speed, field.force, field.offset, field.origin, e, z, route.last, route.direction
     found = []
     for row in zip(*(np.broadcast_to(column, n).tolist() for column in columns), strict=True):
         speed, force, offset, origin, *begin, last, direction = row
         medium = Medium(speed, force, field.damping, offset, origin, field.drift)
-        found.append(_follow_one(law, medium, begin, route._replace(last=last, direction=direction)))
+        own = route._replace(last=last, direction=float(direction))
+        found.append(loop(law.own, law.kinks, medium, tuple(begin), own))
     end, time, place, *turns = np.array(found).reshape(n, 5).T
     return Orbits(end.astype(int), time, place, np.array(turns), np.zeros(n))
 
 
-def _follow_one(
-    law: LawInUse, medium: Medium, begin: Sequence[float], route: Route
+def follow_one(
+    own: Any, kinks: Sequence[float], medium: Medium, begin: tuple[float, ...], route: Route
 ) -> tuple[float, float, float, float, float]:
-    """The end of an orbit that begins at ``e`` and ``z``, when, where, and its first two turns."""
-    (e, z), own, drift = begin, law.own, medium.drift
+    """The end of an orbit that begins at ``e`` and ``z``, when, where, and its first two turns.
+
+    ``own`` and ``kinks`` are those of :class:`.LawInUse`. It runs as it stands and compiled alike.
+    """
+    (e, z), drift = begin, medium.drift
     state, rest = SlipState(e, z, acceleration(own, medium, e, z)), 0.0
     if drift:
-        rest = medium.damping - medium.offset
-        rest -= medium.force * scalar_drop(own, medium.origin, medium.speed)
+        rest = -acceleration(own, medium, 0.0, 1.0)
     energy = _energy(e - rest, z - drift)
     stiffness = abs(medium.force * medium.speed * friction_slope(own, medium.origin + medium.speed * z))
     h = route.direction * 0.1 / (1.0 + medium.damping + min(stiffness, 1e6))
     side = z - drift or route.direction * state.rate
-    time, turns, end = 0.0, list[float](), EXHAUSTED
+    time, turns, first, second, end = 0.0, 0, math.nan, math.nan, EXHAUSTED
     for _ in range(route.most):
-        length = until_kink(own, law.kinks, medium, state, h)
+        length = until_kink(own, kinks, medium, state, h)
         after, error = slip_step(own, medium, state, length)
         moved = abs(state.e) + abs(state.z) + abs(length) * (abs(drift) + abs(state.rate))
         wanted, h = h, next_length(length, error, route.error * moved)
@@ -363,19 +374,20 @@ def _follow_one(
             continue
         if abs(h) < abs(wanted) > abs(length):
             h = wanted  # the step was short for the kink's sake
-        lands = route.contact and (len(turns) == 2 or drift < 0.0)
-        end, length, after = _landing(own, medium, state, length, after) if lands else (end, length, after)
+        if route.contact and (turns == 2 or drift < 0.0):
+            end, length, after = _landing(own, medium, state, length, after)
         if end == EXHAUSTED and drift >= 0.0 and (after.z - drift) * side <= 0.0:
             length, after = cut_step(own, medium, state, length, RELATIVE_SPEED, drift)
-            turns, side = [*turns, after.e], -side
-            end = TURNED if len(turns) == route.last else EXHAUSTED
+            turns, side = turns + 1, -side
+            first = after.e if turns == 1 else first
+            second = after.e if turns == 2 else second
+            end = TURNED if turns == route.last else EXHAUSTED
         time, state = time + length, after
         if end == EXHAUSTED and drift >= 0.0:
             end = _fading(medium, route.direction, energy, _energy(after.e - rest, after.z - drift), after.z)
         if end != EXHAUSTED:
             break
     place = state.e if end in (TURNED, LANDED) else math.nan
-    first, second, *_ = *turns, math.nan, math.nan
     return end, time, place, first, second
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import taylor
 from numpy.testing import assert_allclose, assert_array_equal
+from shared import LAWS
 
 from stickslip_monitor.physics.averaging import growth_rate
 from stickslip_monitor.physics.bearing import Bearing
@@ -298,6 +299,22 @@ def test_amplitudes_of_many_points_are_those_of_cycles_one_by_one():
     assert kinds == {CycleKind.STICK_SLIP, CycleKind.OVERTAKING, CycleKind.NONE}
     together = exact_amplitude(bearing, speed, load)
     assert_allclose(together, [one.amplitude for one in alone], rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('law', ['stribeck', 'coulomb', 'two falls'])
+def test_compiled_amplitudes_are_the_same_bits(law):
+    """About the end of sticking, where the last digits decide whether the lining sticks."""
+    pytest.importorskip('numba')
+    bearing, draw = Bearing(50.0, 400.0, 2.0e6, LAWS[law], 0.1), np.random.default_rng(8)
+    load = draw.uniform(500.0, 3000.0, 40)
+    speed = draw.uniform(0.3, 1.1, 40) * exact_fold_speed(bearing, load)
+    found, compiled = (
+        np.array([exact_amplitude(bearing, v, n, compiled=use) for v, n in zip(speed, load, strict=True)])
+        for use in (False, True)
+    )
+    assert np.isfinite(found).any()
+    assert found.tobytes() == compiled.tobytes()
 
 
 def test_a_vibration_that_never_sticks_has_amplitude_and_period():
