@@ -136,14 +136,20 @@ class ColumnBinding:
         """The configuration with the topics and timeouts that hold for the table."""
         absent: dict[tuple[str, str], str] = {}
         changed: dict[str, dict[str, Any]] = {}
-        inputs_of = ((bearing, *each) for bearing in config.bearings for each in bearing.inputs.items())
-        for bearing, quantity, source in inputs_of:
-            if source.is_assumed:
-                continue
+        wanted = [(b, *each) for b in config.bearings for each in b.inputs.items() if not each[1].is_assumed]
+        found: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
+        for bearing, quantity, source in wanted:
             try:
-                column = self._found(bearing, quantity, source)
+                found.append((bearing, quantity, source, self._found(bearing, quantity, source)))
             except BagError as error:
                 absent[bearing.name, quantity] = str(error)
+        for bearing, quantity, source, column in found:
+            topics = {own.topic for _, of, own, same in found if (of, same) == (quantity, column)}
+            if len(topics) > 1 and not source.column and not _names(column, bearing.name, source.topic):
+                absent[bearing.name, quantity] = (
+                    f"log '{self._path}': column '{column.heading}' is the {quantity} of one bearing, and"
+                    f' {len(topics)} have different topics: write {bearing.name}.{quantity}.column'
+                )
                 continue
             every = self._interval(column)
             own = self._bound(bearing, quantity, source, column, every)
@@ -165,8 +171,7 @@ class ColumnBinding:
         """
         found = list(self._candidates(bearing.name, quantity, source))
         if len(found) > 1:
-            words = set(bearing.name.split('_'))
-            named = [c for c in found if words <= set(parse_heading(c.heading).name.split())]
+            named = [c for c in found if _names(c, bearing.name)]
             found = named if len(named) == 1 else found
         if len(found) == 1:
             return found[0]
@@ -268,6 +273,12 @@ class ColumnBinding:
         return replace(
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
         )
+
+
+def _names(column: LogColumn, bearing: str, topic: str = '') -> bool:
+    """Whether a heading names a bearing, or is a topic."""
+    is_topic = bool(topic) and column.heading.strip('/').startswith(topic.strip('/'))
+    return is_topic or {*bearing.split('_')} <= {*parse_heading(column.heading).name.split()}
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:

@@ -936,3 +936,26 @@ def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str
     request = Request(bearing.speed.topic, 'data')
     assert 0.25 * recording.read([request])[request].value[0] == pytest.approx(speed)
     assert any(says in said for said in recording.warnings)
+
+
+@pytest.mark.parametrize(
+    ('heading', 'lost'),
+    [
+        ('Load [N]', {('aft', 'load'), ('mid', 'load')}),
+        ('Aft load [N]', {('mid', 'load')}),
+        ('/aft/load', {('mid', 'load')}),
+        ('Load [N],Load mid [N]', {('aft', 'load')}),
+    ],
+)
+def test_one_column_is_not_the_load_of_two_bearings(
+    heading: str, lost: set[tuple[str, str]], tmp_path: Path
+) -> None:
+    config, text = tmp_path / 'ship.yaml', CONFIG.read_text()
+    head, section = text.split('    aft_stern:\n')
+    sections = [
+        f'    {name}:\n' + section.replace('/bearing/aft_stern/load', f'/{name}/load')
+        for name in ('aft', 'mid')
+    ]
+    config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
+    bound = opened(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n').bound(load_config(config))
+    assert bound.absent.keys() == lost
