@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, NamedTuple
+from unittest.mock import Mock
 
 import kit
 import pytest
@@ -134,13 +135,12 @@ class Turns:
 
     def __init__(self, **changes: Any) -> None:
         from stickslip_monitor.ros.inputs import Number
-        from stickslip_monitor.ros.running import PassingTime, Running, Watchdog
+        from stickslip_monitor.ros.running import Running
 
         changes = {'speed.timeout': 2.0, 'load.timeout': 2.0} | changes
         self.ship = ship = Ship(build_config(kit.parameters(changes)))
         ship.sail(10.0)
         self.waiting: list[Waits] = []
-        self.running = running = object.__new__(Running)
 
         def numbers() -> Iterator[Number]:
             for one in self.waiting:
@@ -148,26 +148,11 @@ class Turns:
                 yield Number('aft', one.place, came_ns - one.late_ns, came_ns, (one.rpm, 1000.0)[one.place])
                 ship.steady_ns += one.frozen_ns
 
-        inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False)
-        for name, value in {
-            'inputs': inputs,
-            '_session': ship.session,
-            '_log': ship,
-            '_health': NodeHealth(),
-            '_now': lambda: ship.now,
-            '_take': running._receive,
-            '_ticker': 'made',
-            '_watchdog': Watchdog(ship.session),
-            '_passing': PassingTime(False, ship.now),
-            '_own': SimpleNamespace(tick_clips=lambda: None),
-            '_latest': True,
-            '_running_ns': 0,
-            '_shown_ns': math.inf,
-            '_set_ns': ship.now.set_ns,
-            '_turned_ns': ship.steady_ns,
-            '_ticked_ns': ship.steady_ns,
-        }.items():
-            setattr(running, name, value)
+        node, configured = Mock(), Mock(session=ship.session, health=NodeHealth(), config=ship.config)
+        node.get_node_names_and_namespaces.return_value = []
+        self.running: Any = Running(node, configured, lambda each: each, lambda: ship.now, False)
+        self.running._log = ship
+        self.running.inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False, lanes=[])
 
     def turn(self, *waiting: Waits, after: float = 0.05) -> None:
         """A turn so long [s] after the one before; there it finds what waits."""
@@ -231,7 +216,6 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict() -> None:
 
 def test_the_state_is_shown_every_second() -> None:
     turns, shown = Turns(), list[Moment]()
-    turns.running._shown_ns, turns.running._look = -math.inf, lambda steady: None
     turns.ship.session.show = shown.append  # type: ignore[method-assign]
     for _ in range(100):
         turns.turn()
