@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,11 +10,11 @@ import pytest
 from slow_passages import BEARING, FOLD, ONSET, RPM, passage, reports
 
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, read_levels
+from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, prior_of, read_levels
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.probability import EXACT
+from stickslip_monitor.physics.probability import EXACT, Tolerance
 
 # Damping 40 % high, mu_s - mu_k 20 % low, decay 25 % high: a fold speed of 24 rpm, not 41.
 DRAWN_WRONG = Bearing(50.0, 560.0, 2.0e6, Stribeck(0.26, 0.10, 12.5), 0.100)
@@ -60,6 +61,16 @@ def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() ->
     grown = bearing.damping / (2.0 * bearing.mass) * (np.expm1(b * t) / b - t)
     assert 2.0 < np.median(grown) < 4.5
     assert found.hopf_speeds(1000.0)[1] == pytest.approx(hopf * RPM, rel=0.01)
+
+
+def test_a_value_without_a_tolerance_is_as_uncertain_as_a_drawing() -> None:
+    """By the docs 40 % of the damping, 30 % of the decay and 25 % of mu_s - mu_k, here 0.2."""
+    for tolerance, fall in (
+        (EXACT, 0.25),
+        (Tolerance(static=0.05, kinetic=0.05), math.hypot(0.05 * 0.3, 0.05 * 0.1) / 0.2),
+    ):
+        wanted = [[0.09, -0.09], [-0.09, 0.09 + 0.16 + fall**2]]
+        np.testing.assert_allclose(prior_of(BEARING, tolerance), wanted, rtol=1e-12)
 
 
 def test_knocks_move_nothing_and_are_counted() -> None:

@@ -56,10 +56,22 @@ def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
     # It ends on the way down, at 24 rpm, by a disturbance.
     early = replace(loud, end_ns=loud.start_ns + 10 * 10**9)
     quiet = replace(before, start_ns=early.end_ns, end_ns=int(course.time_ns[-1]))
-    for given in ((before, early, quiet), (before, loud)):
-        (end,) = edges_of([(course, given)], REFERENCE).ends
+    # A minute without a report lies between.
+    late = replace(quiet, start_ns=loud.end_ns + 60 * 10**9)
+    for given in ((before, early, quiet), (before, loud), (before, loud, late)):
+        found = edges_of([(course, given)], REFERENCE)
+        (end,) = found.ends
         assert end.is_bound
         assert end.middle[0] / RPM < FOLD
+        # Of quiet behind it nobody knows how far a disturbance has grown already.
+        assert [one.began for one in found.passages] == [True]
+
+
+def test_an_onset_is_worth_no_more_than_the_vibration_behind_it() -> None:
+    one = passage(level=False)
+    before, loud, after = one.reports
+    given = before, replace(loud, trust=0.4), after
+    assert [each.trust for each in edges_of([(one.courses[0], given)], REFERENCE).passages] == [0.4, 0.9]
 
 
 def test_a_shaft_that_stops_ends_no_episode_at_the_fold() -> None:
