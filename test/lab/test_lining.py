@@ -90,6 +90,18 @@ def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
     assert lengths[0] > 1e-2
 
 
+@pytest.mark.parametrize(('unit', 'of_amplitude'), [('um', 1e6), ('mm/s', 1e3 * OMEGA), ('m/s^2', OMEGA**2)])
+def test_a_level_is_the_effective_value_of_the_exact_cycle(
+    make_scene: Make, messages_of: Callable[..., Any], unit: str, of_amplitude: float
+) -> None:
+    """Of a harmonic motion with half the peak to peak, 0.556755 mm at 20 rpm."""
+    own = {'aft': {'level': {'topic': '/aft/level', 'unit': unit}}}
+    rates = {name: {'rate': 2.0} for name in ('speed', 'load', 'level')}
+    listed = effects([[0, 0], [1, 20]], deviation=0.0)
+    sent = messages_of(make_scene(own, effects=listed, duration=8.0, telemetry=rates))['/aft/level'].raw
+    assert sent[-4:] == pytest.approx([0.556755e-3 * of_amplitude / math.sqrt(2.0)] * 4, rel=1e-4)
+
+
 def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None:
     """White noise on a grid, joined linearly, has density ``sigma^2 dt sinc^4(omega dt/2)``."""
     rpm, sigma = 60.0, 5.0
