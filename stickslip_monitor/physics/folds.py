@@ -80,9 +80,9 @@ _FROM, _UP_TO, _SPEEDS, _PARTS, _MOST_OF_CONTACT = 3e-3, 1.05, 160, 8, 4000
 _CONTACTS, _JUMPS = 49, 0.5
 # Error of a step where the margin is to be known to all digits that matter.
 _FINE, _FINEST = 1e-11, 1e-13
-# Exponent of the attraction after which nothing is left of where an orbit began, the rate that still
-# draws, and z of steady sliding.
-_ENOUGH, _DRAWS, _NEAR_REST = 40.0, 3.0, 1e-3
+# Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
+# m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
+_ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
 _LARGEST_EXPONENT = 700.0
 # How fast ln N has to rise with ln V for a fold read from the curve to be improved by orbits.
 _RISES = 0.02
@@ -129,8 +129,10 @@ class Grazing:
         n = speed.size
         both = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
         slip, graze = both.take(slice(n)), both.take(slice(n, None))
-        ahead, back = self._drawn(slip, ahead=True), self._drawn(graze, ahead=False)
-        e, z = np.concatenate([ahead, back], axis=1)
+        e, z = np.zeros((2, 2 * n))
+        if np.max(slip.damping + slip.force * slip.speed * self._course[1][-1], initial=0.0) > _HEAVY:
+            e[:n], z[:n] = self._drawn(slip, ahead=True)
+        e[n:], z[n:] = self._drawn(graze, ahead=False)
         e[n:] = np.where(z[n:] > 0.0, e[n:], -graze.offset)
         last, direction = np.where(z[:n] > 1.0, 1, 2), np.repeat([1.0, -1.0], n)
         most = _MOST_STEPS if error <= _FINE else _MOST_LONG_STEPS
@@ -579,8 +581,7 @@ def _series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[Float
             if lost[0] < 2 or not cuts:
                 return np.array([np.inf]), span
             return _series(grazing, span._replace(high=float(speed[lost[0] - 1])), cuts - 1)
-        terms = np.polynomial.chebyshev.chebvander(2.0 * share - 1.0, count)
-        series = np.asarray(np.linalg.solve(terms, solved), float)
+        series = _chebyshev_series(solved)
         if np.abs(series[-3:]).max() < _SHORT or count >= _MOST:
             return series, span
         count *= 2
@@ -615,6 +616,18 @@ def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
         jumps = np.flatnonzero(np.abs(np.diff(np.log(fold))) > _JUMPS)
     fold[jumps] = np.nan
     return np.stack([x, fold])
+
+
+def _chebyshev_series(values: FloatArray) -> FloatArray:
+    """The coefficients of values at Chebyshev's ascending points, shape (n + 1,)."""
+    n = values.size - 1
+    weights = np.ones(n + 1)
+    weights[[0, -1]] = 0.5
+    # Not by a solver of linear equations: its threads take more than all else.
+    grid = np.outer(np.arange(n + 1), np.arange(n + 1)) * (np.pi / n)
+    series: FloatArray = 2.0 / n * (np.cos(grid) @ (weights * values[::-1]))
+    series[[0, -1]] *= 0.5
+    return series
 
 
 def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:

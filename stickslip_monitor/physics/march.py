@@ -148,16 +148,13 @@ class Whole(NamedTuple):
 def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
     """What the lining is in at a time since a piece began [s], seen from a side of the belt.
 
-    Of a lining that slips that is its own: 1 behind the belt, -1 ahead of it. There ``e' = V - z, z' = V'
-    + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``.
+    ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``. The side of
+    a lining that slips is 1 behind the belt, -1 ahead of it.
     """
     rise, growth = lines.speed_rate[piece], lines.load_rate[piece]
     speed, load = side * (lines.speed[piece] + rise * s), lines.load[piece] + growth * s
-    rise, force, force_rate = (
-        side * (rise / body.omega),
-        load / body.momentum,
-        growth / (body.momentum * body.omega),
-    )
+    rise, force = side * (rise / body.omega), load / body.momentum
+    force_rate = growth / (body.momentum * body.omega)
     offset = rise + body.damping * speed - force * law.top
     offset_rate = body.damping * rise - force_rate * law.top
     return Medium(1.0, force, body.damping, offset, 0.0, speed, force_rate, offset_rate, rise)
