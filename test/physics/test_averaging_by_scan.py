@@ -198,6 +198,7 @@ def test_a_cycle_of_a_measured_table_balances(
 
 def test_the_highest_average_is_that_of_a_dense_scan_also_just_below_the_sliding_limit() -> None:
     law, shares = Stretched(0.3, 0.1, 10.0, 0.0, 2.0), np.linspace(0.0, 1.0, 1601)[1:]
-    for speed in np.geomspace(0.01, 0.4, 12):
+    # At the last two it is highest between the limit and the place beside it on the grid.
+    for speed in (*np.geomspace(0.01, 0.4, 12), 0.2290, 0.2325):
         dense = averaging_by_scan.slope_surface(law, shares, np.full(1600, speed)).max()
         assert averaging_by_scan.peak_slope(law, np.array([speed]))[0] >= dense * (1.0 - 1e-10)

@@ -192,6 +192,9 @@ def test_the_lower_end_of_a_law_that_first_rises_is_its_lowest_unstable_speed():
     speed = lower * np.array([0.3, 0.97, 1.03, 2.0])
     exists = np.isfinite(exact_cycle(bearing, speed, load).amplitude)
     assert exists.tolist() == [False, False, True, True]
+    # Beyond the last load it stays where it is, and below the first there is none.
+    last, beyond, none = boundary_table(bearing).lower_end([1e7, 1e8, 1.0])
+    assert (last > 0.0, beyond, none) == (True, last, 0.0)
 
 
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0), Coulomb(0.3, 0.1), TABLE])
