@@ -171,17 +171,14 @@ def _sections(
     """Full names of nodes, or patterns of them, with their parameters; namespaces may nest."""
     for key, inside in content.items():
         name = f'{space}/{str(key).strip("/")}'
-        if not isinstance(inside, Mapping):
-            if name.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**'):
-                raise ConfigurationError(f"{path}: section '{key}' must hold 'ros__parameters:'")
-            continue
-        parameters = inside.get('ros__parameters')
+        held: Mapping[Any, Any] = inside if isinstance(inside, Mapping) else {}
+        parameters = held.get('ros__parameters')
         if isinstance(parameters, Mapping):
             yield name, parameters
-        elif 'ros__parameters' in inside or name.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**'):
+        elif 'ros__parameters' in held or name.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**'):
             raise ConfigurationError(f"{path}: section '{key}' must hold 'ros__parameters:'")
         else:
-            yield from _sections(path, name, inside)
+            yield from _sections(path, name, held)
 
 
 def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str:
