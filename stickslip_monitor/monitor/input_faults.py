@@ -186,8 +186,6 @@ SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
 _GRAPH_PERIOD = 5
 _RATE_LOOKS = 10
 _NUMBERS = re.compile(r'[\d.]+')
-Counts = tuple[int, ...]
-"""Samples by :class:`Status`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,22 +322,25 @@ class _Track:
     source: SourceWatch
     arrived_ns: int | None = None
     behind_ns: int = 0  # how far the latest stamp was behind its arrival
-    last: Counts = ()  # at the last look
-    refused: Counts = ()  # at the last look that found a new valid sample
-    marks: deque[tuple[int, Counts]] = field(default_factory=lambda: deque(maxlen=2))
+    last: IntArray = field(default_factory=lambda: np.zeros(len(Status), np.int64))
+    """Samples by status at the last look."""
+    refused: IntArray = field(default_factory=lambda: np.zeros(len(Status), np.int64))
+    """The same at the last look that found a new valid sample."""
+    marks: deque[tuple[int, IntArray]] = field(default_factory=lambda: deque(maxlen=2))
     rates: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_LOOKS))
     looks: int = 0  # in a row that found a fault
     reported: str = ''
 
-    def look(self, now_ns: int, counts: Counts) -> None:
+    def look(self, now_ns: int, counts: IntArray) -> None:
         """Take the counts of now."""
-        self.rates.append((now_ns, _valid(counts)))
+        self.rates.append((now_ns, int(counts[Status.ACCEPTED])))
         if not self.marks:
             self.marks.append((now_ns, counts))
+            self.refused = counts
         since_ns, before = self.marks[-1]
-        if now_ns - since_ns >= SHARE_NS and sum(counts) - sum(before) >= SHARE_SAMPLES:
+        if now_ns - since_ns >= SHARE_NS and (counts - before).sum() >= SHARE_SAMPLES:
             self.marks.append((now_ns, counts))
-        if _valid(counts) != _valid(self.last) or not self.refused:
+        if counts[Status.ACCEPTED] != self.last[Status.ACCEPTED]:
             self.refused = counts
         self.last = counts
 
@@ -426,7 +427,7 @@ class InputWatch:
 
     def _look_at(self, bearing: str, place: int, track: _Track, now_ns: int, *, without_clock: bool) -> bool:
         """Look at one input; whether there is a fault that was not reported before."""
-        track.look(now_ns, tuple(map(int, self._bearings[bearing].counts[place])))
+        track.look(now_ns, self._bearings[bearing].counts[place].copy())
         fault = input_fault(self._facts(bearing, place, now_ns, without_clock=without_clock))
         track.looks = track.looks + 1 if fault else 0
         reported = fault if track.looks >= PATIENCE else ''
@@ -440,9 +441,10 @@ class InputWatch:
         lost = monitor.is_lost(place)
         self._lost |= lost
         timeout, odd = source.timeout_ns * 1e-9, track.source.standing(now_ns)
-        lately = _grown(track.last, track.marks[0][1]) if track.marks else ()
+        lately = track.last - track.marks[0][1] if track.marks else track.last
+        refused, every = lately.copy(), int(lately.sum())
         # A sender of whole seconds repeats itself honestly.
-        refused = tuple(0 if status == Status.REPEATED else n for status, n in enumerate(lately))
+        refused[[Status.ACCEPTED, Status.REPEATED]] = 0
         if source.topic not in self._publishers:
             publishers = self._publishers[source.topic] = self._graph.publishers(source.topic)
             if publishers:
@@ -453,8 +455,8 @@ class InputWatch:
             lost=lost,
             publishers=self._publishers[source.topic],
             receiving=_age(track, now_ns) < 0.5 * timeout,
-            refused=_worst(_grown(track.last, track.refused)),
-            share=sum(refused[1:]) / sum(lately) if sum(lately) >= SHARE_SAMPLES else 0.0,
+            refused=_worst(track.last - track.refused),
+            share=int(refused.sum()) / every if every >= SHARE_SAMPLES else 0.0,
             reason=_worst(refused),
             without_clock=without_clock,
             behind=track.behind_ns * 1e-9,
@@ -469,15 +471,7 @@ def _age(track: _Track, now_ns: int) -> float:
     return math.inf if track.arrived_ns is None else (now_ns - track.arrived_ns) * 1e-9
 
 
-def _valid(counts: Counts) -> int:
-    return counts[Status.ACCEPTED] if counts else 0
-
-
-def _grown(counts: Counts, before: Counts) -> Counts:
-    return tuple(count - old for count, old in zip(counts, before, strict=True)) if counts else ()
-
-
-def _worst(counts: Counts) -> Status | None:
+def _worst(counts: IntArray) -> Status | None:
     """Why most of the refused ones were refused; ``None`` where none was."""
-    refused = [status for status in Status if counts and not status.valid and counts[status]]
-    return max(refused, key=lambda status: counts[status]) if refused else None
+    refused = counts[Status.ACCEPTED + 1 :]
+    return Status(Status.ACCEPTED + 1 + int(refused.argmax())) if refused.any() else None
