@@ -17,6 +17,7 @@ from stickslip_monitor.arrays import BoolArray, IntArray
 from stickslip_monitor.bags.mcap_chunks import Block, DamagedBlock, Piece, load, walk
 from stickslip_monitor.bags.mcap_file import McapFile
 from stickslip_monitor.bags.recording import Request, Series, TimeSpans
+from stickslip_monitor.errors import plural
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.
@@ -26,6 +27,8 @@ _STEP_GAPS, STEP_NS = 2.5, 10**9
 _SELDOM = 0.25
 # How far behind the last message the next one is put [ns].
 _BEHIND_NS = 10**7
+# So many times ahead are those of damaged lines; more are those of a clock that is set back then.
+_FEW_AHEAD = 2
 _NONE = np.empty(0, np.int64)
 # Larger chunks, which no recorder writes, are not looked at [bytes].
 _MOST_LOOKED = 16 << 20
@@ -108,13 +111,14 @@ class StepClock:
     """Makes the times of lines go on where the clock of their writer was set back.
 
     The order of the file is the order of events: what follows a step back begins one gap behind
-    what was before. Single lines from before are late, and stay what they are.
+    what was before. Single lines from before are late, and stay what they are. A time or two that
+    leap ahead, behind which time goes on from where it was, are between those beside them.
     """
 
     def __init__(self, gap_ns: int) -> None:
         self._gap_ns, self._limit_ns = gap_ns, limit_of(gap_ns)
         self.latest_ns: int | None = None
-        self._shift_ns = 0
+        self._shift_ns = self._ahead = 0
         self.steps_ns: list[int] = []
 
     def follow(self, time_ns: IntArray) -> tuple[IntArray, IntArray]:
@@ -130,6 +134,8 @@ class StepClock:
             if not set_back.size:
                 break
             begin += int(set_back[0])
+            if self._mend(shifted, latest, begin):
+                continue
             step = int(latest[begin]) - int(shifted[begin])
             if self._shift_ns + step + self._gap_ns > LATEST_NS:
                 break
@@ -139,9 +145,24 @@ class StepClock:
         self.latest_ns = int(latest[-1])
         return shifted, latest[1:]
 
-    def sentence(self, whose: str) -> str:
-        """That the clock of somebody was set back, and what is made of it."""
-        return set_back(whose, self.steps_ns)
+    def _mend(self, time_ns: IntArray, latest: IntArray, begin: int) -> bool:
+        """Put times that leap ahead before a line between those beside them; whether they are so few."""
+        first = int(latest[1:].searchsorted(time_ns[begin] + self._limit_ns, 'right'))
+        before = int(latest[first])
+        is_back = time_ns[begin] >= before - self._limit_ns and (first or self.latest_ns is not None)
+        if not is_back or not 0 < np.unique(time_ns[first:begin]).size <= _FEW_AHEAD:
+            return False
+        self._ahead += begin - first
+        time_ns[first:begin] = (before + int(time_ns[begin])) // 2
+        return True
+
+    def notes(self, whose: str) -> Iterator[str]:
+        """That the clock of somebody was set back, or leapt ahead, and what is made of it."""
+        if self.steps_ns:
+            yield set_back(whose, self.steps_ns)
+        if self._ahead:
+            few = plural(self._ahead, 'time')
+            yield f'the clock {whose} leapt ahead and back: {few} taken from those of the lines beside'
 
 
 def limit_of(gap_ns: float) -> int:

@@ -242,8 +242,8 @@ class SqliteRecording(Recording):
                 waiting = part(waiting, slice(count, None))
         if waiting[0].size:
             yield waiting
-        if clock.steps_ns:
-            self._findings.note(clock.sentence('of the recorder'))
+        for text in clock.notes('of the recorder'):
+            self._findings.note(text)
 
     def _written(self, topics: Sequence[str]) -> Iterator[Columns]:
         """The same in the order in which they were written."""

@@ -104,9 +104,9 @@ class TableRecording(Recording):
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
         # What a clock that was set back says of a start before the first line is none.
-        begins = StepClock(self.gap_ns).follow(times)[0] if self.is_ordered else times
-        self.start_ns = int(begins.min()) if times.size else None
-        self.end_ns = int(times.max()) if times.size else None
+        whole = StepClock(self.gap_ns).follow(times)[0] if self.is_ordered else times
+        self.start_ns = int(whole.min()) if times.size else None
+        self.end_ns = min(int(times.max()), int(whole.max())) if times.size else None
 
     def _begin_at_zero(self) -> None:
         """Let times that begin before zero, or before 1970, count from the first one."""
@@ -344,8 +344,8 @@ class TableReading:
             none = np.empty(0, np.int64)
             yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock)
         self._tell_rounded()
-        if clock.steps_ns:
-            self._recording.note(clock.sentence('of the lines'))
+        for text in clock.notes('of the lines'):
+            self._recording.note(text)
             self._recording.end_ns = clock.latest_ns
 
     def _tell_rounded(self) -> None:

@@ -326,6 +326,13 @@ LOGS = {
         times=since(0, 1),
         lost="5 lines of another table above were not read, the first '5 1 2'",
     ),
+    'a line whose time is a year ahead': Log(
+        'time,speed,load\n' + ''.join(f'{k + 31536000 * (k == 3)},{30 + k},{900 + k}\n' for k in range(6)),
+        times=since(*range(6)),
+        speed=range(30, 36),
+        load=range(900, 906),
+        says='the clock of the lines leapt ahead and back: 1 time taken from those of the lines beside',
+    ),
     'in no order of time': Log(
         'time,speed,load\n' + ''.join(f'{10 * k},{k},{900 + k}\n' for k in (3, 0, 5, 9, 1, 7, 4, 8, 2, 6)),
         times=since(*range(0, 100, 10)),
