@@ -48,7 +48,7 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             yield None
             continue
         fields = text.split(',')
-        when = _time_before(line[: found.start()]) or _zda(kind, fields) or when
+        when = _time_before(line[: found.start()]) or _own_time(kind, fields) or when
         for number, value, unit in _numbers(kind, fields):
             name = _name_of(number, talker, first)
             yield (when, name, value, unit) if when else None
@@ -64,14 +64,19 @@ def _time_before(head: str) -> str:
     return ''
 
 
-def _zda(kind: str, fields: Sequence[str]) -> str:
-    """The time of a ZDA sentence, of an ISO date and time."""
+def _own_time(kind: str, fields: Sequence[str]) -> str:
+    """The time of a ZDA or RMC sentence, of an ISO date and time."""
     clock = fields[0]
-    if kind != 'ZDA' or len(fields) < 4 or not clock[:6].isdigit() or len(clock) < 6:
+    if kind == 'ZDA' and len(fields) > 3:
+        date = [field.zfill(2) for field in fields[1:4]]
+    # Without a fix it may be of 1980.
+    elif kind == 'RMC' and len(fields) > 8 and fields[1] == 'A' and len(fields[8]) == 6:
+        date = [fields[8][:2], fields[8][2:4], f'20{fields[8][4:]}']
+    else:
         return ''
-    if not all(field.isdigit() for field in fields[1:4]):
+    if not clock[:6].isdigit() or len(clock) < 6 or not all(part.isdigit() for part in date):
         return ''
-    day, month, year = (field.zfill(2) for field in fields[1:4])
+    day, month, year = date
     return f'{year}-{month}-{day}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z'
 
 

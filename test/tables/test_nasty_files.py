@@ -607,6 +607,15 @@ LOGS = {
         '2026-04-13T10:00:00.000Z,9000,30,900\n2026-04-13T10:00:01.000Z,9001,31,901\n',
         says='as aft_stern.speed.unit says',
     ),
+    'NMEA 0183: the times of RMC': Log(
+        '$GPRMC,100000.00,A,5300.0,N,01000.0,E,12.0,90.0,130426,,,A*50\n'
+        '$IIRPM,S,1,30.0,,A*5D\n'
+        '$IIXDR,N,900.0,N,LOAD*6F\n'
+        '$GPRMC,100000.00,V,,,,,,,060180,,,N*73\n'
+        '$GPRMC,100001.00,A,5300.0,N,01000.0,E,12.0,90.0,130426,,,A*51\n'
+        '$IIRPM,S,1,31.0,,A*5C\n'
+        '$IIXDR,N,901.0,N,LOAD*6E\n'
+    ),
     'NMEA 0183: times of two kinds': Log(
         '@0 $ERRPM,S,1,30,10.5,A*4E\n@0 $ERXDR,N,900,N,load*66\n'
         '@1 $ERRPM,S,1,31,10.5,A*4F\n@1 $ERXDR,N,901,N,load*67\n'
