@@ -49,6 +49,7 @@ _STAMPS = [
 # Eight digits alone may be a number.
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
+_SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
 # Of the year 2116: two later times would have no sum of 64 bits [ns].
 _MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
@@ -249,8 +250,8 @@ def is_day(cell: str) -> bool:
 
 
 def is_time(cell: str) -> bool:
-    """Whether a cell is a time of the day."""
-    return bool(_TIME.fullmatch(cell.strip()))
+    """Whether a cell is a time of the day, or since a start."""
+    return bool(_TIME.fullmatch(cell.strip()) or _SINCE_START.fullmatch(cell.strip()))
 
 
 class StampLayout:
@@ -362,9 +363,17 @@ class StampLayout:
 
 
 def read_time_of_day(columns: Sequence[Cells]) -> Times:
-    """Times of the day on one day without a date [ns]."""
+    """Times of the day on one day without a date, or since a start, with hours beyond 24 [ns]."""
     layout = StampLayout(['1970-01-01 00:00:00'])
-    return layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
+    time_ns, good = layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
+    for k in np.flatnonzero(~good).tolist():
+        if match := _SINCE_START.fullmatch(columns[0][k].strip()):
+            hours, minutes, seconds = (int(part) for part in match.groups()[:3])
+            time_ns[k] = ((hours * 60 + minutes) * 60 + seconds) * SECOND + int(
+                (match[4] or '').ljust(9, '0')
+            )
+            good[k] = True
+    return time_ns, good
 
 
 def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:

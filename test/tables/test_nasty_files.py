@@ -249,6 +249,12 @@ LOGS = {
     'local time beside that of UTC': Log(
         'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,~0,30,900\n2026-04-13 18:00:01,~1,31,901\n'
     ),
+    'hours since a start, beyond a day': Log(
+        'Elapsed,speed,load\n23:59:59.5,30,900\n24:00:00.5,31,901\n100:00:00.5,32,902\n',
+        times=since(86_399.5, 86_400.5, 360_000.5),
+        speed=[30, 31, 32],
+        load=[900, 901, 902],
+    ),
     'before a trigger': Log(
         'time [s],speed,load\n-1,30,900\n0,31,901\n', times=since(0, 1), says='counted from the first one'
     ),
