@@ -8,11 +8,14 @@ All of it happens on one event loop; whoever knows something from another thread
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, checked_record
 from stickslip_monitor.errors import DashboardError
@@ -28,6 +31,8 @@ MOST_NAMES = 20
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
 _BEYOND = 5
+# A fold that is off by more than this share of its load is of other parameters: a map has 1 %.
+_OTHER_MAP = 0.1
 # A map that is made for an operating point has this much room beyond its speed and its load.
 _ROOM = (1.2, 1.5)
 _NO_ANSWER = 'no answer from the monitor: it may not have been done'
@@ -77,6 +82,7 @@ class Watched:
     history: deque[list[Any]] = field(default_factory=lambda: deque(maxlen=SPAN // STEP))
     at: float | None = None  # when the newest came [s]
     fitted: bool = False  # whether the map is made for an operating point
+    off_map: bool = False  # whether the newest is of other parameters than the map
 
     def take(self, record: dict[str, Any], now: float) -> dict[str, Any]:
         """Take a new record, and return it for the page.
@@ -92,7 +98,7 @@ class Watched:
         while rows and rows[0][0] < record['time'] - SPAN:
             rows.popleft()
         rows.append(row)
-        self.record, self.at = record | {'row': row}, now
+        self.record, self.at, self.off_map = record | {'row': row}, now, self._is_off_map(record)
         return self.record
 
     def map(self) -> dict[str, Any]:
@@ -103,6 +109,14 @@ class Watched:
         """All that the page shows of it, but for its history."""
         own = {name: getattr(self.view, name) for name in _OF_VIEW}
         return {'name': self.key, **own, 'status': self.record}
+
+    def _is_off_map(self, record: Mapping[str, Any]) -> bool:
+        """Whether a record has the fold at its load elsewhere than the map has it."""
+        if record['fold_speed'] is None or record['load'] is None or not self.view.curves:
+            return False
+        speed, load = (np.array(self.view.curves[name], dtype=float) for name in ('speed', 'fold'))
+        mapped = np.interp(record['fold_speed'], speed, load, math.nan, math.nan)
+        return bool(abs(mapped - record['load']) > _OTHER_MAP * mapped)
 
     def widen(self) -> bool:
         """Make the map anew where the point has been beyond it for some time; whether it was.
@@ -219,9 +233,16 @@ class WatchedMonitor:
             yield f'The list of alarms of {name} is {late:.0f} s old: newer alarms are missing.'
 
     def notice(self) -> str:
-        """What the node reports of itself, where that is not that all is well."""
+        """What the node reports of itself where not all is well, and whose maps are of another file."""
+        if not self.receiving or self._idle():
+            return ''
         level, text = self._health
-        return f'{self.source}: {text}' if level and self.receiving and not self._idle() else ''
+        said = [f'{self.source}: {text}'] if level else []
+        if others := [own.key for own in self.bearings.values() if own.off_map]:
+            said.append(
+                f'{_listed(others)}: the map is that of --config, and {self.source} has other parameters.'
+            )
+        return ' '.join(said)
 
     def _idle(self) -> bool:
         """Whether the node reports that nobody watches its bearings."""

@@ -317,3 +317,27 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
     assert asked == [acknowledge()]
     with pytest.raises(DashboardError, match='there is nothing to acknowledge'):
         asyncio.run(board.ask(acknowledge(bearing='starboard/aft_stern'), 0.01))
+
+
+@pytest.mark.parametrize(
+    ('fold', 'load', 'foreign'),
+    [
+        (0.3, 250.0, False),  # on the curve
+        (0.3, 270.0, False),
+        (0.3, 290.0, True),
+        (0.3, 200.0, True),
+        (0.5, 900.0, False),  # where the map has no fold
+        (0.7, 900.0, False),  # beyond the map
+        (None, 900.0, False),
+        (0.3, None, False),
+    ],
+)
+def test_a_map_of_other_parameters_is_told(
+    now: list[float], fold: float | None, load: float | None, foreign: bool
+) -> None:
+    """The page was started with another file than the node: its own curve leads through (0.3, 250)."""
+    curves = {'speed': [0.2, 0.4, 0.6], 'fold': [100.0, 400.0, None]}
+    board = board_of(now, replace(VIEW, curves=curves))
+    board.monitors[0].take_record(status(fold_speed=fold, load=load))
+    told = ['aft_stern: the map is that of --config, and test has other parameters.']
+    assert board.monitor()['notices'] == told * foreign
