@@ -175,6 +175,15 @@ class _Assessed(Generic[_Number]):
         """The same of the exact fold."""
         return self._margin(self.exact_fold_speed)
 
+    @property
+    def any_fold_margin(self) -> _Number:
+        """The fold margin, or that of the exact fold where averaging has none, as of a Coulomb law."""
+
+        def known(fold: FloatArray, own: FloatArray, exact: FloatArray) -> FloatArray:
+            return np.where(np.isnan(fold), exact, own)
+
+        return self._each(known, self.fold_speed, self.fold_margin, self.exact_fold_margin)
+
     @cached_property
     def stability_margin(self) -> _Number:
         """The smaller of the two fold margins [-], which decides.

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import plural
@@ -84,16 +83,14 @@ def verdict_value(name: str, verdict: Verdict) -> float | str:
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
     """A number of one point or many as its topic says it, worked out only where somebody wants it."""
-    value = np.asarray(_number_of(points, name))
+    value = _number_of(points, name)
     return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
 
-def _number_of(points: Assessment | Assessments, name: str) -> ArrayLike:
-    """A number of points; the margin to the exact fold where averaging has none, as of a Coulomb law."""
-    value: ArrayLike = getattr(points, name)
-    if name == 'fold_margin' and np.isinf(value).any():
-        return np.where(np.isnan(points.fold_speed), points.exact_fold_margin, value)
-    return value
+def _number_of(points: Assessment | Assessments, name: str) -> FloatArray:
+    """A number of points as it is published: any fold's margin is better than none."""
+    value = np.asarray(getattr(points, name))
+    return np.asarray(points.any_fold_margin) if name == 'fold_margin' and np.isinf(value).any() else value
 
 
 def number(value: float) -> float | None:
@@ -108,7 +105,7 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(float(np.asarray(_number_of(point, name)))) for name in POINT_NUMBERS},
+        **{name: number(float(_number_of(point, name))) for name in POINT_NUMBERS},
     }
 
 

@@ -313,10 +313,8 @@ class Extremes:
         points = scan.assessed(rows)
         for name in names:
             sign = -1 if name == 'amplitude' else 1
-            values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
-            if name == 'fold_margin':
-                # Of Coulomb's law averaging has no fold, and the exact model has one.
-                values = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, values)
+            taken = {'amplitude': 'amplitude_exact', 'fold_margin': 'any_fold_margin'}
+            values = getattr(points, taken.get(name, name))
             badness = np.where(np.isfinite(values), sign * values, np.inf)
             least = sign * self.found[name].value if name in self.found else math.inf
             if badness.min(initial=math.inf) < least:
