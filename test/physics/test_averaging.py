@@ -42,18 +42,11 @@ def _bearing(law: FrictionLaw, damping: float = 400.0) -> Bearing:
 
 
 @spread
-def test_hopf_speed_to_twelve_digits(size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any) -> None:
-    """``-ln(kappa)/beta`` at 40 digits (PHYSICS.md)."""
+def test_boundaries_to_twelve_digits(size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any) -> None:
+    """``-ln(kappa)/beta``; the integrated balance at ``a = V`` changes its sign within 1e-12 of the fold."""
     bearing, load = make_bearing(*size)
     g = oracle.groups(bearing, 1.0, load)
     assert hopf_speed(bearing, load) == pytest.approx(float(oracle.hopf(g.kappa) / g.decay), rel=1e-12)
-
-
-@spread
-def test_fold_speed_to_twelve_digits(size: tuple[float, ...], make_bearing: MakeBearing, oracle: Any) -> None:
-    """The integrated balance at ``a = V`` changes its sign within 1e-12 of the fold speed."""
-    bearing, load = make_bearing(*size)
-    g = oracle.groups(bearing, 1.0, load)
     v = g.decay * mp.mpf(fold_speed(bearing, load))
     assert oracle.fold_excess(g, v * (1 - mp.mpf('1e-12'))) > 0
     assert oracle.fold_excess(g, v * (1 + mp.mpf('1e-12'))) < 0
