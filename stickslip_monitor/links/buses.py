@@ -19,6 +19,7 @@ from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.input_faults import Graph
+from stickslip_monitor.monitor.parameter_file import LINKS
 from stickslip_monitor.monitor.parameters import (
     REQUIRED,
     BearingConfig,
@@ -31,7 +32,7 @@ from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Sho
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 
-SECTION = '/stickslip_links'
+SECTION = LINKS
 SIGNALK, NMEA = 'signalk', 'nmea'
 UNITS = {Input.SPEED: 'Hz', Input.LOAD: 'N'}
 """Of the inputs, as Signal K has them."""

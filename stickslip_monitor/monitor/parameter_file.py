@@ -20,6 +20,8 @@ from stickslip_monitor.monitor.parameters import MonitorConfig
 # A fleet's bearings have some hundred kilobytes [bytes].
 _LARGEST = 1 << 20
 NODE_NAME = 'stickslip_monitor'
+LINKS = '/stickslip_links'
+"""The section of a ship's buses."""
 _ROS_OWN = ('use_sim_time', 'start_type_description_service')
 
 
@@ -227,6 +229,9 @@ def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
     for name, value in parameters.items():
         if name.endswith('.calibration') and isinstance(value, str) and value:
             parameters[name] = str(Path(path).parent / value)
+    for name, column in _columns_of_buses(path).items():
+        if not {f'{name}.topic', f'{name}.column'} & parameters.keys():
+            parameters[f'{name}.column'] = column
     try:
         config = build_config(parameters)
     except ConfigurationError as error:
@@ -234,6 +239,20 @@ def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
     for note in config.notes:
         logging.getLogger(NODE_NAME).warning('%s: %s', path, note)
     return config
+
+
+def _columns_of_buses(path: str | Path) -> dict[str, str]:
+    """Of inputs that come over a ship's buses, as ``aft.speed``, what a log of these calls them."""
+    try:
+        links = load_section(path, LINKS)
+    except ConfigurationError:
+        return {}
+    found = {}
+    for name in [key.removesuffix('.from') for key in links if key.endswith('.from')]:
+        kind, number = links.get(f'{name}.kind', ''), links.get(f'{name}.number', 1)
+        given = links.get(f'{name}.path') or links.get(f'{name}.name')
+        found[name] = str(given or f'RPM {kind} {number}')
+    return found
 
 
 def load_section(path: str | Path, section: str) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from sending import configured
+from shared import ROOT
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.parameter_file import load_config, load_parameters, load_yaml
@@ -220,3 +221,32 @@ def test_a_section_is_for_the_nodes_that_rcl_says(tmp_path: Path, section: str, 
     else:
         with pytest.raises(ConfigurationError, match='no parameters for'):
             load_parameters(path, '/port/stickslip_monitor')
+
+
+SHIP = ROOT / 'launch_configs/examples/ship.yaml'
+OF_NMEA = (
+    ('{from: signalk, path: propulsion.port.revolutions}', '{from: nmea, sentence: RPM, kind: S, number: 2}'),
+    ('{from: signalk, path: propulsion.port.shaft.aftStern.load}', "{from: nmea, kind: 'N', name: AFTLOAD}"),
+)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'columns'),
+    [
+        ((), ['propulsion.port.revolutions', 'propulsion.port.shaft.aftStern.load']),
+        (OF_NMEA, ['RPM S 2', 'AFTLOAD']),
+        ((('{unit: Hz,', "{unit: Hz, column: 'n',"),), ['n', 'propulsion.port.shaft.aftStern.load']),
+        ((('{unit: Hz,', '{unit: Hz, topic: /n,'),), ['', 'propulsion.port.shaft.aftStern.load']),
+    ],
+)
+def test_the_file_of_a_ship_without_ros_is_for_all_commands(
+    tmp_path: Path, changes: Sequence[tuple[str, str]], columns: list[str]
+) -> None:
+    """As docs/ship.md has it: where nothing else is said, the buses tell what their logs have."""
+    text = SHIP.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / 'ship.yaml').write_text(text)
+    (bearing,) = load_config(tmp_path / 'ship.yaml').bearings
+    assert [bearing.speed.column, bearing.load.column] == columns
