@@ -85,7 +85,8 @@ def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]
     if kind == 'RPM' and len(fields) > 2:
         # As the live link reads it: some ships leave the pitch out, none the status.
         is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
-        yield f'RPM {fields[0]} {fields[1]}', fields[2] if is_valid else 'not valid', 'rpm'
+        number = fields[1].lstrip('0') or fields[1][:1]
+        yield f'RPM {fields[0]} {number}', fields[2] if is_valid else 'not valid', 'rpm'
     elif kind == 'XDR':
         for at in range(0, len(fields) - 3, 4):
             kind, value, unit, name = fields[at : at + 4]

@@ -820,7 +820,7 @@ def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
     recording = opened(
         tmp_path,
         '@0 $IIRPM,S,1,30.0,,A*5D\n@0 $ERRPM,S,1,99.0,,A*49\n@0 $IIXDR,N,900.0,N,LOAD*6F\n'
-        '@1 $ERRPM,S,1,99.0,,A*49\n@1 $IIRPM,S,1,31.0,,A*5C\n@1 $IIXDR,N,901.0,N,LOAD*6E\n',
+        '@1 $ERRPM,S,1,99.0,,A*49\n@1 $IIRPM,S,01,31.0,,A*6C\n@1 $IIXDR,N,901.0,N,LOAD*6E\n',
     )
     request = Request('RPM S 1', 'data')
     assert recording.read([request])[request].value.tolist() == [30, 31]
