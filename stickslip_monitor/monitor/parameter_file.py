@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -153,7 +153,7 @@ def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
         )
     sections = list(_sections(path, '', document))
-    name = _node_of(path, [section for section, _ in sections], node)
+    name = _node_of(path, _own_sections(sections), node)
     merged: dict[str, Any] = {}
     for section, content in sections:
         if _matches(section, name):
@@ -181,6 +181,15 @@ def _sections(
             raise ConfigurationError(f"{path}: section '{key}' must hold 'ros__parameters:'")
         else:
             yield from _sections(path, name, held)
+
+
+def _own_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
+    """The sections that may be for our node: of the patterns those that speak of bearings."""
+    listed = [content['bearings'] for _, content in sections if 'bearings' in content]
+    words = {'bearings', *(str(name) for names in listed if isinstance(names, list) for name in names)}
+    for section, content in sections:
+        if '*' not in section or words & {str(key).partition('.')[0] for key in content}:
+            yield section
 
 
 def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str:

@@ -168,6 +168,12 @@ def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
     assert load_config(write(WHOLE + own)) == load_config(write(WHOLE))
 
 
+def test_a_pattern_for_others_asks_nothing(write: Write) -> None:
+    own = WHOLE.replace('/**:', '/stickslip_monitor:')
+    other = '/camera/**: {ros__parameters: {rate: 5}}\n'
+    assert load_config(write(own + other)) == load_config(write(WHOLE))
+
+
 OF_TWO = """
 /**: {ros__parameters: {bearings: [aft]}}
 /port/stickslip_monitor: {ros__parameters: {aft: {mass: 50.0}}}
