@@ -45,8 +45,9 @@ from stickslip_monitor.monitor.configuration import asked, bearing_names, build_
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Display, Log
+from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
-from stickslip_monitor.state_file import StateFile
+from stickslip_monitor.state_file import StateWriter
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.seen_monitors import DashboardState, WatchedMonitor
@@ -304,17 +305,30 @@ def _monitor(
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
     for question in chain.from_iterable(map(asked, config.bearings)):
         _log.warning(question)
-    store = StateFile(config.state_file, user='monitor') if config.state_file else None
-    if store is not None:
-        store.check()
-        store.lock()
+    store = StateWriter(config.state_file, user='monitor') if config.state_file else None
     live = LiveMonitor(config, feed, _log, store)
     feed.act = live.act
+
+    async def run() -> None:
+        await asyncio.gather(live.run(), *([] if store is None else [_look_after(store, feed)]))
+
     try:
-        yield live.take, live.run
+        yield live.take, run
     finally:
         if store is not None:
-            store.unlock()
+            store.close()
+
+
+async def _look_after(store: StateWriter, feed: Feed) -> None:
+    """Tell log and page whether the alarms are kept, as a node does."""
+    told = ''
+    while True:
+        if store.fault != told:
+            told = store.fault
+            feed.take_health(Severity.ERROR if told else Severity.OK, told)
+            if told:
+                _log.error(told)
+        await asyncio.sleep(_TICK)
 
 
 def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:

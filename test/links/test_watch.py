@@ -82,7 +82,8 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     bus, alarm = Bus(), BEARING['alarm'] | {'amplitude_limit': 0.9}  # meant in mm
     path = ship_file(tmp_path, bus.links('aft_stern'), alarm=alarm)
     document = yaml.safe_load(path.read_text())
-    document['/**']['ros__parameters']['state_file'] = str(tmp_path / 'alarms.json')
+    kept = tmp_path / 'alarms.json'
+    document['/**']['ros__parameters']['state_file'] = str(kept)
     path.write_text(yaml.safe_dump(document))
     ship = watch(path, '--port', '0')
     assert [manager.recv(100) for _ in range(3)] == [b'READY=1', *[b'WATCHDOG=1'] * 2]
@@ -105,13 +106,21 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert main(['health', '--page', page]) == 0
     assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
     assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
+    # The file cannot be written: log and page say so.
+    kept.unlink()
+    kept.mkdir()
+    fault = 'the alarms are not kept: Is a directory'
+    ship.until(bus.sails('20.0', lambda: fault in ship.output))
+    with urllib.request.urlopen(f'{page}events', timeout=10.0) as stream:
+        assert fault in next(line.decode() for line in stream if line.startswith(b'data: '))
+    kept.rmdir()
     assert 'is in use by another monitor' in refusal(path)
     assert ship.stop(signal.SIGHUP) == 0  # as when its terminal goes
     assert main(['health', '--page', page]) == 2
     bus.listen()
     assert bus.beats[-1] == 'V'  # nobody watches any more
     assert 'Traceback' not in ship.output
-    assert (tmp_path / 'alarms.json').exists()
+    assert kept.is_file()
 
 
 def test_a_constant_load_needs_no_bus(tmp_path: Path) -> None:
