@@ -55,7 +55,6 @@ REPORTS = {
     '.png': PICTURES['.png'],
     '.json': b'"schema": "stickslip_monitor/check/',
 }
-Progress = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,8 +193,8 @@ def _check_bags(
 
 
 def _advice(config: MonitorConfig) -> str:
-    exact = ', '.join(own.name for own in config.bearings if own.belief is None)
-    advice = f'{printable(exact)}: add a tolerance for probabilities (docs/calibration.md)'
+    exact = printable(', '.join(own.name for own in config.bearings if own.belief is None))
+    advice = f'{exact}: add a tolerance for probabilities (docs/calibration.md)'
     return f'{_wrapped(advice, output.line_width())}\n' if exact else ''
 
 
@@ -265,7 +264,7 @@ def _outcomes(
     return archive.run_in_processes(attempt, calls, args.jobs or archive.core_count())
 
 
-def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
+def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], None] | None = None) -> Found:
     """Check one recording; the result says why it cannot be checked.
 
     Args:
@@ -296,8 +295,10 @@ def attempt(task: Task, bag: Path, progress: Progress | None = None) -> Found:
             checked = replace(checked, complete=False)
         document = to_json(checked)
         part, counts = _part(task, document, checked), None if clips is None else clips.counts
-        evidence = () if task.learn is None else _evidence(task.learn, checked.config.bearings, kept)
-        return Found(document, part, counts, dict(evidence))
+        evidence: dict[str, Evidence | str] = {}
+        if task.learn is not None:
+            evidence = {own.name: _evidence(task.learn, own, kept) for own in checked.config.bearings}
+        return Found(document, part, counts, evidence)
     except StickslipError as error:
         return _failed(task, bag, str(error))
 
@@ -335,14 +336,12 @@ def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
     return _failed(task, bag, errors.program_fault(outcome), faulty=True)
 
 
-def _evidence(
-    source: EvidenceSource, bearings: Sequence[BearingConfig], kept: Kept
-) -> Iterator[tuple[str, Evidence | str]]:
-    for config in bearings:
-        try:
-            yield config.name, source.of_recording(kept, config)
-        except errors.CalibrationError as error:
-            yield config.name, str(error)
+def _evidence(source: EvidenceSource, config: BearingConfig, kept: Kept) -> Evidence | str:
+    """What a recording teaches of a bearing, or why nothing."""
+    try:
+        return source.of_recording(kept, config)
+    except errors.CalibrationError as error:
+        return str(error)
 
 
 def _lessons_of(
@@ -373,8 +372,8 @@ def _report_of(args: argparse.Namespace, task: Task, archive: Archive | None, te
 
     if task.report == '.png':
         return png_sheet(archive, args.report)
-    shown = list(archive.shown())
-    return html_page(shown, task.config, args.config, datetime.now(timezone.utc), args.node)
+    now = datetime.now(timezone.utc)
+    return html_page(list(archive.shown()), task.config, args.config, now, args.node)
 
 
 def _tell(found: Found, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:

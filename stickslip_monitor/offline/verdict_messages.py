@@ -9,7 +9,7 @@ first, and stops there.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,14 +88,13 @@ class VerdictWriter(StretchSink):
 
     Args:
         path: Where to; a name ending in ``.mcap`` that is not there yet.
-        progress: Given the messages written, now and then.
 
     Raises:
         BagError: It cannot be written.
     """
 
-    def __init__(self, path: str | Path, progress: Callable[[int], None] | None = None) -> None:
-        self._writer, self._progress = BagWriter(check_target(path)), progress
+    def __init__(self, path: str | Path) -> None:
+        self._writer = BagWriter(check_target(path))
 
     def __enter__(self) -> VerdictWriter:
         """Begin to write beside the target."""
@@ -118,8 +117,6 @@ class VerdictWriter(StretchSink):
         """Write the messages of a stretch, inputs before verdicts."""
         columns = [*columns_of(self._until(stretch.end_ns)), *self._messages.of(stretch)]
         self._writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
-        if self._progress is not None:
-            self._progress(sum(self._writer.message_counts.values()))
 
     def _until(self, end_ns: int) -> Iterator[Message]:
         """The messages of the inputs up to a log time [ns]."""
