@@ -454,9 +454,12 @@ class _Run:
         moved[_RATE] = (moved[_RATE] + abs(drift)) * np.abs(length)
         room = self.route.error * moved.sum(axis=0) / (after.error + ALMOST_REST)
         turns = (state[_SIDE] * (after.z - drift) <= 0.0) & (drift >= 0.0)
-        meets = self._meets(after, turns)
-        past = meets & (drift > 0.0) & (state[_E] > -self.field.offset)
-        good = (room >= 1.0) & ~(meets & turns & ~past)  # first to the turn, then to the belt
+        good = room >= 1.0
+        meets = past = np.zeros(good.shape, bool)
+        if self.route.contact:
+            meets = self._meets(after, turns)
+            past = meets & (drift > 0.0) & (state[_E] > -self.field.offset)
+            good = good & ~(meets & turns & ~past)  # first to the turn, then to the belt
         over = self._ended(turns & good, meets & good, past, length)
         share = np.fmin(np.fmax(0.9 * room**0.125, 0.2), np.where(good, 5.0, 0.5))
         following = np.fmax(np.fmin(length * share, _LONGEST), -_LONGEST)
@@ -495,8 +498,6 @@ class _Run:
 
     def _meets(self, after: Stepped, turns: BoolArray) -> BoolArray:
         """Steps that pass the belt's speed, or the place at which the belt could just hold."""
-        if not self.route.contact:
-            return np.zeros(turns.shape, bool)
         if not self.field.drift > 0.0:
             return np.asarray(after.z < 0.0)
         meets = (after.z < 0.0) | (after.e > -self.field.offset)
@@ -507,23 +508,25 @@ class _Run:
         over, state = meets, self.state
         if turns.any():
             for k in (0, 1):
-                self._keep(k, turns & (state[_TURNS] == k), length)
+                self._keep(k, np.flatnonzero(turns & (state[_TURNS] == k)), length)
             state[_TURNS] += turns
             state[_SIDE] = np.where(turns, -state[_SIDE], state[_SIDE])
             turned = turns & (state[_TURNS] == state[_LAST])
-            self.end[self._orbits(turned)], over = TURNED, over | turned
+            self.end[self._orbits(np.flatnonzero(turned))], over = TURNED, over | turned
         if meets.any():
-            self._keep(2, meets, length)
-            self.end[self._orbits(meets)] = np.where(past, MISSED, LANDED)[meets]
+            rows = np.flatnonzero(meets)
+            self._keep(2, rows, length)
+            self.end[self._orbits(rows)] = np.where(past[rows], MISSED, LANDED)
         return over
 
-    def _orbits(self, which: BoolArray) -> IndexArray:
-        return self.state[_ORBIT, which].astype(np.intp)
+    def _orbits(self, rows: IndexArray) -> IndexArray:
+        return self.state[_ORBIT, rows].astype(np.intp)
 
-    def _keep(self, event: int, which: BoolArray, length: FloatArray) -> None:
-        before = self.state[:_SIDE, which]
-        before[_LENGTH] = length[which]
-        self.events[event][:, self._orbits(which)] = before
+    def _keep(self, event: int, rows: IndexArray, length: FloatArray) -> None:
+        if rows.size:
+            before = self.state[:_SIDE, rows]
+            before[_LENGTH] = length[rows]
+            self.events[event][:, self._orbits(rows)] = before
 
     def _lost(self) -> BoolArray:
         """Orbits that have come to rest or, back in time, have left for good, or do not move on."""
@@ -537,7 +540,7 @@ class _Run:
         left &= state[_DIRECTION] < 0.0
         rested = energy < _SETTLED * state[_ENERGY]
         for which, end in ((left, LEFT), (rested, RESTED)):
-            orbits = self._orbits(which)
+            orbits = self._orbits(np.flatnonzero(which))
             self.end[orbits] = np.where(self.end[orbits] == EXHAUSTED, end, self.end[orbits])
         return stuck | left | rested
 
