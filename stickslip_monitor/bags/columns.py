@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,14 +30,15 @@ _OTHERS = {
     # C663 is a turbocharger in the ISO 19848 names of DNV.
     'speed': {
         *('turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'alternator'),
-        *('wind', 'winch', 'thruster', 'grid', 'mains', 'busbar', 'blade', 'sampling'),
-        *('gyro', 'turn', 'roll', 'pitch', 'yaw', 'heave'),
+        *('wind', 'winch', 'thruster', 'grid', 'mains', 'busbar', 'sampling'),
     },
     'load': {
         *('thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'),
         *('rudder', 'steering', 'crane', 'rope', 'chain', 'anchor', 'ice', 'mooring', 'towing', 'winch'),
     },
 }
+# What has a frequency, or an angle; in rpm they are words of propellers.
+_OF_MOTIONS = {'blade', 'gyro', 'turn', 'roll', 'pitch', 'yaw', 'heave'}
 # In the unit of an input, but not what is measured.
 _UNMEASURED = {
     *(
@@ -55,6 +57,8 @@ _UNMEASURED = {
     ),
     *('error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
 }
+# What is measured in spite of such a word.
+_MEASURED = re.compile(r'\bset \d+|\brate of (?:rev|rot)\w+|\brot\w+ rate')
 # Words of one side or end of a ship, and of the other.
 _SIDES = (
     ({'port', 'ps', 'bb', 'backbord', 'babord'}, {'starboard', 'stbd', 'sb', 'stb', 'steuerbord', 'tribord'}),
@@ -227,7 +231,13 @@ class ColumnBinding:
         others = (_UNMEASURED | _OTHERS.get(quantity, set())) - called
         for one, other in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
             others |= other if called & one and not called & other else set()
-        able = [c for c in able if not others & set(parse_heading(c.heading).name.split())]
+        motions = _OF_MOTIONS - called
+        words = [{*_MEASURED.sub('', parse_heading(c.heading).name).split()} for c in able]
+        able = [
+            c
+            for c, own in zip(able, words, strict=True)
+            if not own & (others if c.unit == 'rpm' or quantity != 'speed' else others | motions)
+        ]
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
         by_unit = [c for c in able if c.unit in units]

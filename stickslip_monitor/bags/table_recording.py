@@ -49,7 +49,8 @@ _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?uni
 # Columns that say of the numbers of another whether they count, and what those say that do not.
 _STATUS = re.compile(r'q|good|(?:opc)?(?:status|qual|quality\w*|valid|validity)')
 _BAD = re.compile(
-    r'\s*(?:bad|invalid|uncertain|questionable|false|fail|fault|err|stale|not |comm|timeout)', re.I
+    r'\s*(?:bad|invalid|uncertain|questionable|false|fail|fault|err|stale|not (?!run|ready)|comm|timeout)',
+    re.I,
 )
 # Codes of OPC from which a number is good.
 _OPC_GOOD, _OPC_MOST = 192, 255

@@ -35,7 +35,7 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
     As with Signal K, a second talker of a number has a name of its own.
     """
-    when, first = '', dict[str, str]()
+    when, has_clock, first = '', False, dict[str, str]()
     for line in lines:
         found = _SENTENCE.search(line)
         if found is None:
@@ -48,7 +48,10 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             yield None
             continue
         fields = text.split(',')
-        when = _time_before(line[: found.start()]) or _own_time(kind, fields) or when
+        clock = _time_before(line[: found.start()]) or ('' if kind == 'RMC' else _own_time(kind, fields))
+        has_clock |= clock != ''
+        # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
+        when = clock or ('' if has_clock else _own_time(kind, fields)) or when
         for number, value, unit in _numbers(kind, fields):
             name = _name_of(number, talker, first)
             yield (when, name, value, unit) if when else None
@@ -128,7 +131,7 @@ def _is_own(delta: Any) -> bool:
 
 def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
     for update in delta['updates']:
-        units |= {m['path']: m['value']['units'] for m in update.get('meta', ()) if 'units' in m['value']}
+        units.update(_meta_units(update.get('meta')))
         source = str(update.get('$source', ''))
         for item in update.get('values', ()):
             value = item['value']
@@ -139,6 +142,15 @@ def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator
                 text = 'null' if value is None else repr(value)
                 unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
                 yield when, _name_of(path, source, first), text, unit
+
+
+def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
+    """The units by path that meta data say; what is odd in them costs no number."""
+    for item in meta if isinstance(meta, list) else ():
+        value = item.get('value') if isinstance(item, dict) else None
+        unit = value.get('units') if isinstance(value, dict) else None
+        if isinstance(unit, str):
+            yield str(item.get('path')), unit
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from decimal import Decimal
@@ -53,7 +53,9 @@ _SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
 # Of the year 2116: two later times would have no sum of 64 bits [ns].
 _MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
-NAMED = re.compile(r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock)\b')
+NAMED = re.compile(
+    r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed)\b'
+)
 _IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
 # Numbers since a date by their size: the least, the unit [ns], what makes it 1970, and their name.
@@ -146,31 +148,51 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     width = len(table.names)
     rows = [row for row in table.rows[:_MOST_ROWS] if len(row) >= width - 1]
 
+    def column(k: int) -> Iterator[str]:
+        return (row[k] for row in rows if k < len(row))
+
     def which(is_kind: Callable[[str], bool]) -> list[int]:
-        counts = [sum(k < len(row) and is_kind(row[k]) for row in rows) for k in range(width)]
+        counts = [sum(map(is_kind, column(k))) for k in range(width)]
         return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
     named = [k for k, (words, _) in enumerate(table.headings) if NAMED.search(words)]
     stamps = which(is_stamp)
-    # InfluxDB has the limits of the query beside the time, ships the time of the zone they are in.
+    each = {k: len({*column(k)}) for k in stamps}
+    # Of an arrival or the name of a file all lines, or many, have one. InfluxDB has the limits of the
+    # query beside the time, ships the time of the zone they are in.
     stamps.sort(
-        key=lambda k: (table.names[k] != '_time', not _IN_UTC.search(table.names[k]), k not in named, k)
+        key=lambda k: (
+            2 * each[k] < max(each.values()),
+            table.names[k] != '_time',
+            not _IN_UTC.search(table.names[k]),
+            k not in named,
+            k,
+        )
     )
+    running = [k for k in stamps if k in named or each[k] > 1 or len(rows) == 1]
     days, times = which(is_day), which(is_time)
-    if stamps or (days and times):
-        return _of_stamps(table, rows, (stamps[0],) if stamps else (days[0], times[0]))
-    if times:
-        said = f"times in '{table.names[times[0]]}' are of the day, without a date"
-        return Clock((times[0],), read_time_of_day, (said,))
+    # Hours that an engine has run are no time of the lines.
+    own = [k for k in times if k in named or any(_TIME.fullmatch(cell.strip()) for cell in column(k))]
+    if running or (days and own):
+        return _of_stamps(table, rows, (running[0],) if running else (days[0], own[0]))
+    if own:
+        return _of_day(table, own[0])
     for k in (*named, 0):
         if (found := _of_numbers(table, rows, k, is_named=k in named)) is not None:
             return found
+    if stamps or times:
+        return _of_stamps(table, rows, (stamps[0],)) if stamps else _of_day(table, times[0])
     listed = ', '.join(f"'{name}'" for name in table.names[:10])
     shown = next((row[k] for row in rows for k in (*named, 0) if row[k].strip()), '')
     raise BagError(
         f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
         f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}'"
     )
+
+
+def _of_day(table: TableColumns, k: int) -> Clock:
+    """Times of the day, or since a start, of a column."""
+    return Clock((k,), read_time_of_day, (f"times in '{table.names[k]}' are of the day, without a date",))
 
 
 def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:

@@ -71,7 +71,8 @@ _WITH_UNIT = re.compile(r'[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\
 # 'rpm x10', 'rpm/10': whether the numbers are ten times too small or too large is not said. 'Aux 10' is none.
 _TENS = r'(?:10+|0?[.,]0*1)'
 _FACTOR = re.compile(
-    rf'(?:(?<![^\W\d_])x|[×*]|(?<=m|n|z)\s?/)\s?{_TENS}(?!\d)|(?<!\d){_TENS}\s?(?:x\b|[×*])|\({_TENS}\)', re.I
+    rf'(?:(?<![^\W\d_])x|[×*]|(?<=m|n|z)\s?/)\s?{_TENS}(?!\d)|(?<!\d){_TENS}\s?(?:x\b|[×*])|\(0?[.,]0*1\)',
+    re.I,
 )
 _SWAP = str.maketrans(',.', '.,')
 
@@ -376,13 +377,15 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     ):
         return ','
     pointed = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
-    if not all(map(_POINTS.fullmatch, pointed)):
-        return '.'
-    if delimiter == ';':
-        return ','
+    if any(',' in cell for cell in pointed):
+        return '.'  # 1,000.5
+    has_points = any(delimiter == ',' or not _POINTS.fullmatch(cell) for cell in pointed)
+    if has_points != (delimiter == ';'):
+        return '.' if has_points else ','
+    remedy = ' alone' if has_points else ", or cells separated by ';'"
     raise BagError(
         f"log '{path}': '{comma[0]}' may be {comma[0].replace(',', '.')} or"
-        f" {comma[0].replace(',', '')}: write it with a decimal point, or cells separated by ';'"
+        f' {comma[0].replace(",", "")}: write it with a decimal point{remedy}'
     )
 
 

@@ -25,6 +25,7 @@ from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.table_recording import TableRecording
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
+from stickslip_monitor.links.nmea import sentence
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import InputConfig
 from stickslip_monitor.tables.dialect import unit_of
@@ -206,10 +207,47 @@ LOGS = {
         'time;speed;load\n2026-04-13 10:00:00;30;44\u00a0658,5\n2026-04-13 10:00:01;31;44\u00a0659,5\n',
         load=[44658.5, 44659.5],
     ),
-    'a point beside commas that part thousands': Log(
-        'time;speed;load\n2026-04-13 10:00:00;30.25;28,013\n2026-04-13 10:00:01;31.5;28,014\n',
-        speed=[30.25, 31.5],
+    'points beside quoted commas that part thousands': Log(
+        'time,speed,load\n@0,30.125,"28,013"\n@1,31.125,"28,014"\n',
+        speed=[30.125, 31.125],
         load=[28013, 28014],
+    ),
+    'the arrival, the file and the hours of an engine beside the time': Log(
+        'Running hours,ETA UTC,file,t,speed,load\n'
+        '1234:15:00,2026-04-20 00:00:00,20260413_100000,0,30,900\n'
+        '1234:15:01,2026-04-20 00:00:00,20260413_100000,1,31,901\n',
+        times=since(0, 1),
+    ),
+    'an arrival that changes seldom': Log(
+        'Time,ETA UTC,speed,load\n'
+        + ''.join(f'~{k},2026-04-2{k // 5} 00:00:00,{30 + k},{900 + k}\n' for k in range(10)),
+        times=after(*range(10)),
+        speed=range(30, 40),
+        load=range(900, 910),
+    ),
+    'sets, rates of revolution and pitch propellers': Log(
+        'time,"Set 1, rate of revolution, pitch propeller [rpm]",load\n@0,30,900\n@1,31,901\n'
+    ),
+    'an element of an array, by its number': Log('time,speed,Load(10)\ns,rpm,kN\n@0,30,0.9\n@1,31,0.901\n'),
+    'a state of an engine': Log('time,speed,Status,load\n@0,30,Not running,900\n@1,31,Not ready,901\n'),
+    'NMEA 0183: ZDA, and another receiver with a date of 1024 weeks ago': Log(
+        ''.join(
+            f'{line}\n'
+            for k in (0, 1)
+            for line in (
+                sentence(f'GPZDA,10000{k}.00,13,04,2026,00,00'),
+                sentence(f'IIRPM,S,1,{30 + k}.0,,A'),
+                sentence(f'GNRMC,10000{k}.00,A,5300.0,N,00800.0,E,5.0,90.0,270806,,,A'),
+                sentence(f'IIXDR,N,{900 + k}.0,N,LOAD'),
+            )
+        )
+    ),
+    'Signal K: odd meta data': Log(
+        ''.join(
+            f'{{"updates": [{{"timestamp": "@{k}", "meta": {meta}, "values": ['
+            f'{{"path": "speed", "value": {30 + k}}}, {{"path": "load", "value": {900 + k}}}]}}]}}\n'
+            for k, meta in enumerate(('null', '[{"path": "speed"}, {"path": "load", "value": null}, 5]'))
+        )
     ),
     'commas that may part thousands': Log(
         'time;speed;load\n2026-04-13 10:00:00;30;28,013\n2026-04-13 10:00:01;31;28,014\n',
@@ -918,6 +956,19 @@ def test_a_log_is_not_played_and_a_way_is_named(tmp_path: Path, capsys: pytest.C
     (tmp_path / 'voyage.csv').write_text('time,speed,load\n0,30,900\n1,31,901\n')
     assert main(['play', str(tmp_path / 'voyage.csv')]) == 2
     assert 'make a bag of it by stickslip check with' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('other', ['2.5', '1776074400.500'])
+def test_commas_are_not_guessed_to_part_thousands_by_the_points_of_a_column(
+    other: str, tmp_path: Path
+) -> None:
+    """30,125 and 28,013 are as many thousands as some loggers write decimals."""
+    path = tmp_path / 'voyage.csv'
+    path.write_text(f'time;speed;load;other\n0;30,125;28,013;{other}\n1;30,126;28,014;{other}\n')
+    with pytest.raises(
+        BagError, match=r"'30,125' may be 30.125 or 30125: write it with a decimal point alone"
+    ):
+        open_bag(path)
 
 
 def test_a_package_of_a_standard_is_refused_with_the_way_to_read_it(tmp_path: Path) -> None:
