@@ -547,7 +547,8 @@ class _Run:
     def orbits(self) -> Orbits:
         """Where the orbits turned and ended, found within the steps that were kept."""
         n = self.end.size
-        found = Orbits(self.end, np.zeros(n), np.full(n, np.nan), np.full((2, n), np.nan), np.zeros(n))
+        unknown = np.full((4, n), np.nan)
+        found = Orbits(self.end, unknown[0], unknown[1], unknown[2:], np.zeros(n))
         for k in (0, 1):
             rows = np.flatnonzero(np.isfinite(self.events[k, _E]))
             if rows.size:
