@@ -332,6 +332,7 @@ _NOT_METADATA = (
 _RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
+_DATE = re.compile(r'\d{4}[-_]?\d\d[-_]?\d\d$')
 # As rosbag2 numbers the files of a recording.
 _PART = re.compile(r'(?P<stem>.+)_(?P<number>\d+)\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 
@@ -423,11 +424,12 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
 
 
 def _report_gaps(names: Sequence[str], findings: Findings) -> None:
-    """Report numbers that are lacking between those of files; dates and hours lack more than they have.
+    """Report numbers that are lacking between those of files, but not of dates.
 
-    The first ones may be gone: some recorders keep the newest files only.
+    The first ones may be gone: some recorders keep the newest files only. Hours lack more than they have.
     """
-    numbers = {int(part['number']) for name in names if (part := _PART.fullmatch(name))}
+    parts = [part for name in names if (part := _PART.fullmatch(name))]
+    numbers = {int(part['number']) for part in parts if not _DATE.search(part[0][: part.end('number')])}
     first, last = min(numbers, default=0), max(numbers, default=0)
     if last - first < 2 * len(numbers):
         lacking = sorted({*range(first, last)} - numbers)

@@ -32,6 +32,7 @@ _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
 _UNITS = {'mms-1': 'mm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', 'rads-1': 'rad/s'}
 # By the unit of a coefficient what it is multiplied by.
 _SHARES = {'': 1.0, '-': 1.0, '1': 1.0, 'n/n': 1.0, '%': 0.01, 'percent': 0.01}
+_GROUPED = re.compile(r'[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+')
 # 'speed [rpm]', 'speed, rpm', 'speed / rpm' or 'v / (m/s)'.
 _HEADING = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]|,\s*(\S+)|\s/\s*\(?([^)]*)\)?)?\s*')
 _BRACKETED = re.compile(r'[\[(]([^\])]*)[\])]')
@@ -230,12 +231,15 @@ def _share(where: str, heading: str) -> float:
 def _require_one_decimal_sign(
     path: str | Path, rows: Sequence[TableRow], columns: Iterable[int], delimiter: str
 ) -> None:
-    """Refuse points beside commas: '1.200' is 1200 where 0.15 is written '0,15'."""
-    cells = [(row.line, row.cells[k]) for row in rows for k in columns if k < len(row.cells)]
-    point, comma = (next((cell for cell in cells if sign in cell[1]), None) for sign in '.,')
-    if point and comma and delimiter != ',':
+    """Refuse points beside commas where one may part thousands: '1.200' is 1200 where 0.15 is '0,15'."""
+    chosen = set(columns)
+    cells = [(row.line, row.cells[k]) for row in rows for k in chosen if k < len(row.cells)]
+    points, commas = ([cell for cell in cells if sign in cell[1]] for sign in '.,')
+    may_part = any(all(_GROUPED.fullmatch(text) for _, text in each) for each in (points, commas))
+    if points and commas and may_part and delimiter != ',':
+        (line, point), (other, comma) = points[0], commas[0]
         raise FitError(
-            f"{path}: '{point[1]}' (line {point[0]}) has a point and '{comma[1]}' (line {comma[0]}) a comma:"
+            f"{path}: '{point}' (line {line}) has a point and '{comma}' (line {other}) a comma:"
             ' which parts thousands? Write numbers with a decimal sign and no other'
         )
 

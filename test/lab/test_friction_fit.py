@@ -404,6 +404,7 @@ def test_columns_and_unit_may_be_named(write: Write) -> None:
         ('n [U/min] am Zapfen;Reibwert\n60;0,25\n', math.pi * 0.1),
         ('rad/s,cof\n2,0.25\n', 0.1),
         ('mm/s;cof\n250;0,25\n', 0.25),
+        ('m/s;cof\n0.5;0,25\n', 0.5),
         ('velocity m/s,friction coefficient %\n0.5,25\n', 0.5),
         ('speed [um/s],mu [%]\n4300,25\n', 0.0043),
         ('"Velocity, m/s","Friction coefficient, -"\n0.5,0.25\n', 0.5),
