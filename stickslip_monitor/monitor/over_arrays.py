@@ -23,9 +23,6 @@ from stickslip_monitor.monitor.assessment import Assessments, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import (
     ACCEPTED,
-    LEVEL,
-    LOAD,
-    SPEED,
     Model,
     Numbers,
     Rows,
@@ -37,7 +34,10 @@ from stickslip_monitor.monitor.rule import (
     take,
 )
 from stickslip_monitor.monitor.rule_state import (
+    LEVEL,
+    LOAD,
     NEVER,
+    SPEED,
     STATE_TYPE,
     RuleNumbers,
     RuleSettings,

@@ -19,8 +19,8 @@ from collections.abc import MutableSequence, Sequence
 from typing import TypeAlias, TypeVar
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State
-from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Input, Status
+from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, RuleNumbers, State
+from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
     UNKNOWN,
@@ -39,7 +39,6 @@ Model: TypeAlias = tuple[Numbers, Sequence[Sequence[Numbers]], Numbers]
 Rows: TypeAlias = Sequence[MutableSequence[float]]
 _Number = TypeVar('_Number', float, FloatArray)
 
-SPEED, LOAD, LEVEL = map(int, Input)  # older numba takes no enumeration as an index
 ACCEPTED, NOT_FINITE, NO_VALUE, IMPLAUSIBLE, BELOW_MINIMUM, REPEATED, OUT_OF_ORDER = Status
 WITHIN, BEYOND, IDLE = 0, 1, 2
 """A stick-slip cycle exists, none exists, or nothing slides or moves."""

@@ -19,10 +19,12 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law
 
+SPEED, LOAD, LEVEL = map(int, Input)  # older numba takes no enumeration as an index
 NEVER = -(2**62)
 """Stands for a time that has not been [ns]."""
 # See docs/rule.md, "Why these numbers".

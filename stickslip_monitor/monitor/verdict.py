@@ -14,7 +14,7 @@ from functools import cached_property, partial
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.rule_state import DOUBT, NEVER, RuleSettings, State
+from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, RuleSettings, State
 from stickslip_monitor.monitor.severity import CONDITIONS, LADDER, MEASURED, Condition, Measured, Unknown
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_over
@@ -129,7 +129,7 @@ class Standing:
         s, c = self.state, self.settings.live
         if not c.has_level:
             return None
-        if s.came[rule.LEVEL] == NEVER:
+        if s.came[LEVEL] == NEVER:
             return Unknown.NOTHING
         if not rule.hears(s, c):
             return Unknown.LOST

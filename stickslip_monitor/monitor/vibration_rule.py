@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from stickslip_monitor.monitor.rule_state import DOUBT, RuleNumbers, State
+from stickslip_monitor.monitor.rule_state import DOUBT, SPEED, RuleNumbers, State
 
 UNKNOWN, QUIET, VIBRATING = 0, 1, 2
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".
@@ -31,17 +31,19 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     level = decibels(c, si)
     s.still = s.still + max(gap, 0) if si == s.level else 0
     s.level = si
-    if s.background != s.background:
+    # At rest a sensor shows its own floor, and 0 is no level: under way neither is what is usual.
+    is_background = s.value[SPEED] != 0.0 and (c.in_db or si > 0.0) and not s.sticking
+    if s.background != s.background and is_background:
         s.background = level
     if gap < 0:
         s.vibrating, s.level_count, s.high_for = UNKNOWN, 0, 0
         return
-    if not s.sticking:
+    if is_background:
         s.background = lagged(s.background, level, gap * 1e-9, BACKGROUND)
     if s.vibrating == QUIET:
         s.doubt = max(0, s.doubt - gap)
     threshold = s.background + RISE
-    if c.threshold > threshold:
+    if c.threshold > threshold or threshold != threshold:
         threshold = c.threshold
     high, low = level >= threshold, level < threshold - c.hysteresis
     if high or s.high_for > 0:

@@ -487,6 +487,19 @@ def _levels() -> Iterable[Case]:
         what = f'an engine order that is loud from the start, at {begin}'
         yield case(what, sent, seconds={'stick_slip': NEVER})
 
+    # A sensor's floor, or 0 of an amplifier that is off, is no background of a shaft under way.
+    for floor in (0.0, 0.01):
+        share = ramps([0, 400, 405, 415, 445], [0.0, 0.0, 1.6, 1.6, 0.9])
+        level = {'level': step(400.0, floor, 2.0), 'unit': 'mm/s', 'threshold': math.nan}
+        sent = Sent('ship', 800.0, share, period=0.25, **level)
+        yield case(f'under way from a berth where the level was {floor}', sent, onsets=((400.0, 402.0),))
+
+    # For three seconds in thirty the amplifier says nothing.
+    sent = Sent(
+        'ship', 300.0, 0.9, level=lambda t: 0.0 if t % 30.0 < 3.0 else 2.0, unit='mm/s', threshold=math.nan
+    )
+    yield case('a level with drop-outs to 0 in the bistable range', sent, ends='bistable', onsets=())
+
 
 def _level_knocks() -> Iterable[Case]:
     for beat, low in ((6.0, 29.0), (8.0, 33.0), (12.0, 32.0)):

@@ -13,7 +13,7 @@ from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
 from shared import CONFIG
 
 from stickslip_monitor import Monitor, Stream
-from stickslip_monitor.monitor import over_arrays, rule
+from stickslip_monitor.monitor import over_arrays, rule_state
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameter_file import load_config
 
@@ -116,4 +116,4 @@ def test_inputs_that_never_come_are_lost_by_the_end() -> None:
 
 def test_what_is_an_index_of_the_rule_is_a_plain_number() -> None:
     """numba takes an enumeration as an index from some version after 0.60 on; 0.57 is supported."""
-    assert {type(place) for place in (rule.SPEED, rule.LOAD, rule.LEVEL)} == {int}
+    assert {type(place) for place in (rule_state.SPEED, rule_state.LOAD, rule_state.LEVEL)} == {int}
