@@ -28,7 +28,7 @@ from stickslip_monitor.commands.check import to_text
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.offline.check import check_recording, to_json
-from stickslip_monitor.offline.clips import ClipFolder, ClipWriter
+from stickslip_monitor.offline.clip_folder import ClipFolder, ClipWriter
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 
 ROOT = Path(__file__).resolve().parents[1]

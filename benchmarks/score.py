@@ -29,8 +29,8 @@ from stickslip_monitor.cli import main as run_command
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.lab.scene import load_scene
-from stickslip_monitor.offline.archive import core_count
 from stickslip_monitor.offline.extremes import condition_intervals
+from stickslip_monitor.offline.processes import core_count
 
 OF_BAGS, OF_SCENES = 'stickslip_monitor/score/2', 'stickslip_monitor/warning_quality/2'
 RULES = {OURS: 'monitor', BELOW_FOLD: 'V < V_F', BELOW_HOPF: 'V < V_H'}

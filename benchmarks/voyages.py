@@ -35,9 +35,9 @@ from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.severity import LADDER, Condition, Severity
 from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.verdict import Verdict
-from stickslip_monitor.offline.archive import run_in_processes
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.offline.extremes import condition_intervals
+from stickslip_monitor.offline.processes import run_in_processes
 
 MINUTE_NS = 60 * 10**9
 OURS, BELOW_FOLD, BELOW_HOPF = 'monitor', 'below_fold', 'below_hopf'

@@ -27,7 +27,7 @@ from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor import rule, rule_state, vibration_rule
 from stickslip_monitor.monitor.over_arrays import BearingScan
-from stickslip_monitor.offline.archive import core_count, run_in_processes
+from stickslip_monitor.offline.processes import core_count, run_in_processes
 
 CONFIGS = Path(__file__).resolve().parents[1] / 'launch_configs'
 WRONG_SOURCE = 'two_publishers'

@@ -26,7 +26,7 @@ from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, AlarmConfig, nanoseconds
-from stickslip_monitor.offline.archive import core_count, run_in_processes
+from stickslip_monitor.offline.processes import core_count, run_in_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'warning_quality.md'

@@ -22,7 +22,7 @@ def clip_store(config: ClipConfig) -> ClipStore:
         BagError: The folder is not there and cannot be made.
     """
     # Not needed, and not loaded, where no clips are wanted.
-    from stickslip_monitor.offline.clips import ClipFolder
+    from stickslip_monitor.offline.clip_folder import ClipFolder
 
     return ClipFolder(config)
 

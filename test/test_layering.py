@@ -50,7 +50,7 @@ EVERYWHERE = {'numpy', 'scipy'}
 ONLY_IN = {
     'argcomplete': ('cli.py',),
     'aiohttp': ('dashboard/', 'links/'),
-    'distributed': ('offline/archive.py',),
+    'distributed': ('offline/processes.py',),
     'jinja2': ('report/',),
     'lz4': ('bags/',),
     'matplotlib': ('drawing/',),

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.bags.columns import FLOAT64, ColumnBinding, LogColumn, SourceColumn
+from stickslip_monitor.bags.input_columns import FLOAT64, ColumnBinding, LogColumn, SourceColumn
 from stickslip_monitor.bags.log_times import Order, StepClock, limit_of, no_order
 from stickslip_monitor.bags.recording import (
     Bound,

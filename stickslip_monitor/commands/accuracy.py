@@ -35,7 +35,7 @@ from stickslip_monitor.lab.accuracy import (
     read_rows,
     summarise,
 )
-from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.monitor.bearing_records import number
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
 _WIDEST = 220

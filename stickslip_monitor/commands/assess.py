@@ -15,8 +15,8 @@ from rich.table import Table
 
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
+from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.configuration import asked
-from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.verdict import warns
 

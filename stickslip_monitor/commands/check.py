@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.lab.calibration import Evidence, EvidenceSource
     from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
     from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink
-    from stickslip_monitor.offline.clips import ClipCounts
+    from stickslip_monitor.offline.clip_folder import ClipCounts
     from stickslip_monitor.report.page import Archive, RecordingPart
 
 STDIN = '-'
@@ -257,11 +257,11 @@ def _outcomes(
     if args.scheduler is None and (args.jobs == 1 or len(calls) < 2):
         return ((number, attempt(*call, meter.show)) for number, call in calls.items())
     # Processes and clusters are not needed for one recording, and cost time to import.
-    from stickslip_monitor.offline import archive
+    from stickslip_monitor.offline import processes
 
     if args.scheduler is not None:
-        return archive.on_cluster(args.scheduler, attempt, calls)
-    return archive.run_in_processes(attempt, calls, args.jobs or archive.core_count())
+        return processes.on_cluster(args.scheduler, attempt, calls)
+    return processes.run_in_processes(attempt, calls, args.jobs or processes.core_count())
 
 
 def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], None] | None = None) -> Found:
@@ -283,7 +283,7 @@ def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], No
 
                 sinks.append(opened.enter_context(VerdictWriter(task.mcap)))
             if task.clips is not None:
-                from stickslip_monitor.offline.clips import ClipFolder, ClipWriter
+                from stickslip_monitor.offline.clip_folder import ClipFolder, ClipWriter
 
                 clips = ClipWriter(ClipFolder(replace(task.config.clips, directory=task.clips)))
                 sinks.append(clips)
@@ -325,7 +325,7 @@ def _part(task: Task, document: dict[str, Any], checked: CheckReport | None = No
 def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
     if isinstance(outcome, Found):
         return outcome
-    from stickslip_monitor.offline.archive import died
+    from stickslip_monitor.offline.processes import died
 
     if died(outcome):
         return _failed(task, bag, 'the process that checked it died (was there enough memory?)')

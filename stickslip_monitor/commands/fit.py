@@ -33,7 +33,7 @@ from stickslip_monitor.lab.friction_fit import (
     fit_stribeck,
     unchecked,
 )
-from stickslip_monitor.monitor.messages import number
+from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.physics.probability import Belief

@@ -28,8 +28,8 @@ from stickslip_monitor.lab.bearing_estimate import (
     estimate,
     fold_shifts,
 )
+from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.configuration import bearing_names, check_topic
-from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameters import LOAD_UNITS
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import SPEED_UNITS

@@ -18,7 +18,7 @@ from prometheus_client.registry import Collector
 from stickslip_monitor.dashboard.seen_monitors import NOT_MONITORING, DashboardState, WatchedMonitor
 from stickslip_monitor.monitor.alarms import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
-from stickslip_monitor.monitor.messages import WITHOUT_CYCLE
+from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 
 GAUGES = {

@@ -16,7 +16,7 @@ from typing import Any
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms import TABLE, AlarmState
-from stickslip_monitor.monitor.messages import POINT_NUMBERS
+from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import INPUTS, Status
 from stickslip_monitor.state_file import StateWriter
 

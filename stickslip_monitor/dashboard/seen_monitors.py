@@ -20,7 +20,7 @@ import numpy as np
 from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, checked_record
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.messages import POINT_NUMBERS
+from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
 
 SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""

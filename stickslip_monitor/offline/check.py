@@ -23,7 +23,7 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.messages import event_record, number
+from stickslip_monitor.monitor.bearing_records import event_record, number
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, joined
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED

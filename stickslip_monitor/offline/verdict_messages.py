@@ -28,8 +28,7 @@ from stickslip_monitor.bags.writer import (
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, assess
-from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
-from stickslip_monitor.monitor.messages import (
+from stickslip_monitor.monitor.bearing_records import (
     POINT_NUMBERS,
     BearingState,
     diagnostic_record,
@@ -39,6 +38,7 @@ from stickslip_monitor.monitor.messages import (
     topic_numbers,
     topic_words,
 )
+from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig

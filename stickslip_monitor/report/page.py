@@ -21,8 +21,8 @@ from stickslip_monitor.drawing.map import draw_map, track_of_scan
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
+from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.input_faults import fault_text
-from stickslip_monitor.monitor.messages import number
 from stickslip_monitor.monitor.parameter_file import load_parameters
 from stickslip_monitor.monitor.parameters import (
     BEARING_PARAMETERS,

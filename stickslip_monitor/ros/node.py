@@ -26,9 +26,9 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.subscription import Subscription
 
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, plural
+from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
-from stickslip_monitor.monitor.messages import NodeHealth
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import REQUIRED, ClipConfig, MonitorConfig, Parameter, parameters_of
 from stickslip_monitor.ros.inputs import ROS_FAULTS, check_inputs

@@ -25,8 +25,8 @@ from std_msgs.msg import Float64, String
 
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.alarm_records import ActionRequest, request_record
+from stickslip_monitor.monitor.bearing_records import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.input_faults import Graph, Publisher
-from stickslip_monitor.monitor.messages import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Display
 from stickslip_monitor.monitor.signals import Input

@@ -18,8 +18,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, ClipStore
-from stickslip_monitor.monitor.messages import (
+from stickslip_monitor.monitor.bearing_records import (
     BearingState,
     DiagnosticRecord,
     NodeHealth,
@@ -32,6 +31,7 @@ from stickslip_monitor.monitor.messages import (
     topic_words,
     verdict_value,
 )
+from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.verdict import Event, Verdict

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, Program
 
-from stickslip_monitor.monitor.messages import event_record
+from stickslip_monitor.monitor.bearing_records import event_record
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import check_recording
 

@@ -261,7 +261,7 @@ def test_the_page_works_behind_nginx_below_a_path(nginx: tuple[Any, str], browse
 
 def record(dashboard: Any, **changes: Any) -> dict[str, Any]:
     """The newest record of the bearing as its monitor sends it."""
-    from stickslip_monitor.monitor.messages import bearing_record
+    from stickslip_monitor.monitor.bearing_records import bearing_record
 
     (state,) = dashboard.ship.session.states([BEARING], dashboard.ship.now)
     return bearing_record(state) | changes

@@ -14,7 +14,7 @@ from shared import REFERENCE
 
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.messages import diagnostic_record
+from stickslip_monitor.monitor.bearing_records import diagnostic_record
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
 
 GIVEN = {'level.topic': '/level', 'alarm.amplitude_limit': 0.5e-3, **REFERENCE}

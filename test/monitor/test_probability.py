@@ -13,7 +13,7 @@ from sequences import BEARINGS
 from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, fold_speed
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.assessment import BELIEFS
-from stickslip_monitor.monitor.messages import event_record, output_topics
+from stickslip_monitor.monitor.bearing_records import event_record, output_topics
 from stickslip_monitor.physics.averaging import hopf_speed
 
 TOLERANCE = {'tolerance__damping': 0.3, 'tolerance__decay': 0.2, 'tolerance__scatter': 0.02}

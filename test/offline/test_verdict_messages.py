@@ -20,7 +20,7 @@ from stickslip_monitor.bags.reader import open_bag
 from stickslip_monitor.bags.recording import Request
 from stickslip_monitor.bags.writer import BagWriter, encode_float64s, encode_stamped
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.messages import BearingState, diagnostic_record, event_record
+from stickslip_monitor.monitor.bearing_records import BearingState, diagnostic_record, event_record
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.verdict import Event, Verdict

@@ -17,8 +17,13 @@ from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import ActionRequest, alarms_record, request_record
+from stickslip_monitor.monitor.bearing_records import (
+    BearingState,
+    bearings_json,
+    diagnostic_record,
+    event_record,
+)
 from stickslip_monitor.monitor.input_faults import InputState
-from stickslip_monitor.monitor.messages import BearingState, bearings_json, diagnostic_record, event_record
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'interfaces.md'
 SCHEMAS = resources.files('stickslip_monitor') / 'schemas'

@@ -17,7 +17,7 @@ from sending import SECOND, Ship
 from shared import CONFIG
 
 from stickslip_monitor import build_config
-from stickslip_monitor.monitor.messages import NodeHealth
+from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.session import Moment
 from stickslip_monitor.monitor.signals import Status

@@ -18,8 +18,8 @@ import pytest
 from shared import record
 
 from stickslip_monitor.bags.writer import BagWriter
+from stickslip_monitor.monitor.bearing_records import event_record
 from stickslip_monitor.monitor.configuration import build_config
-from stickslip_monitor.monitor.messages import event_record
 from stickslip_monitor.offline.check import check_recording
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')

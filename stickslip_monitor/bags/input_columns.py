@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which part of a recording an input of a configuration is: a topic, or a column of a table."""
+"""Which column of a log an input of a configuration is, and what its numbers are."""
 
 from __future__ import annotations
 

@@ -28,8 +28,8 @@ from shared import CONFIG, ROOT, until
 
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import FleetError
-from stickslip_monitor.offline import archive as offline_archive
-from stickslip_monitor.offline.archive import core_count, died, on_cluster, run_in_processes
+from stickslip_monitor.offline import processes
+from stickslip_monitor.offline.processes import core_count, died, on_cluster, run_in_processes
 
 distributed = pytest.importorskip('distributed')
 dask = pytest.importorskip('dask')
@@ -156,7 +156,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 def test_a_scheduler_that_is_not_there_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(offline_archive, '_PATIENCE', 0.5)
+    monkeypatch.setattr(processes, '_PATIENCE', 0.5)
     with closing(socket.socket()) as taken:
         # Bound but not listening: nobody answers, and nobody else gets the port.
         taken.bind(('127.0.0.1', 0))
@@ -178,7 +178,7 @@ def test_another_version_on_the_workers_is_refused(
     address: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # Here only: the workers are processes of their own.
-    monkeypatch.setattr(offline_archive, '__version__', '9.9')
+    monkeypatch.setattr(processes, '__version__', '9.9')
     line = refusal(capsys, '--scheduler', address)
     assert re.search(
         r'worker \S+ of .* has stickslip_monitor 0\..*, not stickslip_monitor 9\.9, .* as here', line
@@ -216,7 +216,7 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
 
 
 def test_a_cluster_without_workers_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(offline_archive, '_LOOK', 0.1)
+    monkeypatch.setattr(processes, '_LOOK', 0.1)
     with (
         distributed.LocalCluster(
             n_workers=0, processes=False, dashboard_address=':0', protocol='tcp'
@@ -258,7 +258,7 @@ def test_work_that_is_broken_off_leaves_no_process() -> None:
 
 def test_cores_are_those_that_may_be_used() -> None:
     code = 'import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n'
-    code += 'from stickslip_monitor.offline.archive import core_count; print(core_count())'
+    code += 'from stickslip_monitor.offline.processes import core_count; print(core_count())'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout == '1\n'
     assert core_count() == operator.length_hint(os.sched_getaffinity(0))

@@ -18,7 +18,7 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.check import check_recording
-from stickslip_monitor.offline.clips import ClipFolder
+from stickslip_monitor.offline.clip_folder import ClipFolder
 
 NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
 
