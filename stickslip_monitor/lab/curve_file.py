@@ -29,7 +29,7 @@ _OTHERS = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reib
 _BESIDE = {'standard', 'of', 'the', 'measurement'}
 
 _LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
-_UNITS = {'mms-1': 'mm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', 'rads-1': 'rad/s'}
+_UNITS = {'mms-1': 'mm/s', 'cms-1': 'cm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', 'rads-1': 'rad/s'}
 # By the unit of a coefficient what it is multiplied by.
 _SHARES = {'': 1.0, '-': 1.0, '1': 1.0, 'n/n': 1.0, '%': 0.01, 'percent': 0.01}
 _GROUPED = re.compile(r'[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+')
@@ -128,8 +128,10 @@ def _split(heading: str) -> tuple[list[str], str]:
     match = _HEADING.fullmatch(heading)
     name, *units = match.groups() if match else (heading,)
     words, unit = name.replace('_', ' ').lower().split(), next(filter(None, units), '').strip()
-    if not unit and words and (_speed_unit(words[-1]) or words[-1] == '%'):
-        return words[:-1], words[-1]  # 'velocity m/s', and a heading that is nothing but a unit
+    for count in (2, 1):  # 'velocity m s-1', 'velocity m/s', and a heading that is nothing but a unit
+        last = ''.join(words[-count:])
+        if not unit and (_speed_unit(last) or last == '%'):
+            return words[:-count], last
     if not unit:  # 'speed [rpm] of the shaft'
         unit = next((text for text in _BRACKETED.findall(heading) if _speed_unit(text) or text == '%'), '')
     if _quantity([unit.lower()]) == 'coefficient':
