@@ -32,6 +32,7 @@ _LONGEST_LINE = 1 << 20
 # More than half of so many rows in turn are numbers where those of a table begin.
 _RUN = 4
 _DELIMITERS = '\t;|, '
+_OF_BLANKS = 0.9
 _MOST_SHOWN = 60
 GZIP = b'\x1f\x8b'
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
@@ -345,6 +346,8 @@ def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
         cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
         sound = sum(_is_sound(cell) for cell in cells)
         score = len(usual) / len(rows) * (0.1 + sound / max(len(cells), 1))
+        # Between a date and its time there is a blank, too.
+        score *= _OF_BLANKS if delimiter == ' ' else 1.0
         if score > best[0] * 1.0001:
             best = score, delimiter, rows
     return best[1:]

@@ -218,6 +218,10 @@ LOGS = {
         '1234:15:01,2026-04-20 00:00:00,20260413_100000,1,31,901\n',
         times=since(0, 1),
     ),
+    'words beside dates with blanks': Log(
+        'Zeit;Alarm;Remarks;speed;load\n'
+        '13.04.2026 10:00:00 AM;No;Good;30;900\n13.04.2026 10:00:01 AM;No;Good;31;901\n'
+    ),
     'an arrival that changes seldom': Log(
         'Time,ETA UTC,speed,load\n'
         + ''.join(f'~{k},2026-04-2{k // 5} 00:00:00,{30 + k},{900 + k}\n' for k in range(10)),
