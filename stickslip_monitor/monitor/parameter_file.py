@@ -147,7 +147,10 @@ def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]
     Raises:
         ConfigurationError: The file cannot be read, or is for several nodes; the text names it.
     """
-    document = load_yaml(path, _ParameterLoader)
+    return _parameters(path, load_yaml(path, _ParameterLoader), node)
+
+
+def _parameters(path: str | Path, document: object, node: str | None) -> dict[str, Any]:
     if not isinstance(document, Mapping):
         raise ConfigurationError(
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
@@ -234,11 +237,12 @@ def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
         >>> load_config('launch_configs/reference_bearing.yaml').bearings[0].name
         'aft_stern'
     """
-    parameters = load_parameters(path, node)
+    document = load_yaml(path, _ParameterLoader)
+    parameters = _parameters(path, document, node)
     for name, value in parameters.items():
         if name.endswith('.calibration') and isinstance(value, str) and value:
             parameters[name] = str(Path(path).parent / value)
-    for name, column in _columns_of_buses(path).items():
+    for name, column in _columns_of_buses(path, document).items():
         if not {f'{name}.topic', f'{name}.column'} & parameters.keys():
             parameters[f'{name}.column'] = column
     try:
@@ -250,10 +254,10 @@ def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
     return config
 
 
-def _columns_of_buses(path: str | Path) -> dict[str, str]:
+def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     """Of inputs that come over a ship's buses, as ``aft.speed``, what a log of these calls them."""
     try:
-        links = load_section(path, LINKS)
+        links = _section(path, document, LINKS)
     except ConfigurationError:
         return {}
     found = {}
@@ -270,7 +274,10 @@ def load_section(path: str | Path, section: str) -> dict[str, Any]:
     Raises:
         ConfigurationError: The file cannot be read, or has no such section.
     """
-    document = load_yaml(path, _ParameterLoader)
+    return _section(path, load_yaml(path, _ParameterLoader), section)
+
+
+def _section(path: str | Path, document: object, section: str) -> dict[str, Any]:
     content = document.get(section) if isinstance(document, Mapping) else None
     parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
     if not isinstance(parameters, Mapping):
