@@ -156,20 +156,8 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
         return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
     named = [k for k, (words, _) in enumerate(table.headings) if NAMED.search(words)]
-    stamps = which(is_stamp)
-    each = {k: len({*column(k)}) for k in stamps}
-    # Of an arrival or the name of a file all lines, or many, have one. InfluxDB has the limits of the
-    # query beside the time, ships the time of the zone they are in.
-    stamps.sort(
-        key=lambda k: (
-            2 * each[k] < max(each.values()),
-            table.names[k] != '_time',
-            not _IN_UTC.search(table.names[k]),
-            k not in named,
-            k,
-        )
-    )
-    running = [k for k in stamps if k in named or each[k] > 1 or len(rows) == 1]
+    stamps = likeliest_first(table, which(is_stamp))
+    running = [k for k in stamps if k in named or len(rows) == 1 or len({*column(k)}) > 1]
     days, times = which(is_day), which(is_time)
     # Hours that an engine has run are no time of the lines.
     own = [k for k in times if k in named or any(_TIME.fullmatch(cell.strip()) for cell in column(k))]
@@ -187,6 +175,25 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     raise BagError(
         f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
         f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}'"
+    )
+
+
+def likeliest_first(table: TableColumns, stamps: Sequence[int]) -> list[int]:
+    """Columns of dates with times, the most likely one of the lines first.
+
+    Of an arrival or the name of a file all lines, or many, have one. InfluxDB has the limits of the
+    query beside the time, ships the time of the zone they are in.
+    """
+    each = {k: len({row[k] for row in table.rows[:_MOST_ROWS] if k < len(row)}) for k in stamps}
+    return sorted(
+        stamps,
+        key=lambda k: (
+            2 * each[k] < max(each.values()),
+            table.names[k] != '_time',
+            not _IN_UTC.search(table.names[k]),
+            not NAMED.search(table.headings[k][0]),
+            k,
+        ),
     )
 
 

@@ -19,7 +19,15 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS
-from stickslip_monitor.tables.clock import WITHOUT_ZONE, Cells, Clock, TableColumns, find_clock, scaled_reader
+from stickslip_monitor.tables.clock import (
+    WITHOUT_ZONE,
+    Cells,
+    Clock,
+    TableColumns,
+    find_clock,
+    likeliest_first,
+    scaled_reader,
+)
 from stickslip_monitor.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
 
 # Rows that are handed on at a time: few enough for the caches.
@@ -331,14 +339,16 @@ class ParquetTable(NumberTable):
             last = file.metadata.num_row_groups - 1
             group = None if last < 1 else file.read_row_group(last)
             self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
-        stamped = [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
+        columns = TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
+        stamped = likeliest_first(
+            columns, [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
+        )
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
             read = scaled_reader(1, 0, '.')  # as _texts() writes them
             self.clock = Clock((stamped[0],), read, () if has_zone else (WITHOUT_ZONE,))
         else:
-            rows = tuple(self.head)
-            self.clock = find_clock(path, TableColumns(self.names, headings, self.units, '.', rows, ()))
+            self.clock = find_clock(path, columns)
         self.said = self.clock.said
 
     def numbers(self, cells: Any) -> Numbers:

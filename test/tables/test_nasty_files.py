@@ -743,6 +743,13 @@ def test_the_cells_of_a_line_count_from_left_to_right(order: tuple[str, str], tm
     assert found[Request('load', 'data')].sequence.tolist() == [1, 3]
 
 
+def test_of_two_dates_in_parquet_that_of_the_lines_counts(tmp_path: Path) -> None:
+    path = tmp_path / 'voyage.parquet'
+    dates = {'created': pa.array([T0] * 3), 'time': pa.array([T0 + timedelta(seconds=k) for k in range(3)])}
+    pq.write_table(pa.table(dates | {'speed': [30.0, 31.0, 32.0]}), path)
+    assert open_bag(path).end_ns == ns(T0) + 2_000_000_000
+
+
 def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
     path = tmp_path / 'voyage.parquet'
     pq.write_table(pa.table({'time': [0.0, 1.0], 'speed [rpm]': [30.0, 31.0]}), path)
