@@ -59,6 +59,8 @@ _UNMEASURED = {
 }
 # What is measured in spite of such a word.
 _MEASURED = re.compile(r'\bset \d+|\brate of (?:rev|rot)\w+|\brot\w+ rate')
+# 'RPM S 01' is 'RPM S 1'.
+_ZEROS = re.compile(r'\b0+(?=\d)')
 # Words of one side or end of a ship, and of the other.
 _SIDES = (
     ({'port', 'ps', 'bb', 'backbord', 'babord'}, {'starboard', 'stbd', 'sb', 'stb', 'steuerbord', 'tribord'}),
@@ -206,9 +208,9 @@ class ColumnBinding:
     def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
         """The columns that may be an input, by the first rule that fits any."""
         if source.column:
-            asked = parse_heading(source.column).name
+            asked = _ZEROS.sub('', parse_heading(source.column).name)
             same = [c for c in self._all if c.heading == source.column]
-            like = [c for c in self._all if asked and parse_heading(c.heading).name == asked]
+            like = [c for c in self._all if asked and _ZEROS.sub('', parse_heading(c.heading).name) == asked]
             # Of a log of names by the place of its values all rows.
             number = [
                 c if c.name is None else LogColumn(source.column, c.place)

@@ -698,6 +698,7 @@ COLUMNS = {
     'no heading, a status in words': ('#3', '#3'),
     'blanks': ('#2', '#3'),
     'comments': ('speed', 'load'),
+    'NMEA 0183: ZDA, and another receiver with a date of 1024 weeks ago': ('RPM S 01', 'LOAD'),
     'long, one name after the other': ('n', 'F'),
 }
 
