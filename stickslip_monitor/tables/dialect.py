@@ -280,6 +280,8 @@ def _table(
         )
     above, below = rows[:first], rows[first:]
     heading, units = _headings(above, width)
+    if len(heading) > width and len(joined := _with_bare_units(heading)) == width:
+        heading, units = joined, [''] * width
     if len(heading) == width - 1 and _has_row_names(heading, [row for row in below if len(row) == width]):
         # R numbers its rows, and does not name the column of these.
         heading, units = ['', *heading], ['', *units]
@@ -442,6 +444,17 @@ def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     ]
     most = max(rows, key=len)
     return [' '.join(row)[:_MOST_SHOWN] for row in most] if len(most) > 1 else []
+
+
+def _with_bare_units(heading: Sequence[str]) -> list[str]:
+    """Headings where a cell that is a unit belongs to the one before, as in 'Speed, rpm'."""
+    joined: list[str] = []
+    for cell in heading:
+        if joined and unit_of(cell):
+            joined[-1] += f',{cell}'
+        else:
+            joined.append(cell)
+    return joined
 
 
 def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:

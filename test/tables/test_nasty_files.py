@@ -199,6 +199,11 @@ LOGS = {
         times=after(7200, 7210.8),
         says='days of a spreadsheet',
     ),
+    'units behind commas without quotation marks': Log(
+        'time,Shaft Speed, rpm,Oil temperature,Load, kN\n@0,30,55,1.2\n@1,31,55,1.3\n',
+        speed=[30, 31],
+        load=[1200, 1300],
+    ),
     'points and commas in one number alone': Log(
         'time;speed;load\n2026-04-13 10:00:00;30;44.658,5\n2026-04-13 10:00:01;31;44.659,5\n',
         load=[44658.5, 44659.5],
