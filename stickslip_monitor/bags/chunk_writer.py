@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing the container of a recording: MCAP in compressed chunks with an index, by the column.
 
-Its bytes are those of ``mcap.writer.Writer``, which takes messages one by one; here the heads of many
-messages are made by numpy. All other records are encoded by the ``mcap`` package.
+Its bytes are those of ``mcap.writer.Writer``, which takes messages one by one; here the records of
+many messages are laid into one buffer by numpy. All other records are encoded by the ``mcap``
+package.
 """
 
 from __future__ import annotations
 
-import operator
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import IO
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -40,16 +40,14 @@ COMPRESSORS = {'none': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compr
 Messages = Sequence[bytes] | NDArray[np.void]
 """Messages of one topic: of any sizes, or of one as the rows of an array."""
 
-_HEAD = np.dtype(
-    [
-        ('opcode', '<u1'),
-        ('length', '<u8'),
-        ('channel', '<u2'),
-        ('sequence', '<u4'),
-        ('log_time', '<u8'),
-        ('publish_time', '<u8'),
-    ]
-)
+_HEAD = [
+    ('opcode', '<u1'),
+    ('length', '<u8'),
+    ('channel', '<u2'),
+    ('sequence', '<u4'),
+    ('log_time', '<u8'),
+    ('publish_time', '<u8'),
+]
 _INDEX = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 
@@ -105,16 +103,21 @@ class ChunkWriter:
         """
         log_time = np.concatenate([time for _, time, _ in columns])
         order = np.argsort(log_time, kind='stable')
-        log_time = log_time[order]
-        channel = np.repeat([own for own, *_ in columns], [time.size for _, time, _ in columns])[order]
-        messages = [message for *_, some in columns for message in _items(some)]
-        heads = np.empty(order.size, _HEAD)
-        heads['length'] = MESSAGE_HEAD.size + np.fromiter(map(len, messages), np.int64, order.size)[order]
-        heads['opcode'], heads['channel'], heads['sequence'] = Opcode.MESSAGE, channel, self._counted(channel)
-        heads['log_time'] = heads['publish_time'] = log_time
-        ordered = map(messages.__getitem__, order.tolist())
-        records = list(map(operator.add, heads.view(f'V{_HEAD.itemsize}').tolist(), ordered))
-        self._write_records(records, channel, log_time)
+        channel = np.repeat([own for own, *_ in columns], [time.size for _, time, _ in columns])
+        sequence = self._counted(channel, order)
+        parts = list(_records(messages for *_, messages in columns))
+        size = np.empty(log_time.size, np.int64)
+        for rows, records in parts:
+            size[rows] = records.dtype.itemsize
+        ends = np.cumsum(size[order])
+        begins = np.empty_like(size)
+        begins[order] = ends - size[order]
+        block = np.empty(int(ends[-1]), np.uint8)
+        for rows, records in parts:
+            records['channel'], records['sequence'] = channel[rows], sequence[rows]
+            records['log_time'] = records['publish_time'] = log_time[rows]
+            _lay(records, begins[rows], block)
+        self._write_block(block, ends, channel[order], log_time[order])
 
     def finish(self) -> None:
         """Write what is left and the summary: definitions, counts and where each chunk lies."""
@@ -139,21 +142,23 @@ class ChunkWriter:
         checksum = zlib.crc32(summary + _encoded(Footer(*places, 0))[:-4])
         self._file.write(summary + _encoded(Footer(*places, checksum)) + MAGIC)
 
-    def _counted(self, channel: IndexArray) -> IntArray:
+    def _counted(self, channel: IndexArray, order: IndexArray) -> IntArray:
         """The number of each message among those of its channel, in the order of the file."""
-        sequence = np.empty(channel.size, np.int64)
-        for own, rows in _by_channel(channel):
+        sequence = np.empty(order.size, np.int64)
+        for own, places in _by_channel(channel[order]):
+            rows = order[places]
             before = self.counts.get(own, 0)
             sequence[rows] = before + np.arange(rows.size)
             self.counts[own] = before + rows.size
         return sequence
 
-    def _write_records(self, records: Sequence[bytes], channel: IndexArray, log_time: IntArray) -> None:
-        """Write records in their order, those of a chunk at a time."""
+    def _write_block(
+        self, block: NDArray[np.uint8], ends: IntArray, channel: IndexArray, log_time: IntArray
+    ) -> None:
+        """Write records that lie in a block one after the other, those of a chunk at a time."""
         least, greatest = int(log_time[0]), int(log_time[-1])
         start, end = self.span if self._chunks or self._index else (least, greatest)
         self.span = min(start, least), max(end, greatest)
-        ends = np.cumsum(np.fromiter(map(len, records), np.int64, len(records)))
         row = begin = 0
         while row < ends.size:
             room = begin + self._chunk_size - len(self._records)
@@ -161,7 +166,7 @@ class ChunkWriter:
             rows = slice(row, after)
             starts = np.append(begin, ends[row : after - 1]) - begin + len(self._records)
             self._note(channel[rows], log_time[rows], starts)
-            self._records += b''.join(records[rows])
+            self._records += block[begin : ends[after - 1]].data
             row, begin = after, int(ends[after - 1])
             self._end_full_chunk()
 
@@ -252,9 +257,38 @@ def _encoded(*records: McapRecord) -> bytes:
     return data
 
 
-def _items(messages: Messages) -> Sequence[bytes]:
-    """Messages one by one."""
-    if not isinstance(messages, np.ndarray):
-        return messages
-    items: list[bytes] = messages.view(f'V{messages.itemsize}').tolist()
-    return items
+def _records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
+    """The rows of messages of one size and their records, without channel, number and times."""
+    row = 0
+    for messages in columns:
+        if isinstance(messages, np.ndarray):
+            yield row + np.arange(messages.size), _framed(messages.view(f'V{messages.itemsize}'))
+        else:
+            for own, data in _by_size(messages):
+                yield row + own, _framed(data)
+        row += len(messages)
+
+
+def _by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
+    """Which messages are of one size, and these as the rows of an array."""
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    for size in np.unique(sizes).tolist():
+        own = np.flatnonzero(sizes == size)
+        joined = b''.join(messages if own.size == sizes.size else [messages[k] for k in own.tolist()])
+        yield own, np.frombuffer(joined, f'V{size}') if size else np.empty(own.size, 'V0')
+
+
+def _framed(data: NDArray[np.void]) -> NDArray[np.void]:
+    """Records of messages of one size."""
+    records = np.empty(data.size, [*_HEAD, ('data', data.dtype)])
+    records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
+    records['data'] = data
+    return records
+
+
+def _lay(records: NDArray[np.void], begins: IntArray, block: NDArray[np.uint8]) -> None:
+    """Copy records of one size to where they begin in a block of bytes."""
+    size = records.dtype.itemsize
+    # A view in which an item of their size begins at every byte.
+    at_each_byte = np.ndarray(block.size - size + 1, f'V{size}', block.data, strides=(1,))
+    at_each_byte[begins] = records.view(f'V{size}')
