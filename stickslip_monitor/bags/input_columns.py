@@ -41,21 +41,8 @@ _OTHERS = {
 _OF_MOTIONS = {'blade', 'gyro', 'turn', 'roll', 'pitch', 'yaw', 'heave'}
 # In the unit of an input, but not what is measured.
 _UNMEASURED = {
-    *(
-        'setpoint',
-        'set',
-        'sp',
-        'demand',
-        'command',
-        'cmd',
-        'order',
-        'target',
-        'reference',
-        'ref',
-        'limit',
-        'alarm',
-    ),
-    *('error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
+    *('setpoint', 'set', 'sp', 'demand', 'command', 'cmd', 'order', 'target', 'reference', 'ref'),
+    *('limit', 'alarm', 'error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
 }
 # What is measured in spite of such a word.
 _MEASURED = re.compile(r'\bset \d+|\brate of (?:rev|rot)\w+|\brot\w+ rate')
@@ -253,14 +240,13 @@ class ColumnBinding:
         """An input as the table gives it; what was guessed is said."""
         unit = column.unit if column.unit in _units_of(quantity, source) else None
         is_geared = quantity == 'speed' and bool(_GEARED & {*parse_heading(column.heading).name.split()})
-        has_scale = (source.scale, source.offset) != (1.0, 0.0)
+        # What came over a bus is what the sensor sent, and the scale of an engine's speed is its gear.
+        is_scaled = unit is not None and not (self._is_sent or is_geared)
         sent = SourceColumn(column)
         if unit is not None:
             ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
             ratio = 1.0 if unit == source.unit else ratio
-            # What came over a bus is what the sensor sent, and the scale of an engine's speed is its gear.
-            is_done = not (self._is_sent or is_geared)
-            sent = SourceColumn(column, ratio, *((source.scale, source.offset) if is_done else ()))
+            sent = SourceColumn(column, ratio, *((source.scale, source.offset) if is_scaled else ()))
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'
@@ -270,10 +256,9 @@ class ColumnBinding:
         if unit is None and column.has_unit:
             stated = parse_heading(column.heading).unit
             said += f": is that right? Its heading says '{stated}'"
-        if has_scale:
-            is_done = (sent.scale, sent.offset) != (1.0, 0.0)
-            said += ', taken as scaled already' if is_done else f', times its scale {source.scale:g}'
-            said += f' and with its offset {source.offset:g}' if source.offset and not is_done else ''
+        if (source.scale, source.offset) != (1.0, 0.0):
+            said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
+            said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
         elif is_geared:
             said += ": is it the shaft's own, with no gear between?"
         timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)

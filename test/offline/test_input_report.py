@@ -174,9 +174,9 @@ FLOAT, STAMPED = 'std_msgs/msg/Float64', 'geometry_msgs/msg/WrenchStamped'
 SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
 
 
-def facts(**known: object) -> str:
+def facts(**known: Any) -> str:
     """The running monitor's sentence on the load."""
-    return input_fault(InputFacts(LOAD, FLOAT, True, **known))  # type: ignore[arg-type]
+    return input_fault(InputFacts(LOAD, FLOAT, True, **known))
 
 
 CASES = {

@@ -214,9 +214,9 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict() -> None:
     assert raised.time_ns - begun == 600_000_000
 
 
-def test_the_state_is_shown_every_second() -> None:
+def test_the_state_is_shown_every_second(monkeypatch: pytest.MonkeyPatch) -> None:
     turns, shown = Turns(), list[Moment]()
-    turns.ship.session.show = shown.append  # type: ignore[method-assign]
+    monkeypatch.setattr(turns.ship.session, 'show', shown.append)
     for _ in range(100):
         turns.turn()
     gaps = [(b.steady_ns - a.steady_ns) / SECOND for a, b in pairwise(shown)]
