@@ -256,7 +256,7 @@ def integrate(
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
     while now.status == march.EVENTS_FULL:
-        now = loop(own, body, lines, now, samples, log)
+        now = march.Now(*loop(own, body, lines, now, samples, log))
         instants.append(np.array(log.time[: now.events], dtype=float))
         afters.append(np.array(log.phase[: now.events], dtype=np.int8))
         now = now._replace(events=0)
@@ -279,7 +279,7 @@ def integrate(
     )
 
 
-def _loop(law: ScalarLaw) -> Callable[..., march.Now]:
+def _loop(law: ScalarLaw) -> Callable[..., Any]:
     return jit.compiled('march', scalars, slip_step, march, law=law.module, inline=False)
 
 

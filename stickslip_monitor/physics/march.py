@@ -327,8 +327,13 @@ def about_place(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
 
 def march(
     law: LawInUse, body: Body, lines: Lines, now: Now, samples: MotionSamples, log: TransitionLog
-) -> Now:
-    """Follow the motion to the end of the inputs; may be called again when the log is full."""
+) -> tuple[int, int, float, float, float, float, int, float, int, int, int, int, int]:
+    """Follow the motion to the end of the inputs; may be called again when the log is full.
+
+    Returns:
+        The fields of :class:`Now` as a plain tuple. Compiled code makes a named one by a call of Python,
+        which runs the handler of a pending signal; numba does not check whether that has raised.
+    """
     _, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled = now
     status, omega = DONE, body.omega
     while piece < len(lines.speed) and status == DONE:
@@ -375,4 +380,4 @@ def march(
                 phase = phase_at_rest(law, here, omega * x, phase)
             log.time[events], log.phase[events] = base + (time + rest), phase
             events += 1
-    return Now(status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled)
+    return status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled

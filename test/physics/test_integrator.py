@@ -7,8 +7,11 @@ Short motions run without numba, so that what is tested does not depend on what 
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -178,6 +181,38 @@ def test_numba_and_python_agree(law: Stribeck) -> None:
         assert a == pytest.approx(b, rel=1e-12, abs=1e-12 * np.max(np.abs(b)))
     assert (compiled.steps, compiled.slip_steps) == (plain.steps, plain.slip_steps)
     assert np.array_equal(compiled.phase, plain.phase)
+
+
+SIGNALLED = """
+import signal
+from test_integrator import REFERENCE, Drive, MotionState, integrate
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+drive = Drive.constant(0.1, 1000.0, 1000.0)
+integrate(REFERENCE, Drive.constant(0.1, 1000.0, 0.1), MotionState(0.0, 0.0), compiled=True)
+signal.signal(signal.SIGALRM, interrupt)
+for _ in range(10):
+    signal.setitimer(signal.ITIMER_REAL, 0.005)
+    try:
+        integrate(REFERENCE, drive, MotionState(0.0, 0.0), compiled=True)
+    except KeyboardInterrupt:
+        print('interrupted')
+"""
+
+
+def test_a_signal_in_compiled_code_ends_the_motion_and_not_the_process() -> None:
+    """A thousand seconds, interrupted at once: nearly all of the time goes by in the compiled loop."""
+    pytest.importorskip('numba')
+    done = subprocess.run(
+        [sys.executable, '-c', SIGNALLED],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout.split(), done.stderr) == (0, ['interrupted'] * 10, '')
 
 
 def test_without_numba_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
