@@ -317,13 +317,12 @@ class AlarmConfig:
         0.0, 'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.'
     )
     can_probability: float = _probability(
-        0.5,
-        'With tolerances: bistable above this probability that stick-slip can happen, down to half of it.',
+        0.5, 'With tolerances: bistable above this probability that stick-slip can happen.'
     )
     runs_probability: float = parameter(
         0.5,
         'With tolerances: stick-slip is predicted where it starts in this share of the possible'
-        ' bearings, and ends where half of it has no cycle.',
+        ' bearings, and ends where fewer have a cycle.',
         within=(0.001, 0.999),
     )
     caution_probability: float = _probability(0.05, 'The same for caution, in place of the margin.')

@@ -62,8 +62,6 @@ FEW, SLOW = 4, 10**9
 """A delay lasts for at least so many gaps of the speed, none taken for longer than this [ns]."""
 BORNE = 0.5
 """Share of an onset's growth that the medians of three values must bear out."""
-LEFT_BELOW = 0.5
-"""Share of its threshold below which a probability no longer holds a condition."""
 MEMORY = 300 * 10**9
 """No value stands for longer [ns]."""
 SIZED = 10**9
@@ -246,10 +244,10 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     sliding = speed != 0.0 and load > 0.0
     place = place_at(c.table_first, c.table_step, load)
     lower = lower_end_at(model[1][2], c.table_step, place)
-    limit, near, wide, inside, held, exists = reach(s, c, model, abs(speed), place)
+    limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place)
     below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
     if below:
-        inside = held = exists = False
+        inside = exists = False
         near, wide = abs(speed) * c.caution_on > lower, abs(speed) * c.caution_off > lower
     # The probability follows the load by a lag; where sliding is unstable a cycle exists.
     exists = exists or s.median_rate > 0.0
@@ -262,12 +260,12 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     running = s.sticking == 1
     coming = running or (sliding and comes(s, c, speed, (lower, limit)))
     near, wide = coming or (sliding and near), coming or (sliding and wide)
-    inside, held = running or (sliding and inside), running or (sliding and held)
+    inside = running or (sliding and inside)
     # A rise of the level raises it, and it stays for as long as the level is high.
     other = hears(s, c) and not running and is_over(s, c, s.raised & (1 << VIBRATION) > 0)
     asks = asked(s, VIBRATION, other and s.vibrating == VIBRATING, not other)
     asks |= asked(s, CAUTION, near, not wide)
-    asks |= asked(s, BISTABLE, inside, not held)
+    asks |= asked(s, BISTABLE, inside, not inside)
     asks |= asked(s, STICK_SLIP, running, not running)
     if not running:
         s.amplitude, s.sized = 0.0, NEVER
@@ -302,15 +300,14 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
 
 def reach(
     s: State, c: RuleNumbers, model: Model, size: float, place: float
-) -> tuple[float, bool, bool, bool, bool, bool]:
-    """What the boundaries, or the probabilities where they decide, say of a point.
+) -> tuple[float, bool, bool, bool, bool]:
+    """Return what the boundaries, or the probabilities where they decide, say of a point.
 
     ``place`` is where its load lies in the table of the boundaries.
 
     Returns:
         The greater fold; then whether the point is so near that caution is asked for, is within
-        the range in which it is kept, the same two of the bistable range, and whether a cycle
-        exists.
+        the range in which it is kept, is in the bistable range, and whether a cycle exists.
     """
     _, table, belief = model
     averaged = averaged_at(table[0], c.table_step, place)
@@ -322,12 +319,9 @@ def reach(
         s.runs = runs_after(s.runs, s.can, s.will)
     if not c.by_chance:
         inside = size < limit
-        near, wide = size < limit * c.caution_on, size <= limit * c.caution_off
-        return limit, near, wide, inside, inside, inside
-    can = s.can
-    near, wide = can > c.caution_chance, can >= LEFT_BELOW * c.caution_chance
-    inside, held = can > c.can_chance, can >= LEFT_BELOW * c.can_chance
-    return limit, near, wide, inside, held, can >= LEFT_BELOW * c.runs_chance
+        return limit, size < limit * c.caution_on, size <= limit * c.caution_off, inside, inside
+    near = s.can > c.caution_chance
+    return limit, near, near, s.can > c.can_chance, s.can >= c.runs_chance
 
 
 def amplitude_due(s: State, c: RuleNumbers) -> bool:

@@ -388,10 +388,10 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
     alarm, belief = b.config.alarm, b.config.belief
     if belief is None or not b.config.alarms_by_chance or not math.isfinite(point.probability_can):
         return float(point.stability_limit) * (1.0 + alarm.caution_margin + alarm.hysteresis)
-    left = rule.LEFT_BELOW * alarm.caution_probability
-    if not 0.0 < left < 1.0:
+    if not 0.0 < alarm.caution_probability < 1.0:
         return math.nan
-    return float(belief.fold_speed(float(point.load), 1.0 - left)) / float(point.fold_share)
+    share = 1.0 - alarm.caution_probability
+    return float(belief.fold_speed(float(point.load), share)) / float(point.fold_share)
 
 
 def warns(config: BearingConfig, point: Assessment) -> bool:
