@@ -14,8 +14,9 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.bags.recording import Bound
 from stickslip_monitor.errors import BagError, did_you_mean
-from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import NO_VALUES
+from stickslip_monitor.physics.bearing import TURNING_UNITS
 from stickslip_monitor.tables.dialect import parse_heading
 
 FLOAT64 = 'std_msgs/msg/Float64'
@@ -23,7 +24,6 @@ FLOAT64 = 'std_msgs/msg/Float64'
 _TIMEOUT_LINES = 3.0
 # Of ten years, to which any time of a log can be added [ns].
 _LONGEST_NS = 10 * 31_557_600 * 10**9
-_NEWTONS = {'N': 1.0, 'kN': 1e3}
 _MOST_NAMED = 10
 # In the unit of an input, but named as another quantity: never guessed.
 _OTHERS = {
@@ -254,7 +254,7 @@ class ColumnBinding:
         why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
         said = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
         if unit is None and column.has_unit:
-            stated = parse_heading(column.heading).unit
+            stated = column.unit or parse_heading(column.heading).unit
             said += f": is that right? Its heading says '{stated}'"
         if (source.scale, source.offset) != (1.0, 0.0):
             said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
@@ -282,12 +282,12 @@ def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
     """The units by which a column is known to be a quantity."""
     if quantity == 'speed':
         # A column in m/s may be the ship's own speed.
-        return ('rpm', 'rad/s', 'Hz', *(['m/s'] if source.unit == 'm/s' else []))
-    return tuple(_NEWTONS) if quantity == 'load' else (source.unit,)
+        return (*TURNING_UNITS, *(['m/s'] if source.unit == 'm/s' else []))
+    return tuple(LOAD_UNITS) if quantity == 'load' else (source.unit,)
 
 
 def _factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
     """What a unit is in SI."""
     if quantity == 'speed':
         return bearing.bearing.speed.factor(unit)
-    return _NEWTONS[unit] if quantity == 'load' else 1.0
+    return LOAD_UNITS[unit] if quantity == 'load' else 1.0

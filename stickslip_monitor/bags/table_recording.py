@@ -35,7 +35,8 @@ from stickslip_monitor.bags.recording import (
 )
 from stickslip_monitor.bags.writer import encode_float64s
 from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.parameters import LOAD_UNITS, MonitorConfig
+from stickslip_monitor.physics.bearing import TURNING_UNITS
 from stickslip_monitor.tables.clock import Cells, begun_at
 from stickslip_monitor.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_monitor.tables.table import Numbers, Rows, open_table, some_cells, texts_of
@@ -309,7 +310,7 @@ def _kind(column: LogColumn) -> str:
     """What a column would be taken for, by its unit."""
     if column.unit is None:
         return 'column, unit not known'
-    quantity = {'rpm': 'speed', 'rad/s': 'speed', 'Hz': 'speed', 'N': 'load', 'kN': 'load'}
+    quantity = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
     found = quantity.get(column.unit)
     return f'column in {column.unit}' + (f', may be the {found}' if found else '')
 

@@ -33,6 +33,7 @@ from stickslip_monitor.monitor.configuration import bearing_names, check_topic
 from stickslip_monitor.monitor.parameters import LOAD_UNITS
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import SPEED_UNITS
+from stickslip_monitor.units import factors_of
 
 SCHEMA = 'stickslip_monitor/init/1'
 MARK = '# Written by stickslip init'
@@ -77,7 +78,7 @@ class Quantity(NamedTuple):
         return Given(value, float(spread.group(2)) / 100.0) if spread else Given(value)
 
 
-_LENGTH, _PLAIN = {'mm': 1e-3, 'm': 1.0}, {'': 1.0}
+_LENGTH, _PLAIN = factors_of('mm', 'm'), {'': 1.0}
 _RING_DOWN = 'damping ratio of a ring-down of the wet lining (first_alarm.md, section 2)'
 _LOSS = 'loss factor (tan delta) of the rubber, from its data sheet'
 _STATIC = (
@@ -88,12 +89,12 @@ NEEDS = (
     (Quantity('journal_diameter', _LENGTH, 0.02, 2.0, 'diameter of the journal (shaft sleeve)'),),
     (
         Quantity('length', _LENGTH, 0.01, 5.0, 'loaded length of the bearing'),
-        Quantity('area', {'m2': 1.0, 'cm2': 1e-4}, 1e-4, 10.0, 'loaded area of the lining'),
+        Quantity('area', factors_of('m2', 'cm2'), 1e-4, 10.0, 'loaded area of the lining'),
     ),
     (Quantity('thickness', _LENGTH, 1e-3, 0.2, 'thickness of the rubber'),),
     (
         Quantity('hardness', _PLAIN, 30.0, 90.0, 'hardness of the rubber [Shore A]'),
-        Quantity('shear_modulus', {'MPa': 1e6}, 1e5, 1e8, 'shear modulus of the rubber'),
+        Quantity('shear_modulus', factors_of('MPa'), 1e5, 1e8, 'shear modulus of the rubber'),
     ),
     (
         Quantity('damping_ratio', _PLAIN, 1e-4, 0.9, _RING_DOWN),
@@ -102,7 +103,7 @@ NEEDS = (
     (Quantity('static', _PLAIN, 0.001, 3.0, _STATIC),),
     (Quantity('kinetic', _PLAIN, 0.0, 3.0, 'friction coefficient at full speed, wet'),),
     (Quantity('decay', {'s/m': 1.0}, 0.01, 1e4, _DECAY),),
-    (Quantity('load', {'kN': 1e3, 'N': 1.0}, 1.0, 1e8, 'mean load, as of the shaft alignment'),),
+    (Quantity('load', factors_of('kN') | LOAD_UNITS, 1.0, 1e8, 'mean load, as of the shaft alignment'),),
 )
 """What has to be known: of each line one."""
 _DENSITY = Quantity('density', {'kg/m3': 1.0}, 500.0, 3000.0, 'density of the rubber')

@@ -166,7 +166,7 @@ def refused(what: str, given: str, rule: str) -> ConfigurationError:
 def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, str]:
     """Number and unit of a text such as ``'20rpm'``.
 
-    Letters in the wrong case are understood, as no two units differ by it; the unit '' is none.
+    Letters in the wrong case are understood, but for the prefix M (mega); the unit '' is none.
 
     Raises:
         ConfigurationError: It is none; the text names the units.
@@ -175,6 +175,8 @@ def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, st
     written = match.group(2) if match else ''
     named = [unit for unit in units if unit]
     unit = {unit.lower(): unit for unit in units}.get(written.lower())
+    if unit is not None and unit[:1] == 'M' != written[:1]:
+        unit = None  # m is milli, and not mega
     if match is None or unit is None or not math.isfinite(float(match.group(1))):
         why = f", and '{written}' is none of these" if written and unit is None and named else ''
         rule = f'a number with a unit: one of {", ".join(named)}{why}' if named else 'a number'
@@ -194,7 +196,7 @@ def parse_load(text: str, what: str = 'load') -> float:
     from stickslip_monitor.monitor.parameters import LOAD_UNITS
 
     value, unit = read_quantity(what, text, LOAD_UNITS)
-    return value * (1000.0 if unit == 'kN' else 1.0)
+    return value * LOAD_UNITS[unit]
 
 
 def parse_loaded(text: str) -> float:

@@ -15,6 +15,7 @@ from stickslip_monitor.errors import FitError, plural
 from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
 from stickslip_monitor.tables.dialect import parse_heading, unit_of
+from stickslip_monitor.units import factors_of, names_of
 
 NAMES = {
     'std': 'std sigma σ sd stdev uncertainty deviation error',
@@ -28,8 +29,7 @@ _OTHERS = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reib
 # Beside the words of a coefficient: 'load error', 'weight loss' and 'speed std' are none of it.
 _BESIDE = {'standard', 'of', 'the', 'measurement'}
 
-_LINEAR = {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2, 'um/s': 1e-6}
-_UNITS = {'mms-1': 'mm/s', 'cms-1': 'cm/s', 'µm/s': 'um/s', 'μm/s': 'um/s', 'rads-1': 'rad/s'}
+_LINEAR = factors_of(*names_of('speed'))
 # By the unit of a coefficient what it is multiplied by.
 _SHARES = {'': 1.0, '-': 1.0, '1': 1.0, 'n/n': 1.0, '%': 0.01, 'percent': 0.01}
 _GROUPED = re.compile(r'[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+')
@@ -151,8 +151,7 @@ def _quantity(words: Iterable[str]) -> str:
 
 def _speed_unit(text: str) -> str | None:
     """A unit of speed as this program writes it; None for any other text."""
-    plain = re.sub(r'[\s^·⋅]', '', text.lower())
-    unit = plain if plain in _LINEAR else _UNITS.get(plain) or unit_of(plain)
+    unit = unit_of(re.sub(r'[\s^·⋅]', '', text))
     return unit if unit in _LINEAR or unit in SPEED_UNITS else None
 
 

@@ -47,8 +47,9 @@ from stickslip_monitor.lab.settings import Profile, Settings, check_points, rand
 from stickslip_monitor.lab.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_monitor.lab.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_monitor.monitor.assessment import margin
-from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.units import factors_of, names_of
 
 # Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
 # recordings must not.
@@ -126,7 +127,12 @@ _GAP = 50.0
 _MOTION = ('displacement', 'velocity', 'acceleration')
 Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
 """Takes what is due in a block: times [s], and the motion of :meth:`.Samples.due`."""
-LEVEL_FACTORS = {'um': (0, 1e6), 'mm/s': (1, 1e3), 'm/s^2': (2, 1.0), 'g': (2, 1.0 / 9.80665)}
+LEVEL_FACTORS = {
+    name: (power, 1.0 / factor)
+    for power, quantity in enumerate(('length', 'speed', 'acceleration'))
+    for name, factor in factors_of(*names_of(quantity)).items()
+    if name in LEVEL_UNITS
+}
 """Of each unit of a level the power of the frequency, and how many make an SI unit."""
 
 

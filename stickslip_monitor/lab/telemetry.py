@@ -21,7 +21,7 @@ from stickslip_monitor.bags.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIEL
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.lab.settings import Settings
 from stickslip_monitor.lab.truth import Column
-from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
@@ -115,7 +115,7 @@ class Channel:
             load = nominal_load(config)
             return load if unit == 'nominal' else float(fold_speed(config.bearing, load))
         if self.quantity == 'load':
-            return 1000.0 if unit == 'kN' else 1.0
+            return LOAD_UNITS[unit]
         if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:
             names = ', '.join(b.name for b in self.bearings)
             raise SceneError(

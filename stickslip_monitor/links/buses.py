@@ -30,7 +30,6 @@ from stickslip_monitor.monitor.parameters import (
 )
 from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
-from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 SECTION = LINKS
 SIGNALK, NMEA = 'signalk', 'nmea'
@@ -261,13 +260,9 @@ def _input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str,
 
 def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: str) -> None:
     """The number goes to the monitor as it comes, so the monitor must know its unit."""
-    if load:
-        units = ['N' if bearing.load.factor == 1.0 else 'kN']
-    else:
-        factors = {each: bearing.bearing.speed.factor(each) for each in SPEED_UNITS}
-        units = [each for each, factor in factors.items() if factor == bearing.speed.factor]
-    if unit not in units:
-        raise ConfigurationError(f"{name}.unit = '{units[0]}' must be {unit}, in which {who} gives it")
+    own = (bearing.load if load else bearing.speed).unit
+    if own != unit:
+        raise ConfigurationError(f"{name}.unit = '{own}' must be {unit}, in which {who} gives it")
 
 
 SHARE = 0.5

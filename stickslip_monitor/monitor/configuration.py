@@ -113,7 +113,6 @@ _NAME = re.compile(r'[a-z][a-z0-9_]*')
 _TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _Input = TypeVar('_Input', bound=InputConfig)
-_NEWTONS = {'N': 1.0, 'kN': 1000.0}
 
 
 def check_topic(whose: str, topic: str) -> None:
@@ -296,7 +295,7 @@ class _Section:
 
     def _load(self, speed: InputConfig) -> parameters.LoadConfig:
         """The input of the load, or the constant that stands for it, which comes with the speed."""
-        own, factor = self._own, _NEWTONS[self._own['load.unit']]
+        own, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
         if math.isnan(own['load.constant']):
             return self._input(parameters.LoadConfig, 'load', factor)
         shown = self._shown('load.constant', own['load.unit'])

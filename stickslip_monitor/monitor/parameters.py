@@ -20,6 +20,7 @@ from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.probability import EXACT, Belief, Tolerance
+from stickslip_monitor.units import factors_of, names_of
 
 REQUIRED = object()
 """The default of a parameter that must be given."""
@@ -180,7 +181,8 @@ def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **der
     return section(**own, **derived)
 
 
-LOAD_UNITS = ('N', 'kN')
+LOAD_UNITS = factors_of(*names_of('force'))
+"""The units of a load, and newtons in each."""
 FASTEST_RPM, FASTEST = 3000.0, 60.0
 """No ship's shaft turns faster [rpm], and no journal's surface moves faster [m/s]."""
 LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
@@ -521,7 +523,7 @@ INPUT_PARAMETERS = {
     'load': rows(
         LoadConfig,
         'load.',
-        unit={'choices': LOAD_UNITS},
+        unit={'choices': tuple(LOAD_UNITS)},
         maximum={'default': 1e8, 'unit': 'N', 'maximum': 1e9},
     ),
     'level': rows(

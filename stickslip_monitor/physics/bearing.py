@@ -15,8 +15,11 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_not_negative, require_positive
 from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.units import names_of, turning_factor
 
-SPEED_UNITS = ('rpm', 'rad/s', 'Hz', 'm/s')
+TURNING_UNITS = names_of('turning')
+SPEED_UNITS = (*TURNING_UNITS, 'm/s')
+"""The units of a shaft's speed; in the last it is the speed of the journal's surface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +50,9 @@ class BearingSpeed:
         Raises:
             PhysicsError: The unit is none of these.
         """
-        factors = {
-            'rpm': math.pi * self.journal_diameter / 60.0,
-            'rad/s': self.journal_diameter / 2.0,
-            'Hz': math.pi * self.journal_diameter,
-            'm/s': 1.0,
-        }
-        if unit not in factors:
+        if unit not in SPEED_UNITS:
             raise PhysicsError(f"speed unit '{unit}' is not one of {', '.join(SPEED_UNITS)}")
-        return factors[unit]
+        return turning_factor(unit, self.journal_diameter) if unit in TURNING_UNITS else 1.0
 
     def to_surface(self, value: ArrayLike, unit: str) -> FloatArray:
         """Surface speed [m/s] of a shaft speed in the given unit; any shape."""

@@ -23,6 +23,7 @@ from stickslip_monitor.errors import BagError, plural
 from stickslip_monitor.files import open_file
 from stickslip_monitor.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_monitor.tables.clock import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
+from stickslip_monitor.units import find_unit, names_of
 
 # What is looked at of a file: its head, its tail, and lines of the head [bytes, bytes, lines].
 _HEAD, _TAIL, _MOST_LINES = 1 << 18, 1 << 14, 2000
@@ -42,25 +43,9 @@ _JQ = (
     'jq -r \'.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
     " (.DataSet[] | [.TimeStamp] + .Value) | @csv'"
 )
-_SPELLINGS = {
-    'rpm': 'rpm r.p.m. r/min 1/min rev/min min-1 min^-1 min⁻¹ u/min tr/min',
-    'rad/s': 'rad/s rad/sec',
-    'Hz': 'hz 1/s s-1 s⁻¹ rev/s r/s rps',
-    'm/s': 'm/s ms-1',
-    'N': 'n',
-    'kN': 'kn',
-    'm/s^2': 'm/s^2 m/s2 m/s²',
-    'g': 'g',
-    'mm/s': 'mm/s',
-    'um': 'um µm μm',
-    'Pa': 'pa',
-    'V': 'v',
-    'dB': 'db',
-}
-_UNITS = {written: unit for unit, all_written in _SPELLINGS.items() for written in all_written.split()}
 # Of a heading without brackets one of its words is its unit only where it can be nothing else.
 _CLEAR = ('rpm', 'kn', 'hz')
-# 'kn' in small letters is knots and 'N' is north, but in the heading of a force.
+# 'kn' in small letters is knots, 'N' is north, and 'tf' may be a sensor, but in the heading of a force.
 _FORCES = {'load', 'force', 'thrust', 'kraft', 'last'}
 _BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
 _NUMBER = re.compile(r'[+\-\u2212]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
@@ -87,13 +72,15 @@ class Heading(NamedTuple):
     @property
     def known_unit(self) -> str | None:
         """The unit as the configuration calls it; None where it is none of those."""
-        is_knots = self.unit == 'kn' and not _FORCES & set(self.name.split())
-        return None if is_knots else unit_of(self.unit or '')
+        is_force = bool(_FORCES & set(self.name.split()))
+        is_knots = self.unit == 'kn' and not is_force
+        return None if is_knots else unit_of(self.unit or '', 'force' if is_force else '')
 
 
-def unit_of(text: str) -> str | None:
-    """A unit as the configuration calls it; None for any other text."""
-    return _UNITS.get(''.join(text.strip(' []()').lower().split()))
+def unit_of(text: str, quantity: str = '') -> str | None:
+    """A unit as the configuration calls it, beside a word of a quantity or alone; None for any other text."""
+    unit = find_unit(text, quantity)
+    return unit.name if unit else None
 
 
 def parse_heading(text: str) -> Heading:
@@ -118,8 +105,11 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
         return behind
     if '/' in (last := name.rpartition(' ')[2]) and unit_of(last):
         return last
-    is_force = words[-1:] == ['N'] and _FORCES & {word.lower() for word in words}
-    return 'N' if is_force else next((word for word in words if word.lower() in _CLEAR), None)
+    is_force = bool(_FORCES & {word.lower() for word in words})
+    if is_force and words[-1] == 'N':
+        return 'N'
+    forces = [word for word in words if len(word) > 1 and unit_of(word) in names_of('force') and is_force]
+    return next((word for word in words if word.lower() in _CLEAR or word in forces), None)
 
 
 def with_unit(name: str, unit: str) -> tuple[str, str | None]:

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units: each is declared once, with the quantity that it measures, its factor and its spellings.
+
+Options, configuration, scenes, logs and buses take their units from here: one more unit is one more row of
+:data:`UNITS`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Unit(NamedTuple):
+    """A unit of a quantity: ``SI value = number * factor / divisor``.
+
+    A unit of turning gives, of a journal of 1 m diameter, the surface speed [m/s].
+    """
+
+    quantity: str
+    name: str  # as configuration, options and reports write it
+    factor: float
+    # As logs write it, parted by blanks; one in small letters stands for any case. None: not read in logs.
+    spellings: str = ''
+    # As logs write it too, but something else where no word of the quantity stands beside it.
+    beside_quantity: str = ''
+    divisor: float = 1.0
+
+
+UNITS = (
+    Unit(
+        'turning',
+        'rpm',
+        math.pi,
+        'rpm r.p.m. r/min 1/min rev/min min-1 min^-1 min⁻¹ u/min tr/min',
+        divisor=60.0,
+    ),
+    Unit('turning', 'rad/s', 1.0, 'rad/s rad/sec rads-1', divisor=2.0),
+    Unit('turning', 'Hz', math.pi, 'hz 1/s s-1 s⁻¹ rev/s r/s rps'),
+    Unit('speed', 'm/s', 1.0, 'm/s ms-1'),
+    Unit('speed', 'mm/s', 1e-3, 'mm/s mms-1'),
+    Unit('speed', 'cm/s', 1e-2, 'cm/s cms-1'),
+    Unit('speed', 'um/s', 1e-6, 'um/s µm/s μm/s'),
+    Unit('force', 'N', 1.0, 'n'),
+    Unit('force', 'kN', 1e3, 'kn'),
+    Unit('acceleration', 'm/s^2', 1.0, 'm/s^2 m/s2 m/s²'),
+    Unit('acceleration', 'g', 9.80665, 'g'),
+    Unit('length', 'mm', 1e-3),
+    Unit('length', 'm', 1.0),
+    Unit('length', 'um', 1e-6, 'um µm μm'),
+    Unit('area', 'm2', 1.0),
+    Unit('area', 'cm2', 1e-4),
+    Unit('pressure', 'Pa', 1.0, 'pa'),
+    Unit('pressure', 'MPa', 1e6),
+    Unit('voltage', 'V', 1.0, 'v'),
+    Unit('ratio', 'dB', 1.0, 'db'),
+)
+_BY_NAME = {unit.name: unit for unit in UNITS}
+_BY_SPELLING = {text: unit for unit in UNITS for text in unit.spellings.split()}
+_BESIDE_QUANTITY = {(unit.quantity, text): unit for unit in UNITS for text in unit.beside_quantity.split()}
+
+
+def names_of(quantity: str) -> tuple[str, ...]:
+    """Return the names of the units of a quantity, in the order of the table."""
+    return tuple(unit.name for unit in UNITS if unit.quantity == quantity)
+
+
+def factors_of(*names: str) -> dict[str, float]:
+    """Return the SI value of one of each unit.
+
+    >>> factors_of('kN', 'mm')
+    {'kN': 1000.0, 'mm': 0.001}
+    """
+    return {name: _BY_NAME[name].factor / _BY_NAME[name].divisor for name in names}
+
+
+def turning_factor(name: str, diameter: float) -> float:
+    """Return the surface speed [m/s] that one of a unit of turning is on a journal.
+
+    Args:
+        name: Name of the unit.
+        diameter: Diameter of the journal [m].
+
+    >>> turning_factor('rad/s', 0.5)
+    0.25
+    """
+    unit = _BY_NAME[name]
+    return unit.factor * diameter / unit.divisor
+
+
+def find_unit(text: str, quantity: str = '') -> Unit | None:
+    """Return the unit that a text spells, in brackets or not; None for any other text.
+
+    Args:
+        text: Such as ``'[kN]'`` or ``'r / min'``.
+        quantity: Quantity that is named beside the text, if one is.
+
+    >>> find_unit('[U/min]').name
+    'rpm'
+    """
+    plain = ''.join(text.strip(' []()').split())
+    found = _BY_SPELLING.get(plain) or _BY_SPELLING.get(plain.lower())
+    return found or _BESIDE_QUANTITY.get((quantity, plain))

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units: factors by published values, and no spelling of two."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import pytest
+
+from stickslip_monitor.units import UNITS, factors_of, find_unit, names_of, turning_factor
+
+
+def test_factors_are_those_of_the_si_brochure() -> None:
+    """The SI brochure (9th edition) and NIST SP 811 give them exactly."""
+    assert factors_of(*names_of('force')) == {'N': 1.0, 'kN': 1000.0}
+    assert factors_of('g', 'um', 'cm2', 'MPa') == {'g': 9.80665, 'um': 1e-6, 'cm2': 1e-4, 'MPa': 1e6}
+
+
+@pytest.mark.parametrize(('name', 'per_turn'), [('rpm', 60.0), ('Hz', 1.0), ('rad/s', math.tau)])
+def test_one_turn_a_second_moves_the_surface_by_the_circumference(name: str, per_turn: float) -> None:
+    """A journal of 0.3 m."""
+    assert turning_factor(name, 0.3) * per_turn == pytest.approx(math.pi * 0.3, rel=1e-15)
+
+
+def test_a_spelling_is_of_one_unit() -> None:
+    """A name is, too."""
+    names = Counter(unit.name for unit in UNITS)
+    spellings = Counter(text for unit in UNITS for text in {*unit.spellings.split()})
+    assert {*names.values(), *spellings.values()} == {1}
+
+
+@pytest.mark.parametrize(
+    ('text', 'name'),
+    [('[kN]', 'kN'), ('KN', 'kN'), ('R / min', 'rpm'), ('(m s-1)', 'm/s'), ('knots', None), ('', None)],
+)
+def test_units_are_found_as_they_are_written(text: str, name: str | None) -> None:
+    """In brackets, in any case, with blanks."""
+    unit = find_unit(text)
+    assert (unit.name if unit else None) == name
