@@ -65,6 +65,7 @@ setup(
         'lz4>=3.1',
         'mcap>=1.1',
         'mcap-ros2-support>=0.5',
+        'numba>=0.57',
         'numpy>=1.23',
         'PyYAML>=6.0',
         'rich>=11.2',
@@ -83,8 +84,8 @@ setup(
         # Reads Parquet; the newest wheels need Python 3.11, so that the base does without.
         'logs': ['pyarrow>=12'],
         'report': ['jinja2>=3.0', 'matplotlib>=3.6'],
-        # Compiles the inner loops of the time integrator; without it they run in Python.
-        'sim': ['numba>=0.57'],
+        # Formerly numba, which is a dependency now: the name stays for whoever installs it.
+        'sim': [],
         # colcon runs tests only where it finds pytest here.
         'test': [
             'axe-core-python>=0.1',
@@ -94,7 +95,6 @@ setup(
             'hypothesis>=6.60',
             'mcap>=1.5',  # its writer flushes
             'mpmath>=1.2',
-            'numba>=0.57',
             'pyarrow>=12',
             'pynmeagps>=1.0.40',
             'pytest>=7',
@@ -103,7 +103,7 @@ setup(
             'setuptools>=70.1',
         ],
         # What the benchmarks compare with.
-        'bench': ['numba>=0.57', 'pathsim>=0.20', 'rosbags>=0.11'],
+        'bench': ['pathsim>=0.20', 'rosbags>=0.11'],
         'lint': ['mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
     },
     entry_points={'console_scripts': [f'monitor = {NAME}.live:main', f'stickslip = {NAME}.cli:main']},

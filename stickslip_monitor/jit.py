@@ -2,16 +2,18 @@
 """Compiles plain scalar functions by numba where it is installed; else they run as they stand.
 
 A rule or an integrator is written once, as plain functions of numbers. What is short runs
-interpreted; a long recording or a study runs the same functions compiled. numba is imported only
-by :func:`compiled`, because that takes half a second.
+interpreted; a long recording or a study runs the same functions compiled, to the same bits. numba is
+imported only by :func:`compiled`, because that takes half a second, and never by a live process.
 """
 
 from __future__ import annotations
 
 import functools
 import sys
+import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,9 +25,29 @@ from typing import Any
 _OPTIONS = {'error_model': 'numpy', '_nrt': False}
 
 
-def has_compiler() -> bool:
-    """Whether numba is installed."""
+_live = threading.Event()
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Run a block without loading numba: what answers live has no seconds to compile."""
+    before = _live.is_set()
+    _live.set()
+    try:
+        yield
+    finally:
+        if not before:
+            _live.clear()
+
+
+@functools.cache
+def _is_installed() -> bool:
     return find_spec('numba') is not None
+
+
+def has_compiler() -> bool:
+    """Whether this process may compile: numba is installed, and it is no live process."""
+    return not _live.is_set() and _is_installed()
 
 
 # The functions that a friction law's own module has in place of those of other modules.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from stickslip_monitor import jit
 from stickslip_monitor.errors import no_ros
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.parameters import ClipConfig
@@ -34,7 +35,8 @@ def main(args: Sequence[str] | None = None) -> int:
     except ImportError as error:
         print(f'ERROR: {no_ros(error)}', file=sys.stderr)  # noqa: T201
         return 2
-    return process.main(args, clip_store)
+    with jit.interpreted():
+        return process.main(args, clip_store)
 
 
 if __name__ == '__main__':

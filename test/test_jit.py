@@ -31,3 +31,13 @@ def test_compiling_is_told_at_a_terminal_until_it_is_kept(
         if terminal:
             assert function(2.0) == 4.0
     assert told == ['', 'compiling for long work: seconds, once for this version\n', '']
+
+
+def test_what_answers_live_never_compiles() -> None:
+    assert jit.has_compiler()
+    with jit.interpreted():
+        assert not jit.has_compiler()
+        with jit.interpreted():
+            pass
+        assert not jit.has_compiler()
+    assert jit.has_compiler()

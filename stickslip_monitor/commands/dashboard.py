@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
+from stickslip_monitor import jit
 from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, no_ros
@@ -94,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         pairs = zip(configs, nodes, strict=True)
         monitors = [watched(config, node, node) for config, node in pairs]
     access = page_access(args)
-    with event_log(args) as log:
+    with event_log(args) as log, jit.interpreted():
         board = DashboardState(monitors, args.bag is not None, log)
         asyncio.run(_serve(args, configs[0], board, access))
     return 0

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+from stickslip_monitor import jit
 from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked
@@ -91,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if find_spec('aiohttp') is None:
         raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
-    with unblocked():
+    with unblocked(), jit.interpreted():
         logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
         config, links = load_watch(args.config, args.node)
         if args.request_token:

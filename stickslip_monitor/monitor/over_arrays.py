@@ -125,8 +125,6 @@ def keep(
 
 LONG = 30_000
 """Samples from which on it pays to compile; fewer take less than numba's import."""
-AMPLITUDES = 600
-"""Amplitudes of the cycle, one a second of stick-slip, from which on it pays to compile these, too."""
 _POINT: dict[str, Any] = {
     'time_ns': np.int64,
     'until_ns': np.int64,
@@ -222,7 +220,7 @@ class BearingScan:
         self._long = long
         # The points of a block, in the same place for all of them, behind the one that was held back.
         self._points: dict[str, NDArray[Any]] = {}
-        self._taken = self._held = self._sized = 0
+        self._taken = self._held = 0
         if start_ns is not None:
             rule.pass_time(self.state, self.settings.live, start_ns)
 
@@ -342,8 +340,7 @@ class BearingScan:
                 begin, count, made = loop(states, *given, columns, span, noted, points, made, rows, room)
                 state = states.view(np.recarray)[0] if long else self.state
                 if rule.amplitude_due(state, settings.live):
-                    self._sized += 1
-                    size_cycle(self.config, state, compiled=long and self._sized > AMPLITUDES)
+                    size_cycle(self.config, state)
                 for k in range(count):
                     changes.append((rows[k].copy(), State.of_row(room[k]) if long else room[k]))
             if len(kept) < len(ends):

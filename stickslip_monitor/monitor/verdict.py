@@ -24,10 +24,10 @@ UNSEEN = 60.0
 """Predicted for so long without measured vibration, the parameters are in doubt [s]."""
 
 
-def size_cycle(config: BearingConfig, s: State, *, compiled: bool = False) -> None:
-    """Work out the amplitude of the exact cycle, into the memory ``s``; compiled to the same bits."""
+def size_cycle(config: BearingConfig, s: State) -> None:
+    """Work out the amplitude of the exact cycle, into the memory ``s``."""
     speed, load = rule.median_point(s)
-    amplitude = exact_amplitude(config.bearing, float(speed), float(load), compiled=compiled)
+    amplitude = exact_amplitude(config.bearing, float(speed), float(load))
     s.amplitude, s.sized = s.amplitude if math.isnan(amplitude) else amplitude, s.now
 
 

@@ -37,7 +37,6 @@ from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, inte
 from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
-    FEW,
     LANDED,
     TURNED,
     Orbits,
@@ -87,9 +86,8 @@ _AT_FOLD, _UNSTABLE = 1e-9, math.log(1e12)
 _LARGEST = 700.0
 # Error of a step of a cycle, and of one whose amplitude alone is wanted: that errs by 1e-9.
 _ERROR, _OF_AMPLITUDES = 1e-13, 1e-10
-# How roughly a cubic knows the place of a contact: measured 0.011 at 40,000 points; and how well the
-# steps of an amplitude know one that is located.
-_ROUGHLY, _LOCATED = 0.03, 1e-6
+# How well the steps of an amplitude know the place of a contact.
+_LOCATED = 1e-6
 # Panels in which a sign change of the energy gain is looked for, a gain that is rounding, and
 # fourfold increases in search of the far side of an overtaking cycle.
 _PANELS, _BALANCED, _QUADRUPLINGS = 24, 1e-13, 40
@@ -236,7 +234,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return _cycle(bearing, speed, load, stable=False)
 
 
-def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike, *, compiled: bool = False) -> Any:
+def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle` to 1e-9 at half the price.
 
     Of a measured table it is right to 1e-7.
@@ -245,8 +243,6 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike, *, comp
         bearing: The bearing.
         speed: Surface speed ``V`` [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
-        compiled: Whether few points are followed by a compiled loop, to the same bits: 0.13 ms each in
-            place of 0.49, after seconds to compile it once.
 
     Returns:
         ``nan`` where there is no cycle.
@@ -262,7 +258,7 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike, *, comp
         part = rows[first : first + _BLOCK]
         with np.errstate(all='ignore'):
             field = slip_field(bearing, np.abs(v[part]), n[part])
-            stroke[part] = _sticking_strokes(field, compiled=compiled)
+            stroke[part] = _sticking_strokes(field)
     rest = rows[np.isnan(stroke[rows])]
     if rest.size:
         found = _found(bearing, v[rest], n[rest], stable=True, weigh=False)
@@ -450,7 +446,7 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
 
 def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
     """Where the slip phase from breakaway meets the belt, whatever comes then."""
-    nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True, locate=False)
+    nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True)
     with np.errstate(all='ignore'):
         field = slip_field(bearing, np.abs(speed), load)
         return np.asarray(follow(field, nothing, nothing, route).end == LANDED)
@@ -542,13 +538,9 @@ def _changes(gains: FloatArray, stable: bool) -> BoolArray:
     return changes
 
 
-def _sticking_strokes(field: SlipField, *, compiled: bool) -> FloatArray:
+def _sticking_strokes(field: SlipField) -> FloatArray:
     """From turn to turn of the cycles that certainly stick; ``nan`` for all others."""
     nothing = np.zeros(field.speed.size)
-    few = nothing.size <= FEW  # to locate a contact costs them less than to follow them again
-    route = Route(3, _OF_AMPLITUDES, contact=True, locate=few, compiled=compiled)
-    one = follow(field, nothing, nothing, route)
-    stroke = _stroke(field)
-    known = _LOCATED if few else _ROUGHLY
-    sticks = (one.end == LANDED) & (one.place >= stroke + known * (1.0 - stroke))
+    one, stroke = follow(field, nothing, nothing, Route(3, _OF_AMPLITUDES, contact=True)), _stroke(field)
+    sticks = (one.end == LANDED) & (one.place >= stroke + _LOCATED * (1.0 - stroke))
     return np.where(sticks, one.turns[0] - one.turns[1], np.nan)

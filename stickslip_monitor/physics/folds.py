@@ -366,7 +366,7 @@ def _by_contact(bearing: Bearing, load: FloatArray) -> FloatArray:
     rows = np.flatnonzero(averaged > 0.0)
     low, high = averaged[rows] * _FROM, averaged[rows] * _UP_TO
     out, number = np.full(load.size, np.nan), _SPEEDS
-    route = Route(3, _COARSE, contact=True, most=_MOST_OF_CONTACT, locate=False)
+    route = Route(3, _COARSE, contact=True, most=_MOST_OF_CONTACT)
     while rows.size and np.max(high / low) > 1.0 + _ROUGHLY:
         speed = np.exp(np.linspace(np.log(low), np.log(high), number + 1, axis=1))
         v, begin = speed[:, :-1].ravel(), np.zeros(rows.size * number)

@@ -291,8 +291,7 @@ def is_compiled(compiled: bool | None) -> bool:
     """
     if compiled and not jit.has_compiler():
         raise PhysicsError(
-            'compiled = True needs numba, which is not installed: pip install'
-            " 'stickslip_monitor[sim]', or leave compiled out"
+            'compiled = True needs numba, which is not installed: pip install numba, or leave compiled out'
         )
     return jit.has_compiler() if compiled is None else compiled
 
