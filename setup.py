@@ -106,5 +106,5 @@ setup(
         'bench': ['pathsim>=0.20', 'rosbags>=0.11'],
         'lint': ['mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
     },
-    entry_points={'console_scripts': [f'monitor = {NAME}.live:main', f'stickslip = {NAME}.cli:main']},
+    entry_points={'console_scripts': [f'monitor = {NAME}.live:main', f'stickslip = {NAME}.__main__:main']},
 )

@@ -1,9 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """``python -m stickslip_monitor`` is the command ``stickslip``."""
 
+import importlib
 import sys
 
-from stickslip_monitor.cli import main
+from stickslip_monitor import interruption
+
+
+def main() -> int:
+    """Run the command line, which is loaded only when signals are taken."""
+    interruption.end_at_once()
+    code: int = importlib.import_module('stickslip_monitor.cli').main()
+    return code
+
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -12,15 +12,13 @@ import importlib
 import io
 import os
 import re
-import signal
 import sys
-import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
-from stickslip_monitor import __version__
+from stickslip_monitor import __version__, interruption
 from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean, program_fault
 from stickslip_monitor.files import printable
@@ -57,8 +55,6 @@ _HEIRS = {
     '--level': 'configure level.topic in the parameter file',
     '--resume': 'run the check again, which is one pass',
 }
-
-_TOLD_TO_STOP = threading.Event()
 
 
 class _ErrorStream(io.TextIOWrapper):
@@ -166,9 +162,18 @@ def main(
     if argv is None:
         _open_streams()
         _hide_warnings()
-        _heed_signals()
     _print_anything()
+    code = _exit_code(arguments, known, package, takes_signals=argv is None)
+    if argv is None:
+        interruption.ignore_signals()
+    return code
+
+
+def _exit_code(arguments: list[str], known: Mapping[str, str], package: str, *, takes_signals: bool) -> int:
+    """Run a command; print what is wrong as one sentence and return the exit code for it."""
     try:
+        if takes_signals:
+            interruption.raise_on_signals()
         return _run(arguments, known, package)
     except StickslipError as error:
         return _failed(str(error), 2)
@@ -183,12 +188,9 @@ def main(
     except MemoryError:
         return _failed('there is not enough memory for this', 2)
     except KeyboardInterrupt:
-        return _stopped() if argv is None else 130
+        return interruption.EXIT_CODE
     except Exception as error:
-        if _TOLD_TO_STOP.is_set():
-            # A library that was being loaded has made an error of its own of it.
-            return _stopped()
-        if '--traceback' in arguments:
+        if '--traceback' in arguments and not interruption.is_stopped():
             traceback.print_exc()
         return _failed(program_fault(error), 3)
 
@@ -267,32 +269,10 @@ def _print_anything() -> None:
             stream.reconfigure(errors='backslashreplace')
 
 
-def _stop(*_: object) -> NoReturn:
-    _TOLD_TO_STOP.set()
-    raise KeyboardInterrupt
-
-
-def _heed_signals() -> None:
-    """Have a command that has to stop clear away what it has begun, as after Ctrl-C.
-
-    A terminal that is closed says so, too, unless the command is to outlive it (nohup).
-    """
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _stop)
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, _stop)
-        if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
-            signal.signal(signal.SIGHUP, _stop)
-
-
-def _stopped() -> int:
-    # Pressed again while the interpreter goes, it would print a traceback.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    return 130
-
-
 def _failed(text: str, code: int) -> int:
+    if interruption.is_stopped():
+        # A library that was being loaded has made an error of its own of the signal.
+        return interruption.EXIT_CODE
     print(f'ERROR: {printable(text)}', file=sys.stderr)  # noqa: T201
     return code
 

@@ -25,6 +25,7 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
     'files': ('errors',),
     'arrays': ('errors',),
     'fields': ('errors',),
+    'interruption': (),
     'jit': (),
     'units': (),
     'state_file': ('files',),
@@ -43,7 +44,7 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
     'links': ('root', 'host'),
     'live': ('ros', 'offline'),
     'commands': ('report', 'dashboard', 'links', 'ros'),
-    'cli': ('commands',),
+    'cli': ('commands', 'interruption'),
     '__main__': ('cli',),
 }
 EVERYWHERE = {'numpy', 'scipy'}

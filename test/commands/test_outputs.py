@@ -208,6 +208,25 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(sent: signal.Signals, t
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize('module', ['argparse', 'matplotlib'])
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_modules_are_loaded_ends_a_command_without_a_word(
+    sent: signal.Signals, module: str, tmp_path: Path
+) -> None:
+    """The first module is loaded before the command line is, the second by the command."""
+    signalled = f'import os, time; os.kill(os.getpid(), {sent.value}); time.sleep(9)'
+    (tmp_path / f'{module}.py').write_text(f'exec({signalled!r})')
+    line = ['diagram', '-c', CONFIG, '--load', '1kN', '-o', tmp_path / 'a.png']
+    done = subprocess.run(
+        [sys.executable, '-m', 'stickslip_monitor', *line],
+        env=os.environ | {'PYTHONPATH': str(tmp_path)},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b'', b'')
+    assert not (tmp_path / 'a.png').exists()
+
+
 @pytest.mark.parametrize(
     ('bag', 'closed', 'code'),
     [
