@@ -13,7 +13,14 @@ from stickslip_monitor.units import UNITS, factors_of, find_unit, names_of, turn
 
 def test_factors_are_those_of_the_si_brochure() -> None:
     """The SI brochure (9th edition) and NIST SP 811 give them exactly."""
-    assert factors_of(*names_of('force')) == {'N': 1.0, 'kN': 1000.0}
+    assert factors_of(*names_of('force')) == {
+        'N': 1.0,
+        'kN': 1e3,
+        'MN': 1e6,
+        'tf': 9806.65,
+        't': 9806.65,
+        'lbf': 4.4482216152605,
+    }
     assert factors_of('g', 'um', 'cm2', 'MPa') == {'g': 9.80665, 'um': 1e-6, 'cm2': 1e-4, 'MPa': 1e6}
 
 
@@ -38,3 +45,11 @@ def test_units_are_found_as_they_are_written(text: str, name: str | None) -> Non
     """In brackets, in any case, with blanks."""
     unit = find_unit(text)
     assert (unit.name if unit else None) == name
+
+
+def test_a_letter_is_a_force_only_beside_one() -> None:
+    """A bare t is a time, mN are millinewtons, and tonnes are a mass."""
+    assert [find_unit(text) for text in ('t', 'mN', '[tonnes]')] == [None, None, None]
+    unit = find_unit('[t]', 'force')
+    assert unit is not None
+    assert unit.name == 't'

@@ -18,6 +18,8 @@ import pytest
 from shared import ROOT, Stickslip
 
 from stickslip_monitor.cli import COMMANDS, main
+from stickslip_monitor.commands.options import parse_load
+from stickslip_monitor.errors import ConfigurationError
 
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BAG = str(ROOT / 'bags' / 'coast_down')
@@ -79,6 +81,19 @@ def test_a_recording_is_shown_without_a_configuration(stickslip: Stickslip) -> N
     said = ' '.join(stickslip('info', BAG).out.split())
     assert 'from 2026-05-04 06:00:00 to 2026-05-04 06:04:40 UTC' in said
     assert '/bearing/aft_stern/load' in said
+
+
+@pytest.mark.parametrize(
+    ('text', 'newtons'),
+    [('2MN', 2e6), ('3tf', 29419.95), ('-0.5 t', -4903.325), ('100 LBF', 444.82216152605), ('1e3n', 1e3)],
+)
+def test_a_load_is_read_in_its_unit(text: str, newtons: float) -> None:
+    assert parse_load(text) == pytest.approx(newtons, rel=1e-15)
+
+
+def test_milli_is_not_taken_for_mega() -> None:
+    with pytest.raises(ConfigurationError, match="load '3mN' must be a number with a unit: one of N, kN, MN"):
+        parse_load('3mN')
 
 
 def test_units_are_understood_in_any_case(stickslip: Stickslip) -> None:

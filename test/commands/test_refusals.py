@@ -39,7 +39,7 @@ REFUSED = {
     " mean 'aft_stern'?",
     # Quantities.
     'assess -c own.yaml --speed 1rpm --load 1kip': "load '1kip' must be a number with a unit: one"
-    " of N, kN, and 'kip' is none of these",
+    " of N, kN, MN, tf, t, lbf, and 'kip' is none of these",
     'assess -c own.yaml --speed 20 --load 1N': "speed '20' must be a number with a unit",
     'diagram -c own.yaml -o a.csv --load=-5N': "load '-5N' must be above 0",
     'map -c own.yaml -o a.csv --loads 2kN': "loads '2kN' must be LOW:HIGH, each with its unit",

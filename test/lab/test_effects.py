@@ -157,5 +157,6 @@ def test_load_is_the_elevation_times_its_factor(make_scene: MakeScene) -> None:
     np.testing.assert_allclose(ripple(significant_height=5.0), 2.0 * base, atol=1e-9)
     np.testing.assert_allclose(ripple(load_per_metre=-240.0), -2.0 * base, atol=1e-9)
     np.testing.assert_allclose(ripple(unit='kN', load_per_metre=0.12), base, atol=1e-9)
+    np.testing.assert_allclose(ripple(unit='tf', load_per_metre=120.0 / 9806.65), base, atol=1e-9)
     assert np.abs(base).max() > 100.0
     assert not ripple(significant_height=0.0).any()

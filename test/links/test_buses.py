@@ -137,6 +137,7 @@ def test_one_sentence_for_whatever_breaks_a_rule(
     ('links', 'bearing', 'with_node', 'text'),
     [
         (SIGNALK, {'speed': {'unit': 'rpm'}}, False, "unit = 'rpm' must be Hz, in which Signal K"),
+        (SIGNALK, {'load': {'unit': 't'}}, False, "aft.load.unit = 't' must be N, in which Signal K"),
         ({'nmea.talker': 'II'}, TOPICS, True, 'uses no bus: give'),
         (None, {}, False, "has no section '/stickslip_links:'"),
         ({k: v for k, v in SIGNALK.items() if k != 'aft.load'}, {}, False, "'aft.load' is missing"),

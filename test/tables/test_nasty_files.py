@@ -91,6 +91,14 @@ LOGS = {
         'Timestamp,n,Force\n-,rpm,kN\n@0,30,1.5\n@1,31,1.6\n', load=[1500, 1600]
     ),
     'units behind underscores': Log('ts,ME1_RPM,brg_kN\n@0,30,1.5\n@1,31,1.6\n', load=[1500, 1600]),
+    'meganewtons': Log('time,rpm,Load MN\n@0,30,0.5\n@1,31,0.25\n', load=[5e5, 2.5e5]),
+    'tonnes-force': Log('time,rpm,bearing [tf]\n@0,30,0.5\n@1,31,2\n', load=[4903.325, 19613.3]),
+    'tonnes, beside a load': Log('time,rpm,Load (t)\n@0,30,0.5\n@1,31,2\n', load=[4903.325, 19613.3]),
+    'tonnes in a row of units': Log('time,rpm,load\ns,rpm,t\n@0,30,0.5\n@1,31,2\n', load=[4903.325, 19613.3]),
+    'tonnes, of cargo, and pounds': Log(
+        'time,rpm,Cargo [t],load_lbf\n@0,30,9000,100\n@1,31,9000,200\n',
+        load=[444.82216152605, 889.6443230521],
+    ),
     'Hz is turned into rpm': Log(
         'time,n [Hz],load [N]\n@0,0.5,900\n@1,0.75,901\n', speed=[30, 45], says='in Hz, by its heading'
     ),
@@ -799,9 +807,9 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
     ('text', 'quantity'),
     [
         ('time,Shaft RPM,Speed over ground (kn)\n0,30,12\n1,31,12\n', 'load'),
-        ('time,Shaft RPM,load [t]\n0,30,1.2\n1,31,1.2\n', 'load'),
-        ('time,Shaft RPM,load\ns,rpm,t\n0,30,1.2\n1,31,1.2\n', 'load'),
-        ('time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,t\n1,n,31,rpm\n1,load,1.2,t\n', 'load'),
+        ('time,Shaft RPM,load [kip]\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,Shaft RPM,load\ns,rpm,kip\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,kip\n1,n,31,rpm\n1,load,1.2,kip\n', 'load'),
         ('time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n', 'load'),
         ('time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n', 'load'),
         ('time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n', 'load'),
@@ -826,7 +834,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
     ],
 )
 def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_path: Path) -> None:
-    """12 knots or 1.2 t, taken for 12 kN or 1.2 N, would be judged stable."""
+    """12 knots or 1.2 kips, taken for 12 kN or 1.2 N, would be judged stable."""
     absent = opened(tmp_path, text).bound(load_config(CONFIG)).absent
     assert list(absent) == [('aft_stern', quantity)]
     assert f'write aft_stern.{quantity}.column' in absent['aft_stern', quantity]
