@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import codecs
 import fcntl
 import json
 import os
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from stickslip_monitor.errors import AlarmStateError, RosError, cause
-from stickslip_monitor.files import read_file, replace_file
+from stickslip_monitor.files import open_file, read_file, replace_file
 
 T = TypeVar('T')
 
@@ -22,9 +23,30 @@ MAX_SIZE = 16_000_000
 """A larger file is not one of ours [bytes]."""
 RETRY_PERIOD = 5.0
 """What cannot be written is tried again after so long [s]."""
-# By its schema, which stands at the beginning, a file of ours is known, damaged or not.
-_MARK, _HEAD = b'stickslip_monitor/', 200
+STATE_FAMILY = 'stickslip_monitor/alarm_state/'
+"""How the schema of the alarms begins, whatever its version."""
+# The schema is the first entry of a document: 40 bytes in those of 0.2.0 and later.
+_HEAD_BYTES = 200
+# How files of others begin that are no text: pictures, archives, programs, recordings, databases.
+_SIGNATURES = (
+    *(b'\x89PNG', b'\xff\xd8\xff', b'GIF8', b'%PDF', b'PK\x03\x04', b'\x1f\x8b', b'\x28\xb5\x2f\xfd'),
+    *(b'\x7fELF', b'\x89MCAP', b'SQLite format 3', b'PAR1'),
+)
 _SUFFIXES = ('.lock', '.damaged')
+
+
+def _is_readable(head: bytes) -> bool:
+    """Return whether a file that begins so is of some known kind, rather than damaged.
+
+    Power cuts leave NUL bytes, a failing disk leaves noise or one byte over and over.
+    """
+    if head.startswith(_SIGNATURES):
+        return True
+    try:
+        text = codecs.getincrementaldecoder('utf-8')().decode(head)  # the head may end amid a character
+    except UnicodeDecodeError:
+        return False
+    return len(set(text)) > 1 and all(char.isprintable() or char.isspace() for char in text)
 
 
 class StateFile:
@@ -34,13 +56,16 @@ class StateFile:
         path: The file; ``~`` stands for the home folder.
         name: The setting that names it, for a person.
         user: What uses it, for a person.
+        family: How the schema of its documents begins.
 
     Raises:
         RosError: Its folder does not exist, or something else than a file is at its place.
     """
 
-    def __init__(self, path: str, name: str = 'state_file', user: str = 'node') -> None:
-        self._given, self._user = f"{name} = '{path}'", user
+    def __init__(
+        self, path: str, name: str = 'state_file', user: str = 'node', family: str = STATE_FAMILY
+    ) -> None:
+        self._given, self._user, self._family = f"{name} = '{path}'", user, family.encode()
         try:
             self.path = Path(path).expanduser()
             for suffix in _SUFFIXES:
@@ -57,19 +82,23 @@ class StateFile:
         self._lock: int | None = None
 
     def check(self) -> None:
-        """Check that what is there is a file of ours, or nothing yet.
+        """Refuse a readable file of somebody else; one that is damaged, or not there, is no obstacle.
 
         Raises:
-            RosError: It is somebody else's: it is left alone.
+            RosError: It is somebody else's: nothing is written.
         """
         try:
-            content = read_file(self.path, MAX_SIZE)
-        except FileNotFoundError:
+            with open_file(self.path) as file:
+                head = file.read(_HEAD_BYTES) or b''
+        except OSError:
             return
-        except OSError as error:
-            raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
-        if content and _MARK not in content[:_HEAD]:
-            raise RosError(f'{self._given} is no file of stickslip_monitor: it is left alone; name another')
+        if _is_readable(head) and not self._is_ours(head):
+            raise RosError(f'{self._given} is not a file of stickslip_monitor: left alone; name another')
+
+    def _is_ours(self, head: bytes) -> bool:
+        """Return whether a file that begins so holds a document of our kind, whole or truncated."""
+        begin = b'{"schema":"' + self._family
+        return self._family in head or begin.startswith(b''.join(head.split()))
 
     def _beside(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
@@ -117,13 +146,12 @@ class StateFile:
         except (ValueError, RecursionError) as error:
             raise AlarmStateError(f'it is not JSON: {error}') from error
 
-    def set_aside(self) -> Path:
-        """Rename a damaged file, so that somebody can look at it; return its new name.
-
-        Raises:
-            OSError: It cannot be renamed.
-        """
-        return self.path.replace(self._beside('.damaged'))
+    def set_aside(self) -> str:
+        """Rename a damaged file, so that somebody can look at it; return where it is now."""
+        try:
+            return f'it is now {self.path.replace(self._beside(".damaged"))}'
+        except OSError as error:
+            return f'it cannot be set aside: {cause(error)}'
 
     def write(self, document: Any) -> None:
         """Put a new document in the place of the old one.
@@ -204,8 +232,10 @@ class StateWriter(StateFile):
         RosError: As of a state file; it is somebody else's, or another node uses it.
     """
 
-    def __init__(self, path: str, name: str = 'state_file', user: str = 'node') -> None:
-        super().__init__(path, name, user)
+    def __init__(
+        self, path: str, name: str = 'state_file', user: str = 'node', family: str = STATE_FAMILY
+    ) -> None:
+        super().__init__(path, name, user, family)
         self.check()
         self.lock()
         self._writer = Background[Any]('state_file', super().write)

@@ -98,11 +98,14 @@ def points(rpm: Any, load: Any, at: Any = 1.0, start_ns: int = 0) -> Stream:
     return Stream(np.repeat(time, 2), np.tile([Input.SPEED, Input.LOAD], rpm.size), both.ravel())
 
 
-def configured(name: str = 'aft', base: Any = None, **changes: Any) -> MonitorConfig:
+def configured(
+    name: str = 'aft', base: Any = None, *, is_live: bool = False, **changes: Any
+) -> MonitorConfig:
     """The reference bearing, or another, with some parameters (a double underscore is a dot)."""
     own = {key.replace('__', '.'): value for key, value in changes.items()}
     values = REFERENCE | (base or {}) | own
-    return build_config({'bearings': [name]} | {f'{name}.{k}': v for k, v in values.items()})
+    named = {f'{name}.{k}': v for k, v in values.items()}
+    return build_config({'bearings': [name]} | named, is_live=is_live)
 
 
 @cache
@@ -206,7 +209,7 @@ class Ship(Sink):
 
     def set_aside(self) -> str:
         self.kept = 'null'
-        return f'{self.path}.damaged'
+        return f'it is now {self.path}.damaged'
 
     def take(self, name: str, place: int, value: float, stamp_ns: int | None = None) -> Any:
         """A number comes, stamped now or at another time."""

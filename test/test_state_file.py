@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import json
 import os
+import random
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -37,8 +39,9 @@ def test_what_is_not_json_is_named_and_set_aside(tmp_path: Path, content: bytes)
     file = StateFile(str(path))
     with pytest.raises(AlarmStateError, match='it is not JSON: '):
         file.read()
-    aside = file.set_aside()
-    assert (aside.name, aside.read_bytes()) == ('state.json.damaged', content)
+    aside = tmp_path / 'state.json.damaged'
+    assert file.set_aside() == f'it is now {aside}'
+    assert aside.read_bytes() == content
     assert file.read() is None
 
 
@@ -84,21 +87,58 @@ def test_a_second_node_is_kept_out_until_the_first_has_gone(tmp_path: Path) -> N
     second.close()
 
 
-@pytest.mark.parametrize('content', ['{"notes": "of somebody"}', 'bearings: [aft]\n', '[]'])
-def test_the_file_of_somebody_else_is_left_alone(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'{"notes": "of somebody"}',
+        b'bearings: [aft]\nstate_file: /var/lib/stickslip_monitor/alarms.json\n',
+        b'[]',
+        b'{"schema": "stickslip_monitor/calibration/2"}',
+        'éè'.encode() * 150,  # of which the head ends amid a character
+        b'\x89PNG\r\n\x1a\n' + bytes(100),
+        b'\x89MCAP0\r\n' + bytes(100),
+    ],
+)
+def test_the_file_of_somebody_else_is_left_alone(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / 'notes.json'
-    path.write_text(content)
-    with pytest.raises(RosError, match='is no file of stickslip_monitor: it is left alone'):
+    path.write_bytes(content)
+    with pytest.raises(RosError, match='is not a file of stickslip_monitor: left alone'):
         StateWriter(str(path))
     assert [each.name for each in tmp_path.iterdir()] == ['notes.json']
-    assert path.read_text() == content
+    assert path.read_bytes() == content
 
 
-@pytest.mark.parametrize('content', ['', '{"schema": "stickslip_monitor/alarm_state/1", "ti'])
-def test_an_empty_or_damaged_one_of_ours_is_taken(tmp_path: Path, content: str) -> None:
+WHOLE = json.dumps(OURS, indent=1).encode()
+NOISE = random.Random(1).randbytes(4096)
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'',
+        bytes(4096),
+        b'\xff' * 4096,
+        b'U' * 4096,
+        NOISE,
+        *(WHOLE[:length] for length in (1, 5, 20, 60)),
+        bytes(40) + WHOLE[40:],
+        WHOLE.replace(b'"schema"', b'"schemb"'),
+        WHOLE.replace(b'state/1', b'state/2'),
+        bytes(MAX_SIZE + 1),
+    ],
+)
+def test_an_empty_or_damaged_one_keeps_nobody_from_monitoring(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / 'state.json'
-    path.write_text(content)
+    path.write_bytes(content)
     StateWriter(str(path)).close()
+    assert path.read_bytes() == content
+
+
+def test_one_that_cannot_be_set_aside_is_named(tmp_path: Path) -> None:
+    path = tmp_path / 'state.json'
+    path.write_bytes(bytes(9))
+    (tmp_path / 'state.json.damaged').mkdir()
+    assert StateFile(str(path)).set_aside() == 'it cannot be set aside: Is a directory'
 
 
 def test_a_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

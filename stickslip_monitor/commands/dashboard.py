@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import logging
 import math
 import socket
 import sys
@@ -25,7 +26,7 @@ from rich.console import Console
 from stickslip_monitor import jit
 from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
-from stickslip_monitor.errors import AlarmStateError, ConfigurationError, DashboardError, no_ros
+from stickslip_monitor.errors import ConfigurationError, DashboardError, no_ros
 from stickslip_monitor.links.buses import is_loopback
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
@@ -88,7 +89,10 @@ def run(args: argparse.Namespace) -> int:
             ' or one for each'
         )
     paths = args.config if len(args.config) > 1 else args.config * len(nodes)
-    configs = [load_config(path, args.node and node) for path, node in zip(paths, nodes, strict=True)]
+    configs = [
+        load_config(path, args.node and node, is_live=args.bag is None)
+        for path, node in zip(paths, nodes, strict=True)
+    ]
     if args.bag is not None:
         monitors = [watched(configs[0], args.bag, replay=True)]
     else:
@@ -130,29 +134,24 @@ def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool 
 
 @contextmanager
 def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
-    """What happened, kept in the file of ``--log`` if there is one.
+    """Yield the record of what happened, kept in the file of ``--log`` if there is one.
 
     Raises:
-        RosError: The file cannot be used, or another dashboard uses it.
-        AlarmStateError: What is in it is not a log.
+        RosError: The file is somebody else's, or another dashboard uses it.
     """
-    from stickslip_monitor.dashboard.page_records import LOG_SCHEMA, EventLog
+    from stickslip_monitor.dashboard.page_records import LOG_FAMILY, EventLog
 
     if args.log is None:
         yield EventLog()
         return
-    from stickslip_monitor.state_file import StateFile, StateWriter
+    from stickslip_monitor.state_file import StateWriter
 
-    kept = args.log, '--log', 'dashboard'
+    writer = StateWriter(args.log, '--log', 'dashboard', LOG_FAMILY)
     try:
-        document = StateFile(*kept).read()
-    except AlarmStateError as error:
-        raise DashboardError(f"--log '{args.log}' cannot be used: {error}") from error
-    if document is not None and (not isinstance(document, dict) or document.get('schema') != LOG_SCHEMA):
-        raise DashboardError(f"--log '{args.log}' is a file of something else: it is not touched")
-    writer = StateWriter(*kept)
-    try:
-        yield EventLog(writer)
+        log = EventLog(writer)
+        if log.damage:
+            logging.getLogger(NODE_NAME).warning(log.damage)
+        yield log
     finally:
         writer.close()
 

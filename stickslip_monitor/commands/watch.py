@@ -118,7 +118,7 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
                     if parameters.get(f'{name}.{quantity}.constant') is not None:
                         continue
                     parameters.setdefault(f'{name}.{quantity}.topic', f'{name}/{quantity}')
-        config = build_config(parameters)
+        config = build_config(parameters, is_live=True)
         links = build_links(section, config)
         return (config if with_node else _labelled(config, links)), links
     except ConfigurationError as error:
@@ -304,14 +304,14 @@ def _monitor(
         return
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
-    for question in chain.from_iterable(map(asked, config.bearings)):
+    for question in (*config.faults, *chain.from_iterable(map(asked, config.bearings))):
         _log.warning(question)
     store = StateWriter(config.state_file, user='monitor') if config.state_file else None
     live = LiveMonitor(config, feed, _log, store)
     feed.act = live.act
 
     async def run() -> None:
-        await asyncio.gather(live.run(), *([] if store is None else [_look_after(store, feed)]))
+        await asyncio.gather(live.run(), _report_files(config, store, live, feed))
 
     try:
         yield live.take, run
@@ -320,15 +320,20 @@ def _monitor(
             store.close()
 
 
-async def _look_after(store: StateWriter, feed: Feed) -> None:
-    """Tell log and page whether the alarms are kept, as a node does."""
-    told = ''
+async def _report_files(
+    config: MonitorConfig, store: StateWriter | None, live: LiveMonitor, feed: Feed
+) -> None:
+    """Report to log and page which files cannot be used, as a node does."""
+    reported = ''
     while True:
-        if store.fault != told:
-            told = store.fault
-            feed.take_health(Severity.ERROR if told else Severity.OK, told)
-            if told:
-                _log.error(told)
+        fault = '' if store is None else store.fault
+        text = ' '.join(f'{each}.' for each in (fault, live.damage, *config.faults) if each)
+        if text != reported:
+            level = Severity.ERROR if fault else Severity.WARN if text else Severity.OK
+            feed.take_health(level, text)
+            if fault and fault not in reported:
+                _log.error(fault)
+            reported = text
         await asyncio.sleep(_TICK)
 
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 import csv
 import io
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable
 from datetime import datetime, timezone
 from typing import Any
 
+from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms import TABLE, AlarmState
@@ -178,7 +180,9 @@ def _possible(alarm: dict[str, Any], action: Action) -> bool:
 KEPT = 5000
 """Entries of the log that are kept; the page shows the latest, a file of CSV has all."""
 SHOWN = 60
-LOG_SCHEMA = 'stickslip_monitor/log/1'
+LOG_FAMILY = 'stickslip_monitor/log/'
+"""How the schema of a log begins, whatever its version."""
+LOG_SCHEMA = f'{LOG_FAMILY}1'
 LOG_TEXTS = ('node', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
 _LONGEST = 300
 # What a spreadsheet would compute.
@@ -192,14 +196,25 @@ class EventLog:
 
     Args:
         store: What keeps the entries over a restart; ``None`` for nothing.
+
+    Attributes:
+        damage: Why the entries of before are lost; empty where they are not.
     """
 
     def __init__(self, store: StateWriter | None = None) -> None:
         self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
-        self._store = store
-        document = None if store is None else store.read()
-        known = document.get('entries') if isinstance(document, dict) else None
-        self._add(known if isinstance(known, list) else ())
+        self._store, self.damage = store, ''
+        if store is not None:
+            self._restore(store)
+
+    def _restore(self, store: StateWriter) -> None:
+        """Take the entries of the file; set one aside that is damaged."""
+        try:
+            self._add(_kept_entries(store.read()))
+        except AlarmStateError as error:
+            end = 'what happened before is not shown'
+            self.damage = f'the log {store.path} is damaged: {error}; {store.set_aside()}, and {end}'
+            self.extend([{'time': time.time_ns() // 1_000_000, 'what': 'log', 'text': self.damage}])
 
     @property
     def fault(self) -> str:
@@ -216,9 +231,9 @@ class EventLog:
         before = len(self._entries)
         for entry in entries:
             if isinstance(entry, dict):
-                time = entry.get('time')
+                when = entry.get('time')
                 texts = {key: str(entry.get(key, ''))[:_LONGEST] for key in LOG_TEXTS}
-                own = {'time': time if isinstance(time, int) else None, **texts}
+                own = {'time': when if isinstance(when, int) else None, **texts}
                 self._entries.setdefault(tuple(own.values()), own)
         new = len(self._entries) > before
         while len(self._entries) > KEPT:
@@ -242,6 +257,22 @@ class EventLog:
             cells = [f"'{each}" if each.startswith(_FORMULA) else each for each in texts]
             table.writerow((_iso(time_ms), *cells))
         return text.getvalue()
+
+
+def _kept_entries(document: Any) -> list[Any]:
+    """Return the entries of a kept log, none where there is no file yet.
+
+    Raises:
+        AlarmStateError: It is no log of this version.
+    """
+    if document is None:
+        return []
+    known: dict[str, Any] = document if isinstance(document, dict) else {}
+    if known.get('schema') != LOG_SCHEMA:
+        raise AlarmStateError(f'schema = {known.get("schema")!r} must be {LOG_SCHEMA!r}')
+    if not isinstance(entries := known.get('entries'), list):
+        raise AlarmStateError("it has no list of 'entries'")
+    return entries
 
 
 def _iso(time_ms: int | None) -> str:

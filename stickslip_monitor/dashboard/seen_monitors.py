@@ -439,7 +439,7 @@ class DashboardState:
         silences = [monitor.silent_for for monitor in self.monitors]
         known = [round(silent, 1) for silent in silences if silent is not None]
         watched = () if self.finished else self.monitors
-        log = f'The log is not kept: {self.log.fault}' if self.log.fault else ''
+        log = f'The log is not kept: {self.log.fault}' if self.log.fault else self.log.damage
         return {
             'there': any(monitor.receiving for monitor in watched),
             'finished': self.finished,

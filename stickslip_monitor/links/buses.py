@@ -402,6 +402,11 @@ class LiveMonitor:
         self._begun_ns = self._ticked_ns = self._now().steady_ns
         self._shown_ns = self._begun_ns - _SHOWN_EVERY_NS
 
+    @property
+    def damage(self) -> str:
+        """Why what was kept of the alarms is lost; see :attr:`.Session.damage`."""
+        return self._session.damage
+
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
         """Take one number of one input, which comes now, with its sender's stamp if it has one."""
         now = self._moment()

@@ -182,7 +182,10 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
     kept_ns = _entry(document, 'time', (int,), 'the document')
     if (schema := _entry(document, 'schema', (str,), 'the document')) != STATE_SCHEMA:
         raise AlarmStateError(f'schema = {schema!r} must be {STATE_SCHEMA!r}')
-    bearings, memories = (_entry(document, key, (dict,), 'the document') for key in ('bearings', 'states'))
+    bearings = _entry(document, 'bearings', (dict,), 'the document')
+    assert isinstance(document, dict)  # it has a time
+    # Those of 0.2.0 may have no memories: the alarms are taken over all the same.
+    memories = _entry({'states': {}, **document}, 'states', (dict,), 'the document')
     for name in bearings:
         _check(name, bearings[name])
     passed_ns = max(time_ns - kept_ns, 0)

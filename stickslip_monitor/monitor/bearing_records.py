@@ -334,7 +334,9 @@ class NodeHealth:
     delays: int = 0  # how often the node was held up
     longest_delay: float = 0.0  # for how long at most [s]
     state_file_fault: str = ''  # why the alarms are not kept
+    state_file_damage: str = ''  # why the alarms of before are lost; until somebody acknowledges
     clip_fault: str = ''  # why the last event clip is lost
+    calibration_faults: tuple[str, ...] = ()  # why calibrations are not used
     changed: dict[str, tuple[object, object]] = field(default_factory=dict)
     """What was changed over ROS and not acknowledged: value before and now, by parameter."""
     _failed_at: float = math.inf
@@ -357,8 +359,9 @@ class NodeHealth:
         """ERROR where something is not done that was asked for."""
         if self.failing or self.state_file_fault or self.clip_fault:
             return Severity.ERROR
+        damaged = self.state_file_damage or self.calibration_faults
         doubtful = self.losing or self.double or self.clocks or self.changed
-        return Severity.WARN if doubtful or not self.monitoring else Severity.OK
+        return Severity.WARN if doubtful or damaged or not self.monitoring else Severity.OK
 
     @property
     def losses(self) -> str:
@@ -379,6 +382,7 @@ class NodeHealth:
             failures if self.failing else '',
             self.state_file_fault,
             self.clip_fault,
+            *(f'{text}.' for text in (self.state_file_damage, *self.calibration_faults) if text),
             '' if self.monitoring else NOT_MONITORING,
             DOUBLE if self.double else '',
             self.clocks and f'{CLOCKS} {self.clocks}.',
@@ -410,7 +414,7 @@ def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:
             'times held up': str(health.delays),
             'longest time held up [s]': f'{health.longest_delay:.3g}',
             'parameters changed': health.changes or 'none',
-            'state file': health.state_file_fault or 'fine',
+            'state file': health.state_file_fault or health.state_file_damage or 'fine',
             'event clips': health.clip_fault or 'fine',
         },
     )

@@ -38,24 +38,28 @@ INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
 _LARGEST_VARIANCE = 100.0
 
 
+class _UnusableCalibration(ConfigurationError):
+    """A calibration that is missing, damaged or of another version, without which a ship is monitored too."""
+
+
 def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The object in the file of a bearing's calibration, made with sensors as :data:`INPUT_KEYS` say now."""
     try:
         document = read_json(path, LARGEST_JSON)
     except OSError as error:
-        raise ConfigurationError(f'{path}: {error.strerror or error}') from error
+        raise _UnusableCalibration(f'{path}: {error.strerror or error}') from error
     except ValueError as error:
-        raise ConfigurationError(f'{path} is not JSON: {error}') from error
+        raise _UnusableCalibration(f'{path} is not JSON: {error}') from error
     found: dict[str, Any] = document if isinstance(document, dict) else {}
     schema = found.get('schema')
     if schema == _LAST_SCHEMA:
-        raise ConfigurationError(
+        raise _UnusableCalibration(
             f'{path} was made by an earlier version, which weighed its evidence by another model:'
             " take out the parameter 'calibration', and make it anew from the same recordings"
             f' with `stickslip calibrate BAG... --config FILE --output {path}`'
         )
     if schema != CALIBRATION_SCHEMA:
-        raise ConfigurationError(
+        raise _UnusableCalibration(
             f'{path} has the schema {schema!r} and must have {CALIBRATION_SCHEMA!r}: make it with'
             ' stickslip calibrate'
         )
@@ -65,7 +69,7 @@ def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]])
     for quantity, now in sensors.items():
         then = past.get(quantity) if isinstance(past, dict) else None
         if not isinstance(then, dict):
-            raise ConfigurationError(f'{path} is damaged: it does not name its sensors')
+            raise _UnusableCalibration(f'{path} is damaged: it does not name its sensors')
         for key, value in now.items():
             if then.get(key) != value:
                 raise ConfigurationError(
@@ -91,10 +95,10 @@ def _calibrated(
         low, high = (float(load) for load in document['loads'])
         floor = float(document['floor'])
     except (LookupError, TypeError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-        raise ConfigurationError(f'{path} is damaged: {error!r}') from error
+        raise _UnusableCalibration(f'{path} is damaged: {error!r}') from error
     sound = covariance.shape == (2, 2) and bool((np.abs(covariance) < _LARGEST_VARIANCE).all())
     if not (sound and 0.0 < low <= high < math.inf and 0.0 <= floor <= 1.0):
-        raise ConfigurationError(
+        raise _UnusableCalibration(
             f'{path} is damaged: its covariance, loads and floor must be finite numbers, loads'
             ' above 0 and rising'
         )
@@ -125,11 +129,13 @@ def check_topic(whose: str, topic: str) -> None:
         raise ConfigurationError(f'{whose} {topic!r} must be a ROS topic name')
 
 
-def build_config(values: Mapping[str, Any]) -> MonitorConfig:
+def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> MonitorConfig:
     """Validate flat, dotted parameters and build the configuration.
 
     Args:
         values: Parameter values by full name, e.g. ``{'bearings': ['aft'], 'aft.mass': 50.0}``.
+        is_live: Whether a ship is to be monitored now, if need be without a calibration that is missing,
+            damaged or of another version; the ``faults`` of the configuration name it.
 
     Returns:
         The configuration.
@@ -151,12 +157,13 @@ def build_config(values: Mapping[str, Any]) -> MonitorConfig:
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
     notes = _retired(values, names)
-    sections = [_Section(name, values) for name in names]
+    sections = [_Section(name, values, is_live=is_live) for name in names]
     bearings = tuple(section.build() for section in sections)
     notes += [note for s, bearing in zip(sections, bearings, strict=True) for note in s.unused(bearing)]
     notes += [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
     clips = filled(parameters.ClipConfig, 'clips.', node)
-    return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes))
+    faults = tuple(section.fault for section in sections if section.fault)
+    return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes), faults=faults)
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -216,9 +223,14 @@ _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
 class _Section:
-    """The parameters of one bearing, each checked by itself."""
+    """The parameters of one bearing, each checked by itself.
 
-    def __init__(self, name: str, values: Mapping[str, Any]) -> None:
+    Attributes:
+        fault: Why its calibration is not used, where it could not be read while live.
+    """
+
+    def __init__(self, name: str, values: Mapping[str, Any], *, is_live: bool) -> None:
+        self.fault, self._is_live = '', is_live
         values, rows = _at_surface(name, values), parameters.BEARING_PARAMETERS
         self.name, self._own = name, {row.name: row.checked(f'{name}.{row.name}', values) for row in rows}
 
@@ -258,10 +270,18 @@ class _Section:
     def _believed(self, bearing: Bearing, tolerance: Tolerance) -> tuple[Bearing, Belief | None]:
         """The bearing by which alarms go, and how uncertain its boundaries are; ``None`` for not at all."""
         own, path = self._own, self._own['calibration']
-        if not path:
-            return bearing, None if tolerance.is_exact else _of_tolerance(bearing, tolerance)
-        sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
-        return _calibrated(path, _calibration(path, self.name, sensors), bearing, tolerance)
+        if path:
+            sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
+            try:
+                return _calibrated(path, _calibration(path, self.name, sensors), bearing, tolerance)
+            except _UnusableCalibration as error:
+                if not self._is_live:
+                    raise
+                self.fault = (
+                    f'{self.name}: the calibration is damaged or missing, so {self.name} is monitored as if'
+                    f' it had none: {error}'
+                )
+        return bearing, None if tolerance.is_exact else _of_tolerance(bearing, tolerance)
 
     def _friction(self) -> FrictionLaw:
         law = self._own['friction.law']

@@ -223,12 +223,13 @@ def _matches(pattern: str, name: str) -> bool:
     return bool(re.fullmatch(''.join(parts.get(s, '/' + re.escape(s)) for s in steps), name))
 
 
-def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
+def load_config(path: str | Path, node: str | None = None, *, is_live: bool = False) -> MonitorConfig:
     """Read and validate a parameter file; a parameter without effect is logged as a warning.
 
     Args:
         path: The file.
         node: Full name of the node whose parameters are read, where the file has several.
+        is_live: Whether a ship is to be monitored now, see :func:`.configuration.build_config`.
 
     Raises:
         ConfigurationError: The file cannot be read or breaks a rule; the text names the file.
@@ -246,10 +247,10 @@ def load_config(path: str | Path, node: str | None = None) -> MonitorConfig:
         if not {f'{name}.topic', f'{name}.column'} & parameters.keys():
             parameters[f'{name}.column'] = column
     try:
-        config = build_config(parameters)
+        config = build_config(parameters, is_live=is_live)
     except ConfigurationError as error:
         raise ConfigurationError(f'{path}: {error}') from error
-    for note in config.notes:
+    for note in (*config.notes, *config.faults):
         logging.getLogger(NODE_NAME).warning('%s: %s', path, note)
     return config
 

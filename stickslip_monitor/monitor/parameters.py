@@ -400,7 +400,10 @@ class ClipConfig:
 
 @dataclass(frozen=True, slots=True)
 class MonitorConfig:
-    """The configuration of the monitor and its node; ``notes`` says what of it has no effect."""
+    """The configuration of the monitor and its node.
+
+    ``notes`` says what of it has no effect, ``faults`` which file that it names cannot be used.
+    """
 
     bearings: tuple[BearingConfig, ...]
     autostart: bool = parameter(
@@ -430,6 +433,7 @@ class MonitorConfig:
     )
     clips: ClipConfig = ClipConfig()
     notes: tuple[str, ...] = field(default=(), compare=False)
+    faults: tuple[str, ...] = field(default=(), compare=False)
 
     def bearing(self, name: str) -> BearingConfig:
         """The bearing of that name.

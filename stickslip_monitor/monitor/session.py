@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 from stickslip_monitor.errors import AlarmStateError, cause
 from stickslip_monitor.monitor import alarm_records
-from stickslip_monitor.monitor.alarm_list import MONITOR, AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarm_list import MONITOR, Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.bearing_records import UNRELIABLE, BearingState, bearing_record
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
 from stickslip_monitor.monitor.monitor import Monitor, Update
@@ -60,8 +60,8 @@ class Store(Protocol):
     def write(self, document: dict[str, Any]) -> None:
         """Put a new document in the place of the old one, which an OSError leaves untouched."""
 
-    def set_aside(self) -> str | Path:
-        """Rename a damaged document and return its new name; raises an OSError if that fails."""
+    def set_aside(self) -> str:
+        """Rename a damaged document; return where it is now, or why it is not renamed."""
 
 
 class Moment(NamedTuple):
@@ -120,6 +120,9 @@ class Session:
     Events, input faults, people's actions and what cannot be kept are logged; the clock is for stamps of
     what people do [ns]. Without a store nothing is kept, without a graph nobody looks for faults of the
     inputs. The alarms of ``annunciator`` are to be changed through this object only.
+
+    Attributes:
+        damage: Why what was kept of the alarms is lost; empty once a person has acknowledged all alarms.
     """
 
     def __init__(
@@ -135,7 +138,7 @@ class Session:
         self._clock, self._store = clock, store
         self.annunciator = Annunciator(config)
         self._begun_ns = self._listed_ns = self._sequence = 0
-        self._unkept = ''
+        self._unkept = self.damage = ''
         self._notes: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         known = {} if store is None else self._recalled(store)
         self.monitor = Monitor(config, known)
@@ -153,11 +156,10 @@ class Session:
                 return {}
             kept = alarm_records.recall_state(self.annunciator, document, self._clock())
         except AlarmStateError as error:
-            try:
-                end = f'it is now {store.set_aside()}, and the alarms start fresh'
-            except OSError as other:
-                end = f'the alarms start fresh; it cannot be set aside: {cause(other)}'
-            self._log.error(f'state_file {store.path} cannot be used: {error}; {end}')
+            end = f'{store.set_aside()}, and the alarms start fresh'
+            self.damage = f'state_file {store.path} is damaged: {error}; {end}'
+            self._log.warning(self.damage)
+            self.note('node', self.damage)
             return {}
         known = {}
         for name, record in kept.items():
@@ -170,7 +172,7 @@ class Session:
     def inherit(self, old: Session) -> None:
         """The monitor starts afresh with other inputs; the alarms of before go on."""
         self.annunciator, self._sequence = old.annunciator, old._sequence
-        self._notes = old._notes
+        self._notes, self.damage = old._notes, old.damage
         self.annunciator.retune(self.config)
         self.annunciator.restart()
 
@@ -288,6 +290,8 @@ class Session:
     def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
         """Do what a person asks for, put on record why, and return what it changed."""
         action, by, bearing, kind = request.action, request.by, request.bearing, request.kind
+        if action is Action.ACKNOWLEDGE and bearing is None:
+            self.damage = ''
         changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
         if changes and request.reason:
             what = f'{bearing or "all bearings"}/{kind or "all alarms"}'

@@ -132,7 +132,7 @@ def changed_config(
         rebuilt |= row is not None and not live
         changed[name] = before, value
     known |= {name: after for name, (_, after) in changed.items() if not is_ros_parameter(name)}
-    return build_config(known), rebuilt, changed
+    return build_config(known, is_live=True), rebuilt, changed
 
 
 class MonitorNode(LifecycleNode):
@@ -162,8 +162,9 @@ class MonitorNode(LifecycleNode):
         simulated = self.get_parameter(USE_SIM_TIME).value
         if not isinstance(simulated, bool):  # of which ROS itself only logs that it is wrong
             raise ConfigurationError(f'{USE_SIM_TIME} = {simulated!r} must be true or false')
-        self.config = build_config(values(self))
-        for note in (*self.config.notes, *chain.from_iterable(map(asked, self.config.bearings))):
+        self.config = build_config(values(self), is_live=True)
+        questions = chain.from_iterable(map(asked, self.config.bearings))
+        for note in (*self.config.notes, *self.config.faults, *questions):
             self.get_logger().warning(note)
         self._check(self.config)
         self.make_store(self.config.clips)
@@ -215,7 +216,7 @@ class MonitorNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
-        self.health = NodeHealth(changed=self.health.changed)
+        self.health = NodeHealth(changed=self.health.changed, calibration_faults=self.config.faults)
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
         try:

@@ -140,6 +140,7 @@ class Configured:
         before = self.health.clip_fault, self.health.state_file_fault
         now = tuple('' if own is None else own.fault for own in (self.clips, self._kept))
         self.health.clip_fault, self.health.state_file_fault = now
+        self.health.state_file_damage = self.session.damage
         for fault, old in zip(now, before, strict=True):
             if fault and not old:
                 self._node.get_logger().error(fault)

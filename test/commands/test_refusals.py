@@ -94,7 +94,7 @@ REFUSED = {
     f'calibrate {BAG} -c own.yaml --reports late.csv': 'line 2: the report lies outside',
     'calibrate bare -c own.yaml': 'holds no truth about aft_stern',
     'dashboard -c own.yaml --log no/x.json': "--log = 'no/x.json': there is no folder",
-    'dashboard -c own.yaml --log own.yaml': 'cannot be used: it is not JSON',
+    'dashboard -c own.yaml --log own.yaml': 'is not a file of stickslip_monitor: left alone',
     'dashboard -c own.yaml --bag none': "bag 'none' does not exist",
     'dashboard -c own.yaml --token-file none': "token file 'none' cannot be read: No such",
     'dashboard -c own.yaml --token-file open': 'is open to every user: chmod 600',

@@ -16,6 +16,7 @@ from shared import CONFIG
 
 from stickslip_monitor.dashboard.page_records import (
     KEPT,
+    LOG_FAMILY,
     NUMBERS,
     OFFERED,
     SHOWN,
@@ -249,7 +250,7 @@ def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> Non
 
 def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> None:
     def log() -> tuple[EventLog, StateWriter]:
-        store = StateWriter(str(tmp_path / 'log.json'), '--log', 'dashboard')
+        store = StateWriter(str(tmp_path / 'log.json'), '--log', 'dashboard', LOG_FAMILY)
         return EventLog(store), store
 
     first, store = log()
@@ -266,6 +267,25 @@ def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> N
     rows = list(csv.reader(io.StringIO(log()[0].csv())))
     assert [row[5] for row in rows] == ['what', '0', '1', '2', '3', '4']
     assert rows[1][0] == '1970-01-01T00:00:00.000Z'
+
+
+@pytest.mark.parametrize(
+    'content',
+    [bytes(999), b'{"schema": "stickslip_monitor/log/2"}', b'{"schema": "stickslip_monitor/log/1"}'],
+)
+def test_a_damaged_log_is_put_aside_and_both_log_and_page_say_so(
+    tmp_path: Path, now: list[float], content: bytes
+) -> None:
+    path = tmp_path / 'log.json'
+    path.write_bytes(content)
+    store = StateWriter(str(path), '--log', 'dashboard', LOG_FAMILY)
+    log = EventLog(store)
+    store.close()
+    assert (tmp_path / 'log.json.damaged').read_bytes() == content
+    assert log.damage.startswith(f'the log {path} is damaged: ')
+    assert [entry['what'] for entry in log.latest()] == ['log']
+    board = DashboardState([WatchedMonitor('test', [VIEW], clock=lambda: now[0])], log=log)
+    assert board.monitor()['notices'] == [log.damage]
 
 
 def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:

@@ -83,6 +83,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     path = ship_file(tmp_path, bus.links('aft_stern'), alarm=alarm)
     document = yaml.safe_load(path.read_text())
     kept = tmp_path / 'alarms.json'
+    kept.write_bytes(bytes(99))  # as a power cut leaves it
     document['/**']['ros__parameters']['state_file'] = str(kept)
     path.write_text(yaml.safe_dump(document))
     ship = watch(path, '--port', '0')
@@ -105,6 +106,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics()
     assert main(['health', '--page', page]) == 0
     assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
+    assert f'state_file {kept} is damaged: ' in ship.output
     assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
     # The file cannot be written: log and page say so.
     kept.unlink()

@@ -90,6 +90,14 @@ def test_other_bearings_are_passed_over(stuck: Annunciator) -> None:
     assert {alarm.state.value for alarm in new} == {'normal'}
 
 
+def test_the_alarms_of_0_2_0_are_taken_over_though_it_kept_no_memories(stuck: Annunciator) -> None:
+    document = state_record(stuck, T0)
+    del document['states']
+    new = Annunciator(stuck.config)
+    assert recall_state(new, document, T0) == {}
+    assert new.alarms['aft'][AlarmKind.STICK_SLIP].state == 'unacknowledged'
+
+
 def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     *way, last = path.split('.')
     place = document

@@ -147,6 +147,27 @@ def test_a_bad_calibration_or_one_of_other_sensors_is_refused(
         configured(calibration=result, **changes)
 
 
+@pytest.mark.parametrize('content', [None, b'', bytes(999), b'{"schema": "stickslip_monitor/calibration/1"}'])
+def test_a_ship_is_monitored_without_a_calibration_that_cannot_be_read(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    path = tmp_path / 'aft.calibration.json'
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigurationError):
+        configured(calibration=str(path))
+    config = configured(is_live=True, calibration=str(path))
+    assert config == configured()
+    assert len(config.faults) == 1
+    assert config.faults[0].startswith('aft: the calibration is damaged or missing')
+
+
+def test_a_calibration_of_another_bearing_is_refused_live_too(result: str) -> None:
+    Path(result).write_text(json.dumps(RESULT | {'bearing': 'fore'}))
+    with pytest.raises(ConfigurationError, match="a calibration of 'fore' and not of 'aft'"):
+        configured(is_live=True, calibration=result)
+
+
 def asked(load: float = 1000.0, **changes: object) -> list[str]:
     (bearing,) = configured(**changes).bearings
     found = questions(bearing, load)

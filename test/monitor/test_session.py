@@ -187,6 +187,10 @@ def test_a_damaged_store_starts_fresh(config: MonitorConfig) -> None:
     ship = Ship(config, 'rubbish')
     assert ship.states() == {}
     assert ship.lines == [
-        'state_file state.json cannot be used: it is not JSON; it is now state.json.damaged,'
+        'state_file state.json is damaged: it is not JSON; it is now state.json.damaged,'
         ' and the alarms start fresh'
     ]
+    # It stands in the status and the notes until somebody has acknowledged all alarms.
+    assert ship.session.damage == ship.lines[0] == ship.published[0]['notes'][0]['text']
+    ship.does(Action.ACKNOWLEDGE)
+    assert ship.session.damage == ''

@@ -100,6 +100,25 @@ def test_requests_on_the_topic(host: Any) -> None:
     assert {(c['what'], c['by']) for c in panel.changes} == {('suppress', 'Ada')}
 
 
+def test_a_state_file_of_zeros_is_put_aside_and_the_node_monitors(host: Any, tmp_path: Path) -> None:
+    file = tmp_path / 'alarms.json'
+    file.write_bytes(bytes(4096))  # as a power cut leaves it
+    monitor = host(kit.parameters() | {'state_file': str(file)})
+    aside = f'{file}.damaged'
+    lines = [line for line in monitor.log.lines if aside in line]
+    assert len(lines) == 1
+    assert lines[0].startswith(f'[warning] state_file {file} is damaged: it is not JSON: ')
+    panel, diagnostics = Panel(monitor), monitor.diagnostics()
+
+    def level() -> Any:
+        return kit.status(diagnostics, 'the node').get('level')
+
+    panel.peer.until(lambda: level() == b'\x01', 'the status says so')
+    assert Path(aside).read_bytes() == bytes(4096)
+    assert panel.ask('acknowledge')
+    panel.peer.until(lambda: level() == b'\x00', 'somebody knows')
+
+
 def test_an_acknowledged_alarm_survives_a_restart(host: Any, tmp_path: Path) -> None:
     file = tmp_path / 'alarms.json'
     values = kit.stamped(state_file=str(file))
