@@ -40,6 +40,12 @@ GROUPS = (
         ' kinetic; `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
     ),
     (
+        'water_temperature',
+        'Water temperature',
+        'With `friction.at_temperature` the water that friction was measured in counts, too:'
+        ' [physics.md](physics.md#another-load-or-temperature).',
+    ),
+    (
         'tolerance',
         'What is not known',
         'Tolerances make probabilities of the verdict, see [calibration.md](calibration.md).'

@@ -80,7 +80,7 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
     grid = np.union1d(grid, last)
     # At both sides of the law's break points the balance may jump.
-    between = np.linspace(grid[0], grid[-1], _COLUMNS), corners(bearing, (grid[0], grid[-1]))
+    between = np.linspace(grid[0], grid[-1], _COLUMNS), corners(bearing, (grid[0], grid[-1]), load)
     scan = np.union1d(grid, np.concatenate(between))
     cycles = _amplitudes(bearing, scan, load)
     turns = _turns(bearing, load, scan, cycles)

@@ -75,20 +75,26 @@ _MARKER = {
 }
 
 
-def law_speed(bearing: Bearing) -> float:
-    """A surface speed [m/s] by which friction has done most of its falling."""
-    law = bearing.friction
+def _scale(bearing: Bearing, load: float | None = None) -> float:
+    """The factor of the law's own speeds at a load [N], by default that of its measurement."""
+    own = bearing.lubrication
+    return 1.0 if own is None else float(own.scale(own.load if load is None else load))
+
+
+def law_speed(bearing: Bearing, load: float | None = None) -> float:
+    """A surface speed [m/s] by which friction at a load [N] has done most of its falling."""
+    law, scale = bearing.friction, _scale(bearing, load)
     if isinstance(law, Stribeck):
-        return 4.0 / law.decay
+        return scale * 4.0 / law.decay
     without = float(bearing.speed.to_surface(_RPM_WITHOUT_SCALE, 'rpm'))
-    return (speed_scales(law) or (without,))[-1]
+    return scale * (speed_scales(law) or (without,))[-1]
 
 
 def _boundary_speed(bearing: Bearing, load: float) -> float:
     """The highest finite boundary at a load [m/s]; the law's own speed without one."""
     exact = float(exact_fold_speed(bearing, load))
     every = (fold_speed(bearing, load), hopf_speed(bearing, load), exact)
-    return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing))
+    return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing, load))
 
 
 def diagram_speeds(bearing: Bearing, load: float) -> Range:
@@ -99,7 +105,7 @@ def diagram_speeds(bearing: Bearing, load: float) -> Range:
 def onset_load(bearing: Bearing) -> float:
     """Least load [N] with stick-slip at some speed; ``nan`` where no load has it."""
     top = law_speed(bearing)
-    edges = [v for v in speed_scales(bearing.friction) if v <= top]
+    edges = [v for v in _scale(bearing) * np.array(speed_scales(bearing.friction)) if v <= top]
     speeds = np.concatenate([np.linspace(0.0, top, _SPEEDS_TRIED), edges])
     return float(np.fmin.reduce(fold_load(bearing, speeds)))
 
@@ -119,17 +125,20 @@ def map_ranges(
         )
     if loads is None:
         onset = onset_load(bearing)
+        own = bearing.lubrication
+        if not onset > 0.0 and own is not None and own.load_exponent > 0.0:
+            onset = own.load  # every load has boundaries, as at its own speeds
         top = _LOADS_ABOVE_ONSET * onset if onset > 0.0 else _LOAD_WITHOUT_SCALE
         loads = 0.0, _ROOM * np.fmax(heaviest, onset) if heaviest > 0.0 else top
     return speeds or (0.0, max(diagram_speeds(bearing, loads[1])[1], 1.05 * fastest)), loads
 
 
-def corners(bearing: Bearing, speeds: Range) -> FloatArray:
-    """The law's break points between two speeds and both sides of each, not in order [m/s].
+def corners(bearing: Bearing, speeds: Range, load: float | None = None) -> FloatArray:
+    """The law's break points at a load [N] between two speeds and both sides of each, not in order [m/s].
 
     There the curves have corners and the balance of work may jump.
     """
-    beside = np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    beside = _scale(bearing, load) * np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
     return beside[(beside > speeds[0]) & (beside < speeds[1])]
 
 

@@ -41,6 +41,7 @@ from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
+from stickslip_monitor.physics.lubrication import as_measured, reference_point
 from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
 
 FLOOR = 0.01
@@ -456,12 +457,11 @@ class EvidenceSource:
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
-    """Speed and load of a recording between two jumps of the clock."""
+    """Speed and load of a recording between two jumps of the clock, as reference points."""
+    speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load)
     begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
     return tuple(
-        course_of(name, scan.time_ns[a:b], scan.speed[a:b], scan.load[a:b])
-        for a, b in pairwise(begins)
-        if b > a
+        course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b]) for a, b in pairwise(begins) if b > a
     )
 
 
@@ -499,7 +499,7 @@ def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
     load = math.sqrt(result.loads[0] * result.loads[1])
     rpm = config.bearing.speed.factor('rpm')
     low, middle, high = (float(result.belief.fold_speed(load, p)) / rpm for p in QUANTILES)
-    predicted = float(fold_speed(config.bearing, load)) / rpm
+    predicted = float(fold_speed(as_measured(config.bearing), load)) / rpm
     count = len(result.edges.seen)
     which = plural(count, 'episode')
     seen = f'{low:.1f} to {high:.1f} rpm at {rounded(load, 4)} N'

@@ -24,6 +24,7 @@ from stickslip_monitor.lab.evidence import EDGE, FOOT, SLOWEST_FALL, TelemetryBi
 from stickslip_monitor.physics import averaging
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.lubrication import as_measured
 
 LAGS = (-0.75, 0.0, 0.75, 1.5, 2.25)
 """By how much the speed may be late against the vibration, of all edges alike [s]."""
@@ -51,6 +52,8 @@ _NOWHERE = 50.0
 class Reference:
     """Both boundaries of a configured bearing over the load, as units of speed and load.
 
+    Where friction depends on the load they are those of friction as measured, at reference points.
+
     Attributes:
         bearing: The bearing.
         log_load: Loads with a fold, ascending, shape (n,) [ln N].
@@ -59,6 +62,7 @@ class Reference:
     """
 
     def __init__(self, bearing: Bearing) -> None:
+        bearing = as_measured(bearing)
         table = known_table(bearing)
         if not (bearing.damping > 0.0 and math.isfinite(table.first)):
             raise CalibrationError(

@@ -37,6 +37,8 @@ FACTOR = 'factor'
 # Of the parameters of all laws, those that a common factor multiplies.
 _COEFFICIENTS = ('static', 'kinetic', 'viscous')
 STEP = 1.0
+# Friction that depends on the load is that of the load at each begin of so long: a wave takes 5 s [s].
+_LOAD_STEP = 0.1
 
 
 def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
@@ -349,6 +351,8 @@ class Lining:
         inner = np.isin(time, list(self._knocks))
         if self._course.drifts:
             inner |= time % STEP == 0.0
+        if self.config.bearing.lubrication is not None:
+            inner |= np.diff(time // _LOAD_STEP, prepend=-1.0) != 0.0
         inner[[0, -1]] = False
         edges = [0, *np.flatnonzero(inner).tolist(), time.size - 1]
         return ((low, high) for low, high in pairwise(edges) if low < high)

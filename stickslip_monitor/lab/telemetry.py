@@ -26,6 +26,7 @@ from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
 from stickslip_monitor.physics.friction import speed_scales
+from stickslip_monitor.physics.lubrication import as_measured
 
 
 def count(rate: float, duration: float) -> int:
@@ -53,7 +54,7 @@ def nominal_load(config: BearingConfig) -> float:
     law = config.bearing.friction
     # Not every law falls fastest at once: a Gaussian one and a table may begin flat.
     speeds = equilibrium_table(law)[0] if speed_scales(law) else np.empty(0)
-    loads = hopf_load(config.bearing, np.append(0.0, speeds))
+    loads = hopf_load(as_measured(config.bearing), np.append(0.0, speeds))
     load = _NOMINAL * float(np.fmin.reduce(loads))
     if not 0.0 < load < math.inf:
         raise SceneError(

@@ -21,6 +21,7 @@ from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
+from stickslip_monitor.physics.lubrication import as_measured, load_over_speed
 from stickslip_monitor.physics.probability import Belief
 
 TABLE_ERROR = 1e-6
@@ -112,6 +113,22 @@ class _Assessed(Generic[_Number]):
     vibration that never sticks ends at about the averaged fold."""
     bearing: Bearing = field(repr=False)
     belief: Belief | None = field(default=None, repr=False)
+    temperature: _Number | None = None  # of the water [C]; None: that of the bearing
+
+    @cached_property
+    def scale(self) -> _Number:
+        """``s`` of :mod:`stickslip_monitor.physics.lubrication`: 1 where friction depends on speed alone."""
+        own = self.bearing.lubrication
+        factor: Any = 1.0 if own is None else own.scale(self.load, self.temperature)
+        return factor
+
+    @property
+    def _reference(self) -> tuple[Bearing, _Number, _Number]:
+        """The bearing with friction as measured, with the reference speeds and loads."""
+        if self.bearing.lubrication is None:
+            return self.bearing, self.speed, self.load
+        with np.errstate(all='ignore'):
+            return as_measured(self.bearing), self.speed / self.scale, self.load / self.scale
 
     def _each(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
         """A function of flat arrays, element by element, of columns of one shape, finite or not."""
@@ -129,6 +146,7 @@ class _Assessed(Generic[_Number]):
         self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
     ) -> _Number:
         """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
+        reference, *point = self._reference
 
         def solved(*columns: FloatArray) -> FloatArray:
             speed, load, code, fold = columns
@@ -136,10 +154,20 @@ class _Assessed(Generic[_Number]):
             # Where only the exact model has a cycle averaging has no amplitude.
             rows = np.flatnonzero(np.isin(code, codes) & (size < fold))
             if rows.size:
-                result[rows] = solve(self.bearing, size[rows], load[rows])
+                result[rows] = solve(reference, size[rows], load[rows])
             return result
 
-        return self._each(solved, self.speed, self.load, self.outcome_code, self.fold_speed)
+        found = self._each(solved, *point, self.outcome_code, self.fold_speed / self.scale)
+        return found * self.scale
+
+    def _load_of(self, boundary: Callable[[Bearing, ArrayLike], Any]) -> _Number:
+        """The load of a boundary at each speed [N]; ``nan`` without one."""
+        own = self.bearing.lubrication
+        if own is None or self.temperature is None:
+            return mapped(lambda v, _: boundary(self.bearing, v), self.speed, self.load)
+        reference, ratio = as_measured(self.bearing), own.ratio_at(self.temperature)
+        load = load_over_speed(own, partial(boundary, reference), self.speed, ratio)
+        return load + 0.0 * self.load
 
     @property
     def stability_limit(self) -> _Number:
@@ -149,7 +177,8 @@ class _Assessed(Generic[_Number]):
     @property
     def lower_end(self) -> _Number:
         """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none."""
-        return known_table(self.bearing).lower_end(self.load)
+        reference, _, load = self._reference
+        return known_table(reference).lower_end(load) * self.scale
 
     @property
     def fold_share(self) -> _Number:
@@ -195,17 +224,17 @@ class _Assessed(Generic[_Number]):
     @cached_property
     def hopf_load(self) -> _Number:
         """Load at which this speed turns unstable [N]; ``nan`` without one."""
-        return mapped(lambda v, _: averaging.hopf_load(self.bearing, v), self.speed, self.load)
+        return self._load_of(averaging.hopf_load)
 
     @cached_property
     def fold_load(self) -> _Number:
         """Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without one."""
-        return mapped(lambda v, _: averaging.fold_load(self.bearing, v), self.speed, self.load)
+        return self._load_of(averaging.fold_load)
 
     @cached_property
     def growth_rate(self) -> _Number:
         """Growth rate of a small disturbance of steady sliding [1/s]."""
-        return averaging.growth_rate(self.bearing, self.speed, self.load)
+        return averaging.growth_rate(*self._reference)
 
     @cached_property
     def amplitude(self) -> _Number:
@@ -227,7 +256,8 @@ class _Assessed(Generic[_Number]):
         # Beyond every boundary none is looked for, which takes as long. All at once, as many cycles are
         # followed together.
         near = np.isnan(self.exact_fold_speed) | (np.abs(self.speed) <= COVER * end)
-        return exact_amplitude(self.bearing, np.where(near, self.speed, np.nan), self.load)
+        bearing, speed, load = self._reference
+        return exact_amplitude(bearing, np.where(near, speed, np.nan), load) * self.scale
 
     @property
     def amplitude_error(self) -> _Number:
@@ -238,13 +268,14 @@ class _Assessed(Generic[_Number]):
     def _chances(self) -> tuple[_Number, _Number]:
         if self.belief is None:
             return (self.speed * np.nan,) * 2
-        return self.belief.probabilities(self.speed, self.load, self.fold_share)
+        return self.belief.probabilities(*self._reference[1:], self.fold_share)
 
     @cached_property
     def _fold_margins(self) -> tuple[_Number, _Number]:
         if self.belief is None:
             return (self.speed * np.nan,) * 2
-        return self.belief.fold_margins(self.speed * self.fold_share, self.load)
+        _, speed, load = self._reference
+        return self.belief.fold_margins(speed * self.fold_share, load)
 
     @cached_property
     def probability_can(self) -> _Number:
@@ -330,7 +361,7 @@ class Assessments(_Assessed[FloatArray]):
         columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         known = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}
         stored = [known.pop(name) for name in _STORED]
-        found = _KINDS[single](*stored, self.bearing, self.belief)
+        found = _KINDS[single](*stored, self.bearing, self.belief, self.temperature)
         vars(found).update(known)
         return found
 
@@ -346,6 +377,7 @@ def assess(
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
     chances: Iterable[float] = (),
+    temperature: float | None = None,
 ) -> Assessment: ...
 
 
@@ -357,6 +389,7 @@ def assess(
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
     chances: Iterable[Any] = (),
+    temperature: ArrayLike | None = None,
 ) -> Assessments: ...
 
 
@@ -367,6 +400,7 @@ def assess(
     belief: Belief | None = None,
     table: BoundaryTable | None = None,
     chances: Iterable[Any] = (),
+    temperature: ArrayLike | None = None,
 ) -> Assessment | Assessments:
     """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
 
@@ -380,6 +414,7 @@ def assess(
         belief: What makes probabilities of them, if anything does.
         table: The bearing's boundaries over the load, where they are known; many points take one.
         chances: The probabilities by which the rule decided, in place of the first of its own.
+        temperature: Of the water [C], of the shape of the points; left out: that of the bearing.
 
     Returns:
         An :class:`Assessment` for numbers, else :class:`Assessments` of the broadcast shape. It
@@ -396,10 +431,15 @@ def assess(
     shape, (v, n) = flatten(speed, load)
     if table is None and v.size > _FEW:
         table = known_table(bearing)
+    own, water = bearing.lubrication, None
+    if own is not None and temperature is not None:
+        water = np.broadcast_to(np.asarray(temperature, float), shape).reshape(-1)
     with np.errstate(all='ignore'):
-        columns = in_blocks(partial(_judge, bearing, table), v, n)
+        scale = 1.0 if own is None else own.scale(n, water)
+        code, *limits = in_blocks(partial(_judge, as_measured(bearing), table), v / scale, n / scale)
+        columns = (code, *(limit * scale for limit in limits))
     stored = (restore(part, shape) for part in (v, n, *columns))
-    found = _KINDS[not shape](*stored, bearing, belief)
+    found = _KINDS[not shape](*stored, bearing, belief, None if water is None else restore(water, shape))
     if belief is not None:
         vars(found).update(zip(BELIEFS, chances, strict=False))
     return found

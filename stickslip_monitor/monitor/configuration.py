@@ -27,6 +27,7 @@ from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_fold_speed
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
+from stickslip_monitor.physics.lubrication import Lubrication, as_measured, reference_point
 from stickslip_monitor.physics.probability import Belief, Tolerance
 from stickslip_monitor.physics.scalar_law import scalar_law
 
@@ -248,7 +249,7 @@ class _Section:
             **{row.name.removeprefix('tolerance.'): own[row.name] for row in parameters.TOLERANCE_PARAMETERS}
         )
         try:
-            bearing = Bearing(**lining, friction=self._friction())
+            bearing = Bearing(**lining, friction=self._friction(), lubrication=self._lubrication())
             bearing, belief = self._believed(bearing, tolerance)
         except PhysicsError as error:
             raise ConfigurationError(f'{name}: {error}') from error
@@ -297,6 +298,31 @@ class _Section:
                 )
         return make(*(self._own[f'friction.{key}'] for key in names))
 
+    def _lubrication(self) -> Lubrication | None:
+        """The load and the water at which friction was measured; ``None`` where neither matters."""
+        own = self._own
+        exponent, water = own['friction.load_exponent'], own['water_temperature.constant']
+        for given, key, needed, what in (
+            (exponent > 0.0, 'friction.load_exponent', 'friction.at_load', 'load'),
+            (not math.isnan(water), 'water_temperature.constant', 'friction.at_temperature', 'temperature'),
+        ):
+            if given and math.isnan(own[needed]):
+                raise ConfigurationError(
+                    f"parameter '{self.name}.{needed}' is missing: {self._shown(key)} needs the {what}"
+                    ' at which friction was measured'
+                )
+        if exponent == 0.0 and math.isnan(water):
+            return None
+        at_salinity, salinity = own['friction.at_salinity'], own['water_temperature.salinity']
+        lubrication = Lubrication(
+            own['friction.at_load'] if exponent > 0.0 else 1.0,
+            exponent,
+            own['friction.at_temperature'],
+            salinity if math.isnan(at_salinity) else at_salinity,
+            salinity,
+        )
+        return lubrication if math.isnan(water) else lubrication.at(water)
+
     def unused(self, config: BearingConfig) -> Iterator[str]:
         """A sentence on each parameter that this bearing does not take, of friction and of probability.
 
@@ -304,11 +330,22 @@ class _Section:
         """
         law = self._own['friction.law']
         taken = [f'friction.{key}' for key in LAWS[law][1]]
+        lubrication = [row.name for row in parameters.LUBRICATION_PARAMETERS]
+        of_load = ('friction.at_load',)
+        of_water = 'friction.at_temperature', 'friction.at_salinity', 'water_temperature.salinity'
+        without_load = self._own['friction.load_exponent'] == 0.0
+        without_water = math.isnan(self._own['water_temperature.constant'])
         for row in parameters.BEARING_PARAMETERS:
             if row.is_default(self._own[row.name]):
                 continue
             shown = f'{self._shown(row.name, row.unit)} has no effect'
-            if row.name.startswith('friction.') and row.name not in ('friction.law', *taken):
+            if row.name in of_load and without_load:
+                yield f'{shown} without friction.load_exponent: friction depends on speed alone'
+            elif row.name in of_water and without_water:
+                yield f'{shown} without water_temperature.constant: the water has no temperature'
+            elif row.name in lubrication:
+                continue
+            elif row.name.startswith('friction.') and row.name not in ('friction.law', *taken):
                 yield f'{shown}: the law {law} takes {", ".join(taken)}; is friction.law right?'
             elif row.name.endswith('_probability') and not config.alarms_by_chance:
                 yield f'{shown}: alarms go by margins without tolerances, and after a calibration'
@@ -502,6 +539,8 @@ def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
     law = bearing.friction
     if not isinstance(law, Tabulated) or not load > 0.0:
         return
+    _, load, _ = reference_point(bearing, 0.0, load)
+    bearing = as_measured(bearing)
     last, enough, fall = law.speed[-1], bearing.damping / load, _last_fall(law)
     rpm = float(bearing.speed.from_surface(last, 'rpm'))
     if fall > enough:

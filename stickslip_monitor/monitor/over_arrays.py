@@ -47,7 +47,7 @@ from stickslip_monitor.monitor.rule_state import (
 from stickslip_monitor.monitor.severity import Unknown
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, size_cycle
-from stickslip_monitor.physics import boundary_table, probability, scalar_law
+from stickslip_monitor.physics import boundary_table, lubrication, probability, scalar_law
 
 SAMPLE, TIME, BEFORE, AFTER, ONSET, POINTS = range(6)
 """What is noted of each change of the alarm; the last is how many points there were then."""
@@ -323,7 +323,8 @@ class BearingScan:
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
         given: tuple[Any, ...]
         if compiled:
-            modules = (import_module(__name__), rule, vibration_rule, boundary_table, probability, scalar_law)
+            physics = boundary_table, lubrication, probability, scalar_law
+            modules = (import_module(__name__), rule, vibration_rule, *physics)
             loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
             states = self.state.row()
             given = settings.row, (compiled.own, settings.boundaries.pieces, settings.chances)

@@ -19,6 +19,7 @@ from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS
+from stickslip_monitor.physics.lubrication import MAX_SALINITY, MAX_TEMPERATURE, MIN_TEMPERATURE, SEA
 from stickslip_monitor.physics.probability import EXACT, Belief, Tolerance
 from stickslip_monitor.units import factors_of, names_of
 
@@ -489,6 +490,56 @@ FRICTION_PARAMETERS = (
     Parameter('friction.speed', 'float[]', (), 'Speeds of a tabulated law.', 'm/s', 0.0, 1e3),
     Parameter('friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', '', 0.0, 10.0),
 )
+LUBRICATION_PARAMETERS = (
+    _optional('friction.at_load', 'N', 'Load at which friction was measured.', 1e9),
+    Parameter(
+        'friction.load_exponent',
+        'float',
+        0.0,
+        'Exponent g of the load: friction depends on speed over load^g, from 0, on speed alone, to 1.',
+        '',
+        0.0,
+        1.0,
+    ),
+    Parameter(
+        'friction.at_temperature',
+        'float',
+        math.nan,
+        'Temperature of the water when friction was measured; with a water_temperature friction depends on'
+        ' speed times viscosity.',
+        'C',
+        MIN_TEMPERATURE,
+        MAX_TEMPERATURE,
+    ),
+    Parameter(
+        'friction.at_salinity',
+        'float',
+        math.nan,
+        'Salinity of that water; 0: fresh. Left out: as water_temperature.salinity.',
+        'g/kg',
+        0.0,
+        MAX_SALINITY,
+    ),
+    Parameter(
+        'water_temperature.constant',
+        'float',
+        math.nan,
+        'Temperature of the water at the bearing, where nothing measures it.',
+        'C',
+        MIN_TEMPERATURE,
+        MAX_TEMPERATURE,
+    ),
+    Parameter(
+        'water_temperature.salinity',
+        'float',
+        SEA,
+        'Salinity of the water at the bearing; 0: fresh.',
+        'g/kg',
+        0.0,
+        MAX_SALINITY,
+    ),
+)
+"""The load and the water at which friction was measured, and the water of now."""
 _UNCERTAIN = {
     'damping': 'the damping',
     'static': 'the static coefficient',
@@ -547,6 +598,7 @@ BEARING_PARAMETERS = (
     *LINING_PARAMETERS,
     *TORSIONAL_PARAMETERS.values(),
     *FRICTION_PARAMETERS,
+    *LUBRICATION_PARAMETERS,
     *TOLERANCE_PARAMETERS,
     Parameter(
         'calibration',

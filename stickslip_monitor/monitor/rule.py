@@ -31,6 +31,7 @@ from stickslip_monitor.monitor.vibration_rule import (
     take_level,
 )
 from stickslip_monitor.physics.boundary_table import averaged_at, boundary_at, lower_end_at, place_at
+from stickslip_monitor.physics.lubrication import scale_at
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
 
@@ -242,9 +243,10 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
         # Of fewer than three speeds there is no median that could bear a growth out.
         s.median_rate = min(s.median_rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
-    place = place_at(c.table_first, c.table_step, load)
-    lower = lower_end_at(model[1][2], c.table_step, place)
-    limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place)
+    scale = scale_of(c, load)
+    place = place_at(c.table_first, c.table_step, load / scale)
+    lower = scale * lower_end_at(model[1][2], c.table_step, place)
+    limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place, scale)
     below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
     if below:
         inside = exists = False
@@ -298,24 +300,33 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
     return True
 
 
+def scale_of(c: RuleNumbers, load: float) -> float:
+    """``s`` of :mod:`stickslip_monitor.physics.lubrication` at a load [N].
+
+    What the model knows is that of friction as measured, at the speed and the load over ``s``.
+    """
+    return scale_at(c.at_load, c.load_exponent, c.viscosity_ratio, load)
+
+
 def reach(
-    s: State, c: RuleNumbers, model: Model, size: float, place: float
+    s: State, c: RuleNumbers, model: Model, size: float, place: float, scale: float
 ) -> tuple[float, bool, bool, bool, bool]:
     """Return what the boundaries, or the probabilities where they decide, say of a point.
 
-    ``place`` is where its load lies in the table of the boundaries.
+    ``place`` is where its load over the ``scale`` lies in the table of the boundaries.
 
     Returns:
         The greater fold; then whether the point is so near that caution is asked for, is within
         the range in which it is kept, is in the bistable range, and whether a cycle exists.
     """
     _, table, belief = model
-    averaged = averaged_at(table[0], c.table_step, place)
-    limit = max(averaged, boundary_at(table[1], c.table_step, place))
+    averaged = scale * averaged_at(table[0], c.table_step, place)
+    limit = max(averaged, scale * boundary_at(table[1], c.table_step, place))
     if c.has_belief:
         # What is known of the averaged fold is known of the one that decides.
         share = averaged / limit if 0.0 < averaged < limit else 1.0
-        s.can, s.will = chances(belief, size, s.load_mean, share)
+        lagging = scale_of(c, s.load_mean)
+        s.can, s.will = chances(belief, size / lagging, s.load_mean / lagging, share)
         s.runs = runs_after(s.runs, s.can, s.will)
     if not c.by_chance:
         inside = size < limit
@@ -350,7 +361,8 @@ def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float) -> floa
     """Growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s]; at rest it dies out."""
     drive = 0.0
     if speed != 0.0 and load > 0.0:
-        drive = -load * friction_slope(law, speed) * c.lean
+        scale = scale_of(c, load)
+        drive = -load / scale * friction_slope(law, speed / scale) * c.lean
     return (drive - c.damping) * c.per_mass
 
 

@@ -22,6 +22,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
+from stickslip_monitor.physics.lubrication import Lubrication, as_measured
 from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law
 
 SPEED, LOAD, LEVEL = map(int, Input)  # older numba takes no enumeration as an index
@@ -239,6 +240,9 @@ class RuleNumbers:
     hysteresis: float
     table_first: float
     table_step: float
+    at_load: float
+    load_exponent: float
+    viscosity_ratio: float
 
 
 _NUMBERS_TYPE = _type_of(RuleNumbers)
@@ -268,7 +272,7 @@ class RuleSettings:
 def settings_of(config: BearingConfig) -> RuleSettings:
     """The settings of a bearing; its boundaries are tabulated now, once for each bearing."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
-    table = known_table(bearing)
+    table, own = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
     inputs = [config.speed, config.load, config.speed if level is None else level]
     in_db = level is not None and level.unit == 'dB'
     margin = 1.0 + alarm.caution_margin
@@ -302,6 +306,9 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         hysteresis=0.0 if level is None else level.hysteresis,
         table_first=table.first,
         table_step=table.step,
+        at_load=own.load,
+        load_exponent=own.load_exponent,
+        viscosity_ratio=own.viscosity_ratio,
     )
     chances = np.zeros(1) if belief is None else belief.table
     return RuleSettings(live, scalar_law(bearing.friction), table, chances)

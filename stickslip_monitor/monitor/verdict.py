@@ -321,7 +321,8 @@ def _belief_text(b: Standing, point: Assessment) -> str:
     # The probability follows the load by a lag: it may not know yet of what runs already.
     if b.sticking and point.probability_can < config.alarm.can_probability:
         return ''
-    low, high = (config.belief.fold_speed(float(point.load), p) for p in (0.05, 0.95))
+    scale = float(point.scale)
+    low, high = (scale * config.belief.fold_speed(float(point.load) / scale, p) for p in (0.05, 0.95))
     # By averaging; the fold that decides may be the exact model's.
     rpm = config.bearing.speed.factor('rpm') * point.fold_share
     return (
@@ -390,8 +391,9 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
         return float(point.stability_limit) * (1.0 + alarm.caution_margin + alarm.hysteresis)
     if not 0.0 < alarm.caution_probability < 1.0:
         return math.nan
-    share = 1.0 - alarm.caution_probability
-    return float(belief.fold_speed(float(point.load), share)) / float(point.fold_share)
+    scale = float(point.scale)
+    fold = scale * float(belief.fold_speed(float(point.load) / scale, 1.0 - alarm.caution_probability))
+    return fold / float(point.fold_share)
 
 
 def warns(config: BearingConfig, point: Assessment) -> bool:

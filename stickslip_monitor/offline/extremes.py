@@ -21,6 +21,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.lubrication import as_measured
 
 _MOST = 600
 _HEAVIER = 1.1
@@ -285,7 +286,8 @@ class Extremes:
         most = scan.load.max()
         if self._top is None or not most <= self._top.load[0] <= _HEAVIER * most:
             top = scan.assessed(np.array([scan.load.argmax()]))
-            highest: Any = known_table(top.bearing).highest_exact(top.load)
+            table = known_table(as_measured(top.bearing))
+            highest: Any = top.scale * table.highest_exact(top.load / top.scale)
             self._top = replace(top, exact_fold_speed=highest)
         return self._top
 

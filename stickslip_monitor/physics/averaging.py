@@ -18,7 +18,7 @@ that there is no such boundary, ``inf`` that no finite speed or load bounds it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, mapped
 from stickslip_monitor.physics import averaging_by_scan, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load, load_for
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
+from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_speed, reference_point
 
 
 def averaged(law: FrictionLaw) -> Any:
@@ -35,6 +36,7 @@ def averaged(law: FrictionLaw) -> Any:
     return closed_form if computes_as(law, Stribeck) else averaging_by_scan
 
 
+@gives_speed
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable.
 
@@ -53,6 +55,7 @@ def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     return mapped(lambda n: averaged(law).hopf_speed(law, damping_per_load(c, n)), load)
 
 
+@gives_speed
 def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """Fold speed ``V_F`` [m/s] at a load [N] by averaging: above it no stick-slip cycle exists.
 
@@ -69,6 +72,7 @@ def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     return mapped(lambda n: averaged(law).boundaries(law, damping_per_load(c, n))[1], load)
 
 
+@gives_load
 def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Load [N] above which steady sliding at a surface speed [m/s] is unstable.
 
@@ -82,6 +86,7 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     return mapped(lambda v: averaged(law).hopf_load(law, np.abs(v), c), speed)
 
 
+@gives_load
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Load [N] above which a stick-slip cycle exists at a surface speed [m/s], by averaging.
 
@@ -94,6 +99,7 @@ def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     return mapped(lambda v: load_for(averaged(law).peak_slope(law, np.abs(v)), c), speed)
 
 
+@at_points(lambda rate, _: rate)
 def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     """Growth rate of a small disturbance of steady sliding, ``(-N mu'(V) - c)/(2 m)`` [1/s].
 
@@ -127,6 +133,11 @@ class StationaryAmplitudes:
     stable: NDArray[np.bool_]
 
 
+def _rescaled(found: StationaryAmplitudes, scale: Any) -> StationaryAmplitudes:
+    return replace(found, amplitude=found.amplitude * np.asarray(scale)[..., None])
+
+
+@at_points(_rescaled)
 def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> StationaryAmplitudes:
     """Amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
 
@@ -210,6 +221,7 @@ def amplitude_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike, amplitud
     [-1.0, 1.0, -1.0]
     """
     omega = bearing.natural_frequency
-    a = omega * np.asarray(amplitude, dtype=float)
+    speed, load, scale = reference_point(bearing, speed, load)
+    a = omega * np.asarray(amplitude, dtype=float) / scale
     drive = np.asarray(load, dtype=float) * harmonic(bearing.friction, speed, a)
-    return (drive - 0.5 * bearing.damping * a) / (bearing.mass * omega)
+    return scale * (drive - 0.5 * bearing.damping * a) / (bearing.mass * omega)

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_not_negative, require_positive
 from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.lubrication import Lubrication, reference_point
 from stickslip_monitor.units import names_of, turning_factor
 
 TURNING_UNITS = names_of('turning')
@@ -75,6 +76,8 @@ class Bearing:
         stiffness: ``k`` > 0 [N/m].
         friction: The friction law between lining and journal.
         journal_diameter: ``D`` > 0 [m].
+        lubrication: The load and the water at which friction was measured; ``None`` where it depends on
+            speed alone.
 
     Raises:
         PhysicsError: A quantity breaks its rule.
@@ -90,6 +93,7 @@ class Bearing:
     stiffness: float
     friction: FrictionLaw
     journal_diameter: float
+    lubrication: Lubrication | None = None
 
     def __post_init__(self) -> None:
         require_positive('mass', self.mass, 'kg')
@@ -168,8 +172,13 @@ class Bearing:
             speed: Journal surface speed ``V`` [m/s].
             load: Bearing load ``N`` [N].
         """
-        coefficient = self.friction.coefficient(speed)
+        coefficient = self.friction.coefficient(reference_point(self, speed, load)[0])
         return np.asarray(load, dtype=float) * coefficient / self.stiffness
+
+    def at_temperature(self, temperature: float) -> Bearing:
+        """The same bearing in water of a temperature [C]; itself where friction depends on speed alone."""
+        own = self.lubrication
+        return self if own is None else replace(self, lubrication=own.at(temperature))
 
 
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import fold_curve
+from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
 
@@ -138,7 +139,11 @@ def averaged_growth(last: Any, step: float) -> float:
 
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
-    """The averaged and the exact fold of a bearing over the load, and its lower end."""
+    """The averaged and the exact fold of a bearing over the load, and its lower end.
+
+    They are those of friction as measured, at reference points (:mod:`.lubrication`).
+    """
+    bearing = as_measured(bearing)
     law = bearing.friction
     if not law_in_use(law).fall > 0.0:
         return _NONE

@@ -21,6 +21,7 @@ that there is no such cycle, and the kind says why. Speeds astern mirror speeds 
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import lru_cache
@@ -34,6 +35,7 @@ from stickslip_monitor.physics.averaging import averaged
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import exact_fold
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
+from stickslip_monitor.physics.lubrication import at_points, gives_speed
 from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
@@ -155,6 +157,7 @@ class Cycle:
     _bearing: Bearing = field(repr=False)
     _points: tuple[FloatArray, FloatArray] = field(repr=False)
     _start: FloatArray = field(repr=False)
+    _scale: Any = field(default=1.0, repr=False)
 
     def waveform(self, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One period of the motion, with both its ends.
@@ -181,7 +184,8 @@ class Cycle:
             motion = integrate(self._bearing, drive, start, time, compiled=False)
             out[:, i] = time, motion.displacement, motion.velocity
         time, x, v = out.reshape(3, *np.shape(self.kind), count)
-        return time, x, v
+        scale = np.asarray(self._scale)[..., None]
+        return time, scale * x, scale * v
 
 
 def _beginning(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
@@ -234,6 +238,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     return _cycle(bearing, speed, load, stable=False)
 
 
+@at_points(operator.mul)
 def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle` to 1e-9 at half the price.
 
@@ -266,6 +271,7 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     return restore(0.5 * stroke * np.abs(v) / bearing.natural_frequency, shape)
 
 
+@gives_speed
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """The exact fold [m/s], the end of sticking: the last speed at which the lining sticks.
 
@@ -298,6 +304,11 @@ def _fold(bearing: Bearing, load: float) -> float:
     return float(exact_fold(bearing, np.array([load]))[0])
 
 
+def _rescaled(cycle: Cycle, scale: Any) -> Cycle:
+    return replace(cycle, amplitude=cycle.amplitude * scale, _scale=scale)
+
+
+@at_points(_rescaled)
 def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
     shape, (v, n) = flatten(speed, load)
     found = _found(bearing, v, n, stable)

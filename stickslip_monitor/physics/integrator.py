@@ -24,6 +24,7 @@ from stickslip_monitor.errors import PhysicsError, require_finite, require_posit
 from stickslip_monitor.physics import march, slip_step
 from stickslip_monitor.physics import scalar_law as scalars
 from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.scalar_law import LawInUse, ScalarLaw, scalar_law
 
 Phases = NDArray[np.int8]
@@ -81,6 +82,10 @@ class MotionState:
         """A displacement [m] and the lining's own velocity ``x'`` [m/s] as a drive begins."""
         return cls(displacement, float(drive.speed[0]) - velocity)
 
+    def scaled(self, scale: float) -> MotionState:
+        """The same state with all speeds and displacements multiplied."""
+        return MotionState(self.displacement * scale, self.relative_speed * scale, self.phase, self.trial)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transitions:
@@ -135,6 +140,18 @@ class Motion:
     def sticking(self) -> NDArray[np.bool_]:
         """Whether the lining sticks, shape (n,)."""
         return np.equal(self.phase, Phase.STICK)
+
+    def scaled(self, scale: float) -> Motion:
+        """The same motion with all speeds and displacements multiplied."""
+        return replace(
+            self,
+            displacement=self.displacement * scale,
+            velocity=self.velocity * scale,
+            acceleration=self.acceleration * scale,
+            relative_speed=self.relative_speed * scale,
+            start=self.start.scaled(scale),
+            final=self.final.scaled(scale),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,6 +235,8 @@ def integrate(
 ) -> Motion:
     """Follow the lining's motion through a drive.
 
+    Friction that depends on the load is that of the load at the begin, for the whole drive.
+
     Args:
         bearing: The bearing.
         drive: Speed and load; its span is that of the motion.
@@ -230,6 +249,14 @@ def integrate(
     Raises:
         PhysicsError: Sample times or accuracy break their rule, or numba was asked for and is missing.
     """
+    if bearing.lubrication is not None:
+        scale = float(bearing.lubrication.scale(float(drive.load[0])))
+        reference = Drive(drive.time, drive.speed / scale, drive.load / scale)
+        state = state.scaled(1.0 / scale)
+        motion = integrate(
+            as_measured(bearing), reference, state, times, accuracy=accuracy, compiled=compiled
+        )
+        return motion.scaled(scale)
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
     require_positive('accuracy', accuracy)

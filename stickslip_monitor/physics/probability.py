@@ -33,6 +33,7 @@ from stickslip_monitor.errors import PhysicsError, require_not_negative
 from stickslip_monitor.physics import averaging
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, FrictionLaw, Stretched, Stribeck, Tabulated
+from stickslip_monitor.physics.lubrication import as_measured
 
 QUANTILES = (0.05, 0.5, 0.95)
 """The quantiles of a boundary that are shown beside a probability."""
@@ -156,7 +157,8 @@ class Belief:
     """The distribution of a bearing's boundaries, as probabilities and quantiles.
 
     Speeds are magnitudes of the journal's surface speed [m/s]; loads are in N. A probability is 0
-    without load, and ``nan`` where the shaft is at rest or an input is not finite.
+    without load, and ``nan`` where the shaft is at rest or an input is not finite. All are of the reference
+    points of :mod:`.lubrication`: those of the bearing where friction depends on speed alone.
 
     Attributes:
         bearing: The one in the middle.
@@ -247,7 +249,14 @@ class Belief:
     @property
     def _total(self) -> FloatArray:
         """The covariance with what is uncertain of the measured speed and load."""
-        return np.asarray(self.covariance) + np.diag([self.speed**2, self.load**2])
+        return np.asarray(self.covariance) + np.diag([self.speed**2, 0.0]) + self._of_load
+
+    @property
+    def _of_load(self) -> FloatArray:
+        """What is uncertain of the measured load, which moves a reference point in speed and load."""
+        own = self.bearing.lubrication
+        g = 0.0 if own is None else own.load_exponent
+        return self.load**2 * np.outer([g, 1.0 - g], [g, 1.0 - g])
 
     def _tabulated(self) -> FloatArray:
         ln_v = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _COUNT)
@@ -255,7 +264,8 @@ class Belief:
         known = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
         parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *known])]
         folds, hopfs = (
-            _log_load(of, self.bearing, ln_v) for of in (averaging.fold_load, averaging.hopf_load)
+            _log_load(of, as_measured(self.bearing), ln_v)
+            for of in (averaging.fold_load, averaging.hopf_load)
         )
         way = self._along_fold(ln_v, folds) if self.calibrated else _along_speeds(self._total)
         parts += [_rows_of(self._total, way, ln_v, load).ravel() for load in (folds, hopfs)]
@@ -278,7 +288,8 @@ class Belief:
         reach = _REACH * math.sqrt(r)
         log_r = np.clip(mean * log_q + near[1] - fold(middle + log_q), -reach, reach)
         rest = max(of_u - mean * with_q, 0.0)
-        return _Way(log_r, log_q, rest + self.speed**2, self.load**2)
+        of_load = self._of_load
+        return _Way(log_r, log_q, rest + self.speed**2 + of_load[0, 0], of_load[1, 1])
 
 
 def _log_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> FloatArray:

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction at another load or water temperature than those at which it was measured.
+
+Friction of a lubricated bearing is a function of speed times viscosity over load (R. Stribeck, Z. VDI
+46, 1902; M. D. Hersey, J. Wash. Acad. Sci. 4, 1914). A law ``mu(v)`` measured at the load ``N0`` and the
+temperature ``T0`` is ``mu(v/s)`` elsewhere, with
+
+    ``s = (N/N0)^g eta(T0)/eta(T)``
+
+and an exponent ``g`` of the load: 0 where the load does not matter, 1 where all of it does. With
+``V = s V'``, ``N = s N'`` and ``x = s x'`` the equation of motion is that of the law as measured, at the
+*reference point* ``(V', N')``. So every speed and amplitude at ``(V, N)`` is ``s`` times that at
+``(V', N')``, and growth rates, periods, shares of sticking and multipliers are the same. The functions here
+take other functions of the room to such a point; a bearing without a :class:`Lubrication` does not pass here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache, wraps
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stickslip_monitor.arrays import FloatArray, mapped
+from stickslip_monitor.errors import PhysicsError, require_finite, require_positive
+from stickslip_monitor.physics.numerics import root_on_bracket
+
+SEA = 35.0
+"""Salinity of the oceans [g/kg]."""
+MIN_TEMPERATURE, MAX_TEMPERATURE = -2.0, 60.0
+"""Temperatures of water in a stern tube [C]: sea water freezes at the one; the formula holds to 180."""
+MAX_SALINITY = 100.0
+"""Salinity of no navigable water [g/kg]; the formula holds up to 150."""
+# Reference speeds between which the load of a boundary is sought [m/s]: no journal's surface is beyond, and
+# each of 40 rows an e-fold keeps two crossings apart that a table 1 % wide has.
+_SLOWEST, _FASTEST, _PER_E_FOLD = 1e-9, 1e4, 40
+# A surface speed that stands for rest where a load is sought: its logarithm is finite [m/s].
+_RESTING = 1e-6
+# The logarithm of a load beyond any number.
+_FAR = 700.0
+
+_Function = TypeVar('_Function', bound=Callable[..., Any])
+
+
+def viscosity(temperature: Any, salinity: float = SEA) -> Any:
+    """Dynamic viscosity of water [Pa s], to 1.5 %.
+
+    M. H. Sharqawy, J. H. Lienhard and S. M. Zubair, Desalination and Water Treatment 16, 2010, equations 22
+    and 23. Plain arithmetic, for numbers and arrays and for compiled loops.
+
+    Args:
+        temperature: Of the water [C].
+        salinity: Of the water [g/kg]; 0 for fresh water.
+
+    >>> f'{1e3 * viscosity(20.0, 0.0):.3f} {1e3 * viscosity(20.0):.3f} mPa s'
+    '1.002 1.077 mPa s'
+    """
+    t, s = temperature, 1e-3 * salinity
+    warm = t + 64.993
+    fresh = 4.2844e-5 + 1.0 / (0.157 * warm * warm - 91.296)
+    by_salt = 1.541 + 1.998e-2 * t - 9.52e-5 * t * t
+    by_square = 7.974 - 7.561e-2 * t + 4.724e-4 * t * t
+    return fresh * (1.0 + by_salt * s + by_square * s * s)
+
+
+@dataclass(frozen=True, slots=True)
+class Lubrication:
+    """The load and the water at which the friction of a bearing was measured, and the water of now.
+
+    Args:
+        load: ``N0`` > 0 [N]; of no matter without an exponent.
+        load_exponent: ``g``, 0 to 1.
+        temperature: ``T0`` of the water at the measurement [C]; ``nan`` where it is not known.
+        salinity: Of the water at the measurement [g/kg].
+        water_salinity: Of the water of now [g/kg].
+        viscosity_ratio: ``eta(T)/eta(T0)`` of the water of now.
+
+    Raises:
+        PhysicsError: A quantity breaks its rule.
+
+    >>> Lubrication(1000.0, 1.0, 15.0).scale(4000.0)
+    4.0
+    """
+
+    load: float = 1.0
+    load_exponent: float = 0.0
+    temperature: float = math.nan
+    salinity: float = SEA
+    water_salinity: float = SEA
+    viscosity_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_positive('friction.at_load', self.load, 'N')
+        require_finite('friction.load_exponent', self.load_exponent)
+        if not 0.0 <= self.load_exponent <= 1.0:
+            raise PhysicsError(f'friction.load_exponent = {self.load_exponent:g} must be from 0 to 1')
+        require_positive('viscosity_ratio', self.viscosity_ratio)
+
+    def ratio_at(self, temperature: Any) -> Any:
+        """``eta(T)/eta(T0)`` at a temperature of the water [C]; that of now where it is ``None``."""
+        if temperature is None:
+            return self.viscosity_ratio
+        return viscosity(temperature, self.water_salinity) / viscosity(self.temperature, self.salinity)
+
+    def at(self, temperature: float) -> Lubrication:
+        """The same measurement in water of another temperature [C]."""
+        return replace(self, viscosity_ratio=float(self.ratio_at(temperature)))
+
+    def scale(self, load: Any, temperature: Any = None) -> Any:
+        """``s`` at loads [N] and temperatures [C], the one of now by default; numbers or arrays."""
+        if isinstance(load, float) and not isinstance(temperature, np.ndarray):
+            return scale_at(self.load, self.load_exponent, float(self.ratio_at(temperature)), load)
+        n = np.asarray(load, dtype=float)
+        with np.errstate(all='ignore'):
+            relative = np.where(n > 0.0, n / self.load, 1.0)
+            return relative**self.load_exponent / self.ratio_at(temperature)
+
+
+def scale_at(at_load: float, exponent: float, viscosity_ratio: float, load: float) -> float:
+    """``s`` of one load [N], as :meth:`Lubrication.scale`; without a load that of ``N0``."""
+    if exponent == 0.0 or not load > 0.0:
+        return 1.0 / viscosity_ratio
+    scale: float = (load / at_load) ** exponent / viscosity_ratio
+    return scale
+
+
+class Lubricated(Protocol):
+    """A bearing, which is built on this module."""
+
+    @property
+    def lubrication(self) -> Lubrication | None:
+        """The load and the water at which friction was measured."""
+
+
+_Bearing = TypeVar('_Bearing', bound=Lubricated)
+
+
+def as_measured(bearing: _Bearing) -> _Bearing:
+    """The bearing whose friction is as measured at any load and temperature."""
+    if bearing.lubrication is None:
+        return bearing
+    own: Any = bearing
+    plain: _Bearing = _without(own)
+    return plain
+
+
+@lru_cache(maxsize=64)
+def _without(bearing: Any) -> Any:
+    return replace(bearing, lubrication=None)
+
+
+def gives_speed(function: _Function) -> _Function:
+    """Let ``function(bearing, load)``, a boundary [m/s], follow the lubrication."""
+
+    @wraps(function)
+    def scaled(bearing: Lubricated, load: ArrayLike, *args: Any, **kwargs: Any) -> Any:
+        if bearing.lubrication is None:
+            return function(bearing, load, *args, **kwargs)
+        return speed_over_load(bearing, lambda n: function(as_measured(bearing), n, *args, **kwargs), load)
+
+    return scaled  # type: ignore[return-value]
+
+
+def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: Any) -> Any:
+    """A boundary [m/s] at loads [N], of its function for friction as measured."""
+    if bearing.lubrication is None:
+        return boundary(load)
+    s = bearing.lubrication.scale(load)
+    with np.errstate(all='ignore'):
+        return s * boundary(np.asarray(load, float) / s if np.ndim(load) else float(load) / s)
+
+
+def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Function]:
+    """Let ``function(bearing, speed, load)`` follow the lubrication.
+
+    Args:
+        rescale: Makes the result at a point of that at its reference point, and of ``s``.
+    """
+
+    def decorate(function: _Function) -> _Function:
+        @wraps(function)
+        def scaled(bearing: Lubricated, speed: ArrayLike, load: ArrayLike, *args: Any, **kwargs: Any) -> Any:
+            if bearing.lubrication is None:
+                return function(bearing, speed, load, *args, **kwargs)
+            v, n, s = reference_point(bearing, speed, load)
+            return rescale(function(as_measured(bearing), v, n, *args, **kwargs), s)
+
+        return scaled  # type: ignore[return-value]
+
+    return decorate
+
+
+def reference_point(bearing: Lubricated, speed: Any, load: Any) -> tuple[Any, Any, Any]:
+    """``V/s``, ``N/s`` and ``s`` at speeds [m/s] and loads [N]."""
+    if bearing.lubrication is None:
+        return speed, load, 1.0
+    s = bearing.lubrication.scale(load if np.ndim(load) else float(load))
+    with np.errstate(all='ignore'):
+        return np.divide(speed, s), np.divide(load, s), s
+
+
+def gives_load(function: _Function) -> _Function:
+    """Let ``function(bearing, speed)``, the load of a boundary [N], follow the lubrication."""
+
+    @wraps(function)
+    def scaled(bearing: Lubricated, speed: ArrayLike) -> Any:
+        own = bearing.lubrication
+        if own is None:
+            return function(bearing, speed)
+        return load_over_speed(own, lambda v: function(as_measured(bearing), v), speed, own.viscosity_ratio)
+
+    return scaled  # type: ignore[return-value]
+
+
+def load_over_speed(
+    own: Lubrication, boundary: Callable[[FloatArray], Any], speed: ArrayLike, viscosity_ratio: ArrayLike
+) -> Any:
+    """The least load [N] at which a point lies within a boundary.
+
+    Args:
+        own: The lubrication.
+        boundary: The load [N] from which on a speed [m/s] is within it, for friction as measured.
+        speed: Surface speeds [m/s].
+        viscosity_ratio: ``eta(T)/eta(T0)`` at each.
+
+    Returns:
+        Shape of the broadcast inputs; ``nan`` where no load is.
+    """
+    g = own.load_exponent
+    if g == 0.0:
+        return mapped(lambda v, e: np.asarray(boundary(v * e)) / e, speed, viscosity_ratio)
+    size = math.ceil(math.log(_FASTEST / _SLOWEST) * _PER_E_FOLD)
+    grid = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), size)
+
+    def log_boundary(at: FloatArray) -> FloatArray:
+        with np.errstate(all='ignore'):
+            load = np.log(np.asarray(boundary(np.exp(at)), dtype=float))
+        return np.where(np.isnan(load), np.inf, load)
+
+    def within(at: FloatArray, log_load: FloatArray) -> FloatArray:
+        """By how much ``ln N'`` is above the boundary where the reference speed is ``exp(at)``."""
+        return log_load - (1.0 / g - 1.0) * at - np.clip(log_boundary(at), -_FAR, _FAR)
+
+    known = np.clip(log_boundary(grid), -_FAR, _FAR)
+
+    def loads(v: FloatArray, ratio: FloatArray) -> FloatArray:
+        # s = V/V', and N = N0 (s ratio)^(1/g): the faster the reference point, the less the load.
+        log_v = np.log(np.maximum(np.abs(v), _RESTING))
+        log_load = math.log(own.load) + np.log(ratio) / g + (1.0 / g - 1.0) * log_v
+        above = log_load[:, None] - (1.0 / g - 1.0) * grid - known > 0.0
+        last = size - 1 - np.argmax(above[:, ::-1], axis=1)
+        found = above.any(axis=1)
+        low, high = grid[last], grid[np.minimum(last + 1, size - 1)]
+        ends = within(low, log_load), within(high, log_load)
+        at = np.where(last == size - 1, high, root_on_bracket(within, low, high, ends, [log_load]))
+        load = own.load * np.exp((log_v - at + np.log(ratio)) / g)
+        load = np.where(last == size - 1, 0.0, load)  # whatever the load: nothing damps
+        return np.where(found, load, np.nan)
+
+    return mapped(loads, speed, viscosity_ratio)

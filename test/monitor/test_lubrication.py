@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction at its load and temperature, through the monitor: held against laws written out for them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from sending import configured
+
+from stickslip_monitor import Assessments, Stream, assess
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.physics.lubrication import viscosity
+
+RPM = math.pi * 0.1 / 60.0
+
+LOAD = 2500.0
+MEASURED = {'friction__at_load': 1000.0, 'friction__load_exponent': 0.8, 'friction__at_temperature': 15.0}
+HERE: dict[str, Any] = {**MEASURED, 'water_temperature__constant': 5.0}
+SCALE = (LOAD / 1000.0) ** 0.8 * viscosity(15.0) / viscosity(5.0)
+WRITTEN_OUT = {'friction__decay': 10.0 / SCALE}
+ALL = [
+    *('hopf_speed', 'fold_speed', 'exact_fold_speed', 'hopf_margin', 'fold_margin', 'exact_fold_margin'),
+    *('stability_margin', 'growth_rate', 'amplitude', 'threshold_amplitude', 'amplitude_exact', 'lower_end'),
+    *('stability_limit', 'fold_share', 'any_fold_margin'),
+]
+
+
+def _both(**changes: Any) -> list[Any]:
+    return [configured(**changes, **own).bearings[0] for own in (HERE, WRITTEN_OUT)]
+
+
+def _voyage() -> Stream:
+    """From 200 to 20 rpm and back at one load, an hour."""
+    seconds = np.arange(3600)
+    rpm = 110.0 + 90.0 * np.cos(2.0 * np.pi * seconds / 3600.0)
+    time = np.repeat(seconds * 10**9, 2)
+    values = np.column_stack([np.full(3600, LOAD), rpm]).ravel()
+    return Stream(time, np.tile([1, 0], 3600), values)
+
+
+@pytest.mark.parametrize('points', [10, 200])
+def test_every_number_of_an_assessment_is_of_the_law_written_out(points: int) -> None:
+    own, there = _both()
+    speed = np.linspace(5.0, 250.0, points) * RPM
+    found, expected = (assess(each.bearing, speed, LOAD) for each in (own, there))
+    assert found.regime.tolist() == expected.regime.tolist()
+    assert len(set(found.regime.tolist())) == 3
+    for name in ALL:
+        # The two boundaries' tables are of two laws, each right to 1e-7.
+        close = 1e-12 if points < 64 else 1e-6
+        both = (getattr(each, name) for each in (found, expected))
+        assert np.allclose(*both, rtol=close, atol=1e-300 + 1e-6 * (points > 64), equal_nan=True), name
+    single = assess(own.bearing, float(speed[3]), LOAD)
+    for name in ALL:
+        assert getattr(single, name) == pytest.approx(getattr(found, name)[3], rel=1e-6, nan_ok=True), name
+
+
+def test_loads_of_an_assessment_lie_on_the_boundaries() -> None:
+    bearing = configured(**HERE).bearings[0].bearing
+    speed = np.array([40.0, 90.0]) * RPM
+    point = assess(bearing, speed, LOAD)
+    assert np.allclose(assess(bearing, speed, point.fold_load).fold_margin, 0.0, atol=1e-12)
+    assert np.allclose(assess(bearing, speed, point.hopf_load).hopf_margin, 0.0, atol=1e-12)
+
+
+def test_temperatures_of_points_are_those_of_the_bearing() -> None:
+    bearing = configured(**HERE).bearings[0].bearing
+    speed, water = np.linspace(20.0, 150.0, 7) * RPM, np.linspace(0.0, 30.0, 7)
+    together = assess(bearing, speed, LOAD, temperature=water)
+    assert isinstance(together, Assessments)
+    for k in range(7):
+        alone = assess(bearing.at_temperature(float(water[k])), float(speed[k]), LOAD)
+        for name in (*ALL, 'hopf_load', 'fold_load'):
+            expected = getattr(alone, name)
+            assert getattr(together, name)[k] == pytest.approx(expected, rel=1e-11, nan_ok=True), name
+            assert getattr(together.at(k), name) == pytest.approx(expected, rel=1e-11, nan_ok=True), name
+
+
+def test_changes_of_condition_are_those_of_the_law_written_out() -> None:
+    for changes in ({}, {'tolerance__decay': 0.1, 'tolerance__damping': 0.2, 'tolerance__static': 0.05}):
+        scans = [
+            BearingScan(each, 0, long=long).finish(_voyage(), None)
+            for each, long in zip([*_both(**changes), _both(**changes)[0]], (False, False, True), strict=True)
+        ]
+        told = [[(e.time_ns, e.before, e.after, e.text) for e in scan.events] for scan in scans]
+        assert len(told[0]) > 4
+        assert told[0] == told[1] == told[2]
+        if changes:
+            assert np.allclose(scans[0].chances, scans[1].chances, atol=2e-3)
+
+
+def test_an_error_of_the_load_moves_speed_and_load_together() -> None:
+    """At g = 1 a boundary is in proportion to the load: its error is one of the speed."""
+    own = {**MEASURED, 'friction__load_exponent': 1.0, 'tolerance__load': 0.1}
+    by_load = configured(**own).bearings[0].belief
+    by_speed = configured(**MEASURED, tolerance__speed=0.1).bearings[0].belief
+    assert by_load is not None
+    assert by_speed is not None
+    for p in (0.05, 0.5, 0.95):
+        assert by_load.fold_speed(1000.0, p) == pytest.approx(by_speed.fold_speed(1000.0, p), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('given', 'text'),
+    [
+        ({'friction__load_exponent': 1.0}, "parameter 'aft.friction.at_load' is missing"),
+        ({'water_temperature__constant': 5.0}, "parameter 'aft.friction.at_temperature' is missing"),
+        ({'water_temperature__constant': 288.0}, 'must be a finite number not below -2 and not above 60 C'),
+        ({'friction__load_exponent': 2.0, 'friction__at_load': 1.0}, 'not above 1'),
+    ],
+)
+def test_what_is_missing_or_out_of_range_is_refused(given: dict[str, float], text: str) -> None:
+    with pytest.raises(ConfigurationError, match=text):
+        configured(**given)
+
+
+@pytest.mark.parametrize(
+    ('given', 'text'),
+    [
+        ({'friction__at_load': 1000.0}, 'without friction.load_exponent'),
+        ({'friction__at_temperature': 15.0}, 'without water_temperature.constant'),
+    ],
+)
+def test_what_has_no_effect_is_noted(given: dict[str, float], text: str) -> None:
+    (note,) = configured(**given).notes
+    assert text in note
+
+
+def test_the_water_may_be_fresh_where_friction_was_measured() -> None:
+    own = {**MEASURED, 'friction__at_salinity': 0.0, 'water_temperature__constant': 15.0}
+    lubrication = configured(**own).bearings[0].bearing.lubrication
+    assert lubrication is not None
+    expected = viscosity(15.0) / viscosity(15.0, 0.0)
+    assert math.isclose(lubrication.viscosity_ratio, expected, rel_tol=1e-15)
