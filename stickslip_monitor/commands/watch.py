@@ -161,15 +161,16 @@ class Feed:
         self.monitors = monitors
         self.sinks: list[Display] = [*monitors]
         self._heard = -SILENT
+        self._watches = False
 
     @property
     def there(self) -> bool:
-        """Whether data come from the monitor."""
-        return time.monotonic() - self._heard < SILENT
+        """Whether data come from a monitor that watches its bearings, which one that is inactive does not."""
+        return self._watches and time.monotonic() - self._heard < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:
         """The record of a bearing has come."""
-        self._heard = time.monotonic()
+        self._heard, self._watches = time.monotonic(), record.get('monitoring') is not False
         for sink in self.sinks:
             sink.take_record(record)
 

@@ -228,6 +228,10 @@ def _join(own: socket.socket, group: str) -> None:
         raise fault or OSError('no interface takes a multicast group')
 
 
+FIRST_BEAT = 5.0
+"""The first heartbeat waits so long for a record [s]: a node beside is discovered within one or two."""
+
+
 class NmeaClient:
     """Sentences in, alerts out.
 
@@ -245,6 +249,9 @@ class NmeaClient:
         self._ports: list[Port] = []
         self._out: Port | None = None
         self._listed = self._beaten = -math.inf
+        self._begun = math.inf
+        self._there: bool | None = None  # as the last heartbeat said
+        self._down: dict[str, bool] = {}  # whether a link was down when it was reported last
 
     async def start(self) -> None:
         """Open the ports.
@@ -265,10 +272,17 @@ class NmeaClient:
 
     def _port(self, role: str, address: str) -> Port:
         listens = role == 'listen'
-        on_link = partial(self._side.report_link, 'nmea_in' if listens else 'nmea_out')
+        on_link = partial(self._report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
         silent = SILENT if self._has_inputs and listens else math.inf
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
+
+    def _report_link(self, name: str, works: bool | None, why: str) -> None:
+        """Pass the state of a link on; one that has come up is sent list and heartbeat at the next tick."""
+        if works is not False and self._down.get(name, True):
+            self._listed = self._beaten = -math.inf
+        self._down[name] = works is False
+        self._side.report_link(name, works, why)
 
     async def run(self) -> None:
         """Keep the ports open until cancelled."""
@@ -289,12 +303,22 @@ class NmeaClient:
         if now - self._listed >= self._link.list_period:
             self._listed = now
             self._send(self._alerts.listing())
-        if now - self._beaten >= self._link.heartbeat:
-            self._beaten = now
+        self._begun = min(self._begun, now)
+        if self._is_beat_due(now, there):
+            self._beaten, self._there = now, there
             self._send([self._alerts.heartbeat(self._link.heartbeat, there)])
 
+    def _is_beat_due(self, now: float, there: bool) -> bool:
+        """Return whether a heartbeat is due: periodically, and as soon as what it says has changed.
+
+        The first one waits for the first record, which a monitor may need some time for.
+        """
+        if self._there is None and not there:
+            return now - self._begun >= FIRST_BEAT
+        return there is not self._there or now - self._beaten >= self._link.heartbeat
+
     async def finish(self) -> None:
-        """Say that we go."""
+        """Send the last heartbeat, which says that nobody watches."""
         self._send([self._alerts.heartbeat(self._link.heartbeat, False)])
         await asyncio.sleep(0)
 

@@ -13,6 +13,7 @@ import socket
 import termios
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -220,6 +221,40 @@ class Display:
 
         self.server = await asyncio.start_server(serve, '127.0.0.1', 0)
         return int(self.server.sockets[0].getsockname()[1])
+
+
+async def test_the_heartbeat_says_what_is_true_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr(nmea_client, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    sent: list[str] = []
+    side = MonitorSide(['aft'], print, print, lambda *state: None, logging.getLogger('test'))
+    client = NmeaClient(NmeaLink(alerts='udp://127.0.0.1:9', list_period=600.0), [], side)
+    monkeypatch.setattr(client, '_send', lambda lines: sent.extend(line for line in lines if 'HBT' in line))
+
+    def beats(*ticks: tuple[float, bool]) -> list[str]:
+        """The letters of the heartbeats, each at its time."""
+        found = []
+        for clock.now, there in ticks:
+            del sent[:]
+            client.tick(there)
+            found += [f'{clock.now:g} {line.split(",")[2]}' for line in sent]
+        return found
+
+    # Not the first tick, which comes before the first record; then every 60 s, and at each change.
+    assert beats((100.0, False), (100.5, False), (101.0, True), (150.0, True), (161.0, True)) == [
+        '101 A',
+        '161 A',
+    ]
+    assert beats((170.0, False), (170.5, False), (200.0, True), (200.5, True)) == ['170 V', '200 A']
+    # A display that is connected again need not wait.
+    client._report_link('nmea_out', False, 'closed')
+    client._report_link('nmea_out', True, '')
+    assert beats((201.0, True), (201.5, True)) == ['201 A']
+    silent = NmeaClient(NmeaLink(alerts='udp://127.0.0.1:9'), [], side)
+    monkeypatch.setattr(silent, '_send', lambda lines: sent.extend(line for line in lines if 'HBT' in line))
+    client = silent
+    # Nobody watches, from the start on.
+    assert beats((300.0, False), (304.5, False), (305.0, False), (306.0, False)) == ['305 V']
 
 
 async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.LogCaptureFixture) -> None:
