@@ -39,7 +39,6 @@ from stickslip_monitor.physics.friction import Stribeck
 SIGMAS = 4.0
 # The decision's constants: docs/rule.md, "Why these numbers".
 _DECAY, _HOLD, _FAST, _SLOW = 4.8, 6, 1.0, 4.0
-_FEW = 4
 _LADDER = ('normal', 'caution', 'bistable', 'stick_slip', 'amplitude_limit')
 
 FloatArray = NDArray[np.float64]
@@ -317,7 +316,7 @@ class _Rule:
             name: _shifted(own, speed_error, load_error) for name, own in boundaries(config).items()
         }
         self.speed_error = speed_error
-        on, off = (max(each * 1e-9, _FEW * period) for each in (alarm.on_delay_ns, alarm.off_delay_ns))
+        on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
         self.counters = [_Counter(0.0 if rung == 2 else on, off) for rung in range(4)]
         self.sticking = False
         self.grown = self.gone = self.rate = 0.0

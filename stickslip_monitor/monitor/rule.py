@@ -50,6 +50,8 @@ RUNGS = 5
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".
 LATE = 2.5
 """Gaps after which an input that is slower than its time-out is lost."""
+PAIRED = 10
+"""A gap that is shorter than the one before by more than this factor is within a pair of values."""
 NEAR = 10**9
 """A stamp is the time of its sample if it is older than the arrival by no more than this; an
 arrival that is before the input's last one by more shows that the clock was set back [ns]."""
@@ -59,8 +61,6 @@ LOAD_LAG = 4.0
 """Lag of the mean of the load by which probabilities go [s]."""
 HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
-FEW, SLOW = 4, 10**9
-"""A delay lasts for at least so many gaps of the speed, none taken for longer than this [ns]."""
 BORNE = 0.5
 """Share of an onset's growth that the medians of three values must bear out."""
 MEMORY = 300 * 10**9
@@ -219,7 +219,7 @@ def keep_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
 
     Beyond its time-out a pace slows down by and by: two drop-outs are no slow sensor.
     """
-    pace = min(gap, s.gap[place])
+    pace = s.gap[place] if PAIRED * gap < s.gap[place] else min(gap, s.gap[place])
     slower = max(int(LATE * s.pace[place]), c.timeout[place])
     s.pace[place] = min(pace, slower) if s.pace[place] > 0 else pace
     s.gap[place] = max(gap, s.gap[place] // 2)
@@ -290,7 +290,7 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
     grow(s, passed)
     for rung in range(RUNGS):
         s.count[rung] = max(0, s.count[rung] + (passed if s.asks & (1 << rung) else -passed))
-    if s.now - s.point - passed <= delay(s, c.off_delay):
+    if s.now - s.point - passed <= c.off_delay:
         return False
     s.known = s.sticking
     for place in range(LEVEL):
@@ -405,11 +405,11 @@ def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bo
         if starts and may_begin:
             # What is back before its alarm could clear is no new onset.
             raised = s.raised & (1 << STICK_SLIP)
-            s.onsets += int(not raised or s.count[STICK_SLIP] >= delay(s, c.off_delay))
+            s.onsets += int(not raised or s.count[STICK_SLIP] >= c.off_delay)
             s.sticking = s.known = 1
             s.dying = s.idle = s.heard = 0
     elif (s.course == BEYOND and (fresh or s.dying >= c.decay)) or (
-        s.course == IDLE and (fresh or s.idle >= delay(s, c.off_delay))
+        s.course == IDLE and (fresh or s.idle >= c.off_delay)
     ):
         s.sticking, s.growth, s.borne = 0, 0.0, 0.0
     if s.sticking and said == VIBRATING:
@@ -441,20 +441,15 @@ def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
             s.count[rung] = 0
             if not s.raised & bit:
                 s.cleared[rung] = s.now
-            elif s.cleared[rung] != NEVER and s.now - s.cleared[rung] >= delay(s, HOLD * c.off_delay):
+            elif s.cleared[rung] != NEVER and s.now - s.cleared[rung] >= HOLD * c.off_delay:
                 s.cleared[rung] = NEVER
 
 
 def due(s: State, c: RuleNumbers, rung: int) -> int:
     """The net time that changes a rung [ns]: growth is a delay of its own."""
     if s.raised & (1 << rung):
-        return delay(s, c.off_delay if s.cleared[rung] == NEVER else HOLD * c.off_delay)
-    return 0 if rung == STICK_SLIP and c.onset_growth > 0.0 else delay(s, c.on_delay)
-
-
-def delay(s: State, least: int) -> int:
-    """A delay that is configured [ns], longer where values come slowly."""
-    return max(int(least), FEW * min(s.pace[SPEED], SLOW))
+        return c.off_delay if s.cleared[rung] == NEVER else HOLD * c.off_delay
+    return 0 if rung == STICK_SLIP and c.onset_growth > 0.0 else c.on_delay
 
 
 def rung_of(s: State) -> int:

@@ -36,6 +36,8 @@ COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
 _CROWD, _CROWD_RATE = 100, 1e4
 """So many messages, or more, of which as many would come in a second, have wrong times."""
+_RHYTHM = 0.3
+"""From this share of the intervals on those beyond the limit are the rhythm: of triples each third is."""
 _STANDS = 10.0
 """A run of messages with one time that is so many times the usual one shows a clock that stands."""
 FASTEST = 30.0
@@ -68,7 +70,7 @@ class Gaps:
         # Messages, and times among their log times; the latest stamp and log time.
         self._messages = self._times = 0
         self._stamp_ns = self._log_ns = 0
-        self._regular = self._regular_ns = self._log_passed_ns = 0
+        self._regular = self._regular_ns = self._long_ns = self._log_passed_ns = 0
         self._run = self._longest_run = 0
         self.count = 0
         self.longest: list[Gap] = []
@@ -95,6 +97,7 @@ class Gaps:
         self.count += long.size
         self._regular += interval.size - long.size
         self._regular_ns += _passed(interval) - int(lasting_ns.sum())
+        self._long_ns += int(lasting_ns.sum())
         begins = stamp_ns[long + stamp_ns.size - interval.size] - lasting_ns
         order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
         found = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
@@ -110,9 +113,11 @@ class Gaps:
 
     @property
     def rate(self) -> float:
-        """Messages a second between the gaps [1/s]; nan for fewer than two."""
-        passed = float(self._regular_ns) * 1e-9
-        return self._regular / passed if passed > 0.0 else math.nan
+        """Messages a second, between the gaps where these are rare [1/s]; nan for fewer than two."""
+        count, passed_ns = self._regular, float(self._regular_ns)
+        if self.count >= _RHYTHM * (self._regular + self.count):
+            count, passed_ns = count + self.count, passed_ns + self._long_ns
+        return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
     def crowd(self, topic: str) -> str:
         """Why messages say nothing for want of time between their log times; '' where they have it."""

@@ -11,8 +11,9 @@ from shared import REFERENCE
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.signals import NO_VALUES, Status
+from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
@@ -177,7 +178,7 @@ def test_sensors_whose_clocks_differ_by_less_than_the_timeout_less_a_period_are_
             update = feed(monitor, time + shift, quantity, value)
             events += [brief(e) for e in update.events]
             verdicts.append(update.verdict)
-    assert [(before, after) for _, before, after in events] == [('normal', 'stick_slip')]
+    assert [after for _, _, after in events if after != 'bistable'] == ['stick_slip']
     assert all(verdict is not None for verdict in verdicts[1:])
     times = [v.time_ns for v in verdicts if v is not None]
     assert times == sorted(times)
@@ -217,8 +218,7 @@ def test_texts_of_milder_conditions_say_what_to_do() -> None:
     said = ' '.join(texts)
     assert 'Slowing towards stick-slip: stay above 50 rpm. Now 5' in said
     assert 'Near the stick-slip boundary. Clears above 50 rpm.' in said
-    # Four gaps of 1 s, as the speed comes slowly.
-    assert 'In the bistable range for less than 4 s: no alarm yet.' in said
+    assert 'In the bistable range for less than 2 s: no alarm yet.' in said
     last = 'Bistable: quiet so far, but a shock can start stick-slip. Raise speed above 50 rpm,'
     assert texts[-1].startswith(f'aft: {last} or stop the shaft. Now 36 rpm, 1 kN, 12 % below')
 
@@ -411,7 +411,7 @@ def test_no_sentence_says_normal_of_values_within_the_region() -> None:
     _point(monitor, 40, UNSTABLE)
     assert monitor.bearings['aft'].condition is Condition.NORMAL
     text = monitor.bearings['aft'].text()
-    assert text.startswith('aft: Near the stick-slip boundary for less than 4 s: no alarm yet. Now 20 rpm')
+    assert text.startswith('aft: Near the stick-slip boundary for less than 2 s: no alarm yet. Now 20 rpm')
 
 
 def test_the_limits_of_whole_numbers_mean_no_value() -> None:
@@ -419,3 +419,31 @@ def test_the_limits_of_whole_numbers_mean_no_value() -> None:
     whole = {2**15 - 1, -(2**15), 2**16 - 1, 2**31 - 1, -(2**31), 2**32 - 1}
     tenths = {(2**15 - 1) / 10, -(2**15) / 10, (2**16 - 2) / 10 + 0.1}
     assert {*NO_VALUES} >= whole | tenths | {(2**16 - 1) / 4, (2**16 - 2) / 4}
+
+
+@pytest.mark.parametrize('apart', [0.0, 0.001, 0.1])
+@pytest.mark.parametrize('copies', [2, 3])
+def test_values_in_pairs_are_not_lost(copies: int, apart: float) -> None:
+    # Minimum, mean and maximum of ten seconds: known until the next are late, as a single value is.
+    monitor = BearingMonitor(configured().bearing('aft'))
+    found = []
+    for k in range(1, 60):
+        for copy in range(copies):
+            for place, value in ((Input.SPEED, 80.0 + copy), (Input.LOAD, 1000.0 + copy)):
+                update = monitor.update(place, int((10.0 * k + apart * copy) * 1e9), value)
+                found += [(event.time_ns, event.after) for event in update.events]
+        found += [(event.time_ns, event.after) for event in monitor.advance(int((10.0 * k + 9.9) * 1e9))]
+    assert max((time_ns for time_ns, after in found if after is Condition.INPUT_STALE), default=0) < 40e9
+    assert monitor.condition is Condition.NORMAL
+    assert len(monitor.advance(int(630e9))) == 1
+
+
+def test_two_values_far_apart_are_no_pair() -> None:
+    # After one gap of 100 s the time-out is as it was: 5 s after the second value it is lost.
+    monitor = BearingMonitor(configured().bearing('aft'))
+    for second in (0, 100):
+        for place, value in ((Input.SPEED, 80.0), (Input.LOAD, 1000.0)):
+            monitor.update(place, second * 10**9, value)
+    timeout = monitor.config.speed.timeout_ns
+    (event,) = monitor.advance(200 * 10**9)
+    assert (event.time_ns, event.after) == (100 * 10**9 + timeout, Condition.INPUT_STALE)

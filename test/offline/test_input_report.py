@@ -46,6 +46,14 @@ def test_rate_and_gaps() -> None:
     assert found.rate == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize('copies', [1, 2, 3])
+def test_values_in_pairs_have_the_rate_of_their_times(copies: int) -> None:
+    # Minimum and maximum of ten seconds, 1 ms apart: a fifth of a value a second, not a thousand.
+    stamps = np.add.outer(np.arange(200) * 10 * NS, np.arange(copies) * NS // 1000).ravel()
+    rate = find_gaps(stamps.astype(np.int64), 5 * NS).rate
+    assert rate == pytest.approx(copies / 10, rel=0.02)
+
+
 def test_an_interval_of_just_the_limit_is_no_gap() -> None:
     assert find_gaps(np.array([0, 5, 10], np.int64) * NS, 5 * NS).count == 0
 
