@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import math
 import os
 import re
@@ -20,6 +21,7 @@ from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms import LIFE, AlarmState
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS, REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
+from stickslip_monitor.monitor.record_fields import BEARING, WARNING, RecordField, schema_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'configuration.md'
@@ -290,8 +292,46 @@ def run_tutorial(page: str, folder: Path) -> str:
         names['plt'].close()
 
 
+SCHEMAS: dict[str, tuple[tuple[RecordField, ...], tuple[str, ...]]] = {
+    'warning-2': (WARNING, ('properties',)),
+    'bearings-3': (BEARING, ('properties', 'bearings', 'items', 'properties')),
+}
+"""Of each schema that is made of the fields these, and where their properties stand in it."""
+
+
+def with_schema(text: str, own: tuple[RecordField, ...], place: tuple[str, ...]) -> str:
+    """The text of a schema with some fields; what it has beside them stays."""
+    at = place[:-1]
+    document = json.loads(text)
+    node = document
+    for name in at:
+        node = node[name]
+    made = schema_of(own, () if at else ('measured',))
+    old = node['properties']
+    more = {name: value for name, value in old.items() if name not in made['properties']}
+    head = {name: more.pop(name) for name in ('schema',) if name in more}
+    node['required'] = [*head, *made['required'], *more]
+    node['properties'] = head | made['properties'] | more
+    return _indented(document) + '\n'
+
+
+def _indented(value: Any, depth: int = 0) -> str:
+    """Return JSON with a line for each property that has objects, and one for each that has none."""
+    is_deep = isinstance(value, dict) and (
+        not depth or any(isinstance(item, dict) for item in value.values())
+    )
+    if not is_deep:
+        return json.dumps(value, ensure_ascii=False)
+    pad = ' ' * (depth + 1)
+    rows = [f'{pad}{json.dumps(name)}: {_indented(item, depth + 1)}' for name, item in value.items()]
+    return '{\n' + ',\n'.join(rows) + '\n' + ' ' * depth + '}'
+
+
 def main() -> int:
-    """Write the page, and the tables of the others."""
+    """Write the page, the tables of the others, and the schemas."""
+    for name, (own, place) in SCHEMAS.items():
+        path = ROOT / 'stickslip_monitor' / 'schemas' / f'{name}.json'
+        path.write_text(with_schema(path.read_text('utf-8'), own, place), 'utf-8')
     DESIGN.write_text(with_rooms(DESIGN.read_text(encoding='utf-8')), encoding='utf-8')
     with tempfile.TemporaryDirectory() as folder:
         TUTORIAL.write_text(run_tutorial(TUTORIAL.read_text('utf-8'), Path(folder)), 'utf-8')

@@ -10,7 +10,8 @@ import socket
 import struct
 import subprocess
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,6 +47,16 @@ LAWS = {
     'coulomb': Coulomb(0.3, 0.1),
     'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
     'two falls': Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]),
+}
+SCHEMAS = resources.files('stickslip_monitor') / 'schemas'
+KINDS: dict[str, tuple[type, ...]] = {
+    'string': (str,),
+    'integer': (int,),
+    'number': (int, float),
+    'boolean': (bool,),
+    'object': (dict,),
+    'array': (list,),
+    'null': (type(None),),
 }
 # Only a test that fails waits so long; a busy machine may need some of it.
 DEADLINE = 60.0
@@ -215,3 +226,31 @@ def luminance(colour: str) -> float:
     parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
     red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def wrong(schema: dict[str, Any], value: Any, path: str = '') -> Iterator[str]:
+    """Where a document breaks a schema, or has a field that the schema does not tell of."""
+    if 'const' in schema and value != schema['const']:
+        yield f'{path} = {value!r}'
+    if 'enum' in schema and value not in schema['enum']:
+        yield f'{path} = {value!r}'
+    kinds = schema.get('type', [])
+    allowed = [k for kind in ([kinds] if isinstance(kinds, str) else kinds) for k in KINDS[kind]]
+    if allowed and (type(value) not in allowed):
+        yield f'{path} is a {type(value).__name__}'
+    if isinstance(value, list):
+        for item in value:
+            yield from wrong(schema.get('items', {}), item, f'{path}[]')
+    if isinstance(value, dict):
+        own, more = schema.get('properties'), schema.get('additionalProperties', {})
+        yield from (f'{path} lacks {name}' for name in schema.get('required', ()) if name not in value)
+        for name, item in value.items():
+            if own is not None and name not in own:
+                yield f'{path} has {name}'
+            yield from wrong((own or {}).get(name, more), item, f'{path}.{name}')
+
+
+def complaints(name: str, document: Any) -> list[str]:
+    """What is wrong with a document by an installed schema."""
+    schema = json.loads((SCHEMAS / f'{name}.json').read_text('utf-8'))
+    return list(wrong(schema, json.loads(json.dumps(document, allow_nan=False))))

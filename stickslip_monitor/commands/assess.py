@@ -14,6 +14,7 @@ from typing import Any
 from rich.table import Table
 
 from stickslip_monitor.commands import options, output
+from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.configuration import asked
@@ -21,28 +22,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.verdict import warns
 
 SCHEMA = 'stickslip_monitor/assessment/1'
-_ROWS = (
-    ('surface speed', 'speed', 'm/s'),
-    ('shaft speed', 'speed', 'rpm'),
-    ('load', 'load', 'N'),
-    ('Hopf speed', 'hopf_speed', 'rpm'),
-    ('fold speed', 'fold_speed', 'rpm'),
-    ('Hopf margin', 'hopf_margin', '%'),
-    ('fold margin', 'fold_margin', '%'),
-    ('end of sticking (exact cycle)', 'exact_fold_speed', 'rpm'),
-    ('margin to the end of sticking', 'exact_fold_margin', '%'),
-    ('Hopf load', 'hopf_load', 'N'),
-    ('fold load', 'fold_load', 'N'),
-    ('growth rate', 'growth_rate', '1/s'),
-    ('stick-slip amplitude (KBM)', 'amplitude', 'mm'),
-    ('stick-slip amplitude (exact cycle)', 'amplitude_exact', 'mm'),
-    ('error of KBM in the amplitude', 'amplitude_error', '%'),
-    ('threshold amplitude (KBM)', 'threshold_amplitude', 'mm'),
-    ('probability that stick-slip can happen', 'probability_can', '%'),
-    ('probability that it starts by itself', 'probability_will', '%'),
-    ('fold margin, 5 % quantile', 'fold_margin_low', '%'),
-    ('fold margin, 95 % quantile', 'fold_margin_high', '%'),
-)
+_ROWS = [(title, item.name, unit) for item in record_fields.ASSESSED for title, unit in item.shown]
 _NAMES = [name for _, name, _ in _ROWS]
 
 

@@ -16,30 +16,13 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from stickslip_monitor.dashboard.seen_monitors import NOT_MONITORING, DashboardState, WatchedMonitor
+from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.alarms import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 
-GAUGES = {
-    'rpm': ('shaft_speed_rpm', 'Speed of the shaft in revolutions a minute, negative astern.'),
-    'speed': ('speed_meters_per_second', 'Surface speed of the journal, negative astern.'),
-    'load': ('load_newtons', 'Load of the bearing.'),
-    'hopf_speed': ('hopf_speed_meters_per_second', 'Hopf speed of the surface at this load.'),
-    'fold_speed': ('fold_speed_meters_per_second', 'Fold speed of the surface at this load.'),
-    'hopf_margin': ('hopf_margin_ratio', 'Margin to the Hopf speed, negative inside.'),
-    'fold_margin': ('fold_margin_ratio', 'Margin to the fold, negative inside.'),
-    'growth_rate': ('growth_rate_hertz', 'Growth rate of a small disturbance (1/s).'),
-    'amplitude': ('amplitude_meters', 'Amplitude of the stick-slip cycle by averaging (KBM); 0 without one.'),
-    'amplitude_exact': ('exact_amplitude_meters', 'Amplitude of the exact stick-slip cycle; 0 without one.'),
-    'threshold_amplitude': (
-        'threshold_amplitude_meters',
-        'In the bistable range a larger disturbance starts stick-slip.',
-    ),
-    'probability_can': ('can_probability_ratio', 'Probability that stick-slip can happen.'),
-    'probability_will': ('will_probability_ratio', 'Probability that it starts by itself.'),
-    'probability_runs': ('runs_probability_ratio', 'Probability that stick-slip runs.'),
-}
+GAUGES = {item.name: (item.metric, item.help) for item in record_fields.BEARING if item.metric}
 """Of each number of an operating point its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'
 _UP = 'Whether the monitor, every bearing and its list of alarms send data (1) or not (0).'

@@ -15,9 +15,11 @@ from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
+from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
+from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'signal k'
@@ -142,12 +144,7 @@ def _number(value: object) -> float:
         return math.nan
 
 
-VALUES = {
-    'foldMargin': ('fold_margin', 'ratio', 'Margin to the fold; negative inside.'),
-    'hopfMargin': ('hopf_margin', 'ratio', 'Margin to the Hopf boundary; negative inside.'),
-    'stickSlipAmplitude': ('amplitude_exact', 'm', 'Predicted amplitude of stick-slip.'),
-    'load': ('load', 'N', 'Load of the bearing.'),
-}
+VALUES = {item.path: (item.name, item.path_unit, item.help) for item in record_fields.NUMBERS if item.path}
 """Of each value its name in the record of a bearing, its unit, and what it is."""
 REGIME = 'regime'
 MONITOR = 'monitor'
@@ -173,10 +170,10 @@ class SignalKValues:
     def values(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
         """The values of a bearing; null where its inputs are lost, or with no record at all."""
         known = record if record is not None and record['reason'] != 'input_stale' else {}
+        none = WITHOUT_CYCLE if known.get(REGIME) else {}
         numbers = {name: known.get(VALUES[name][0]) for name in self._names(bearing)}
+        numbers = {name: none.get(VALUES[name][0]) if n is None else n for name, n in numbers.items()}
         numbers[REGIME] = known.get(REGIME)
-        if numbers[REGIME] is not None and numbers['stickSlipAmplitude'] is None:
-            numbers['stickSlipAmplitude'] = 0.0
         values = [{'path': self._at(bearing, name), 'value': n} for name, n in numbers.items()]
         return {'$source': SOURCE, 'values': values}
 

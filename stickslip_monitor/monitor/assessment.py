@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks, mapped, restore
+from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.severity import WordEnum
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
@@ -79,7 +80,7 @@ _REGIME_CODES = np.array([REGIMES.index(outcome.regime) for outcome in OUTCOMES]
 NO_CYCLE, BISTABLE, STICK_SLIP, NO_BOUNDARY, NO_CONTACT, AT_REST, NOT_FINITE, BELOW = map(
     np.int8, range(len(OUTCOMES))
 )
-BELIEFS = ('probability_can', 'probability_will', 'probability_runs', 'fold_margin_low', 'fold_margin_high')
+BELIEFS = tuple(item.name for item in record_fields.NUMBERS if item.needs == record_fields.BELIEF)
 """What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import plural
-from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, Assessments
+from stickslip_monitor.monitor import record_fields
+from stickslip_monitor.monitor.assessment import Assessment, Assessments
 from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig
@@ -24,26 +25,9 @@ from stickslip_monitor.monitor.verdict import Event, Verdict
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/2'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/3'
-POINT_NUMBERS = (
-    'speed',
-    'load',
-    'hopf_speed',
-    'fold_speed',
-    'hopf_margin',
-    'fold_margin',
-    'exact_fold_speed',
-    'exact_fold_margin',
-    'growth_rate',
-    'amplitude',
-    'amplitude_exact',
-    'amplitude_error',
-    'threshold_amplitude',
-    *BELIEFS,
-)
+POINT_NUMBERS = tuple(item.name for item in record_fields.NUMBERS)
 """The numbers of an operating point in every record, in SI units."""
-VERDICT_NUMBERS = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
-"""The numbers of a verdict that have a topic of their own, by the topic's last part."""
-WITHOUT_CYCLE = {'amplitude': 0.0, 'amplitude_exact': 0.0}
+WITHOUT_CYCLE = {item.name: 0.0 for item in record_fields.NUMBERS if item.is_zero_without_cycle}
 """What topics and metrics say at a point where no cycle exists."""
 
 
@@ -55,22 +39,33 @@ def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str
     topics: dict[str, str] = {}
     for bearing in bearings:
         own = f'{node}/{bearing.name}'
-        topics |= {f'{own}/{name}': 'std_msgs/msg/Float64' for name in topic_numbers(bearing)}
-        topics |= {f'{own}/{name}': 'std_msgs/msg/String' for name in topic_words(bearing)}
+        topics |= {f'{own}/{name}': record_fields.FLOAT64 for name in topic_numbers(bearing)}
+        topics |= {f'{own}/{name}': record_fields.STRING for name in topic_words(bearing)}
     return topics | {
-        f'{node}/warnings': 'std_msgs/msg/String',
+        f'{node}/warnings': record_fields.STRING,
         '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
     }
 
 
 def topic_numbers(bearing: BearingConfig) -> tuple[str, ...]:
-    """The numbers that have a topic of their own, by the topic's last part."""
-    return VERDICT_NUMBERS if bearing.belief is None else (*VERDICT_NUMBERS, *BELIEFS)
+    """Return the numbers that have a topic of their own, by the topic's last part; amplitudes come first."""
+    own = _with_topic(bearing, record_fields.FLOAT64)
+    return tuple(sorted(own, key=lambda name: name not in WITHOUT_CYCLE))
 
 
 def topic_words(bearing: BearingConfig) -> tuple[str, ...]:
-    """The words that have a topic of their own, by the topic's last part."""
-    return ('regime',) if bearing.level is None else ('regime', 'measured')
+    """Return the words that have a topic of their own, by the topic's last part."""
+    return tuple(_with_topic(bearing, record_fields.STRING))
+
+
+def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
+    """Yield the names of the fields of a bearing that have a topic of that message type."""
+    has = {
+        '': True,
+        record_fields.BELIEF: bearing.belief is not None,
+        record_fields.LEVEL: bearing.level is not None,
+    }
+    return (item.name for item in record_fields.BEARING if item.topic == kind and has[item.needs])
 
 
 def verdict_value(name: str, verdict: Verdict) -> float | str:
@@ -101,7 +96,7 @@ def number(value: float) -> float | None:
 def point_record(point: Assessment | None) -> dict[str, Any]:
     """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
     if point is None:
-        return dict.fromkeys(('regime', 'outcome', *POINT_NUMBERS))
+        return dict.fromkeys(item.name for item in record_fields.POINT)
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
@@ -137,26 +132,6 @@ def event_json(event: Event) -> str:
     return json.dumps(event_record(event), allow_nan=False)
 
 
-KEYS = {
-    'sticking': 'stick-slip predicted',
-    'speed': 'speed [m/s]',
-    'rpm': 'shaft speed [rpm]',
-    'load': 'load [N]',
-    'hopf_speed': 'hopf speed [m/s]',
-    'fold_speed': 'fold speed [m/s]',
-    'growth_rate': 'growth rate [1/s]',
-    'growth': 'growth [e-folds]',
-    'amplitude': 'amplitude [m]',
-    'amplitude_exact': 'amplitude of the exact cycle [m]',
-    'amplitude_error': 'error of the amplitude',
-    'threshold_amplitude': 'threshold amplitude [m]',
-    'clears_in': 'clears in [s]',
-    'raised': 'raised lately',
-    'unmeasured': 'measured unknown',
-    'unseen': 'predicted but not measured for [s]',
-}
-"""The keys of a diagnostic status by the names in a record; others are those names in words."""
-_OF_POINT = ('regime', 'outcome', 'hopf_margin', 'fold_margin', *tuple(KEYS)[:-2])
 WAITING = 'Waiting for the first speed and load.'
 UNRELIABLE = 'No verdict can be relied on.'
 
@@ -271,12 +246,18 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
 
     One number a key, with its unit in the key.
     """
-    bearing, record, shown = state.bearing, bearing_record(state), ['reason']
-    if state.point is not None:
-        shown += _OF_POINT if bearing.config.belief is None else (*_OF_POINT, *BELIEFS)
-    if record['measured'] is not None:
-        shown += 'measured', 'unmeasured', 'unseen'
-    values = {KEYS.get(name, name.replace('_', ' ')): record[name] for name in shown}
+    bearing, record = state.bearing, bearing_record(state)
+    is_known = state.point is not None
+    has = {
+        '': is_known,
+        record_fields.BELIEF: is_known and bearing.config.belief is not None,
+        record_fields.LEVEL: record['measured'] is not None,
+    }
+    values = {
+        item.key: record[item.name]
+        for item in record_fields.BEARING
+        if item.key and (has[item.needs] or item.name == 'reason')
+    }
     values |= {f'{name} age [s]': age for name, age in bearing.lost().items()}
     values |= {f'{name} fault': text for name, text in state.faults.items()}
     for name, own in record['inputs'].items():
