@@ -26,6 +26,7 @@ GAUGES = {item.name: (item.metric, item.help) for item in record_fields.BEARING 
 """Of each number of an operating point its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'
 _UP = 'Whether the monitor, every bearing and its list of alarms send data (1) or not (0).'
+_TO_REACH = 'Speed that the bearing needs by the order of its text, negative astern.'
 _SPACE = ['namespace']
 _BEARING = ['namespace', 'bearing']
 _CONDITIONS = ('waiting', 'unreliable', NOT_MONITORING, *(condition.value for condition in Condition))
@@ -97,6 +98,8 @@ def _bearings(known: _Known) -> Iterator[Metric]:
         none = WITHOUT_CYCLE.get(key)
         values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
         yield _family(name, text, _BEARING, values)
+    orders = [((*n, r['order']), r['speed_to_reach']) for n, r in known if r['order'] is not None]
+    yield _family('speed_to_reach_rpm', _TO_REACH, [*_BEARING, 'order'], orders)
     for name, text, held in (
         ('predicted', 'Whether stick-slip is predicted now; one that is only held is not.', False),
         ('held', 'Whether the condition is over, and held for its off-delay.', True),

@@ -109,7 +109,8 @@ _RECORD = {
     'time': _time,
     'sticking': _may(bool),
     'held_until': _milliseconds,
-    **dict.fromkeys(('regime', 'measured', 'unmeasured'), _may(str)),
+    **dict.fromkeys(('regime', 'measured', 'unmeasured', 'order'), _may(str)),
+    'speed_to_reach': _finite,
     **dict.fromkeys(NUMBERS, _finite),
     'inputs': _inputs,
 }

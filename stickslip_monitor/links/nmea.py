@@ -45,8 +45,10 @@ _TITLES = {
     AlarmKind.VIBRATION: 'VIBRATION',
 }
 _TEXT = 48
-_ORDER = re.compile(r'above ([\d.]+ rpm(?: astern)?).* Now (\S+ rpm)[^,]*, (\S+ kN)')
+_ORDER = re.compile(r'(\w+) above ([\d.]+ rpm(?: astern)?).* Now (\S+ rpm)[^,]*, (\S+ kN)')
 """What to do and where the bearing is, in the text of an alarm."""
+_ORDERS = {'speed': 'ABOVE {} OR STOP', 'stay': 'STAY ABOVE {}', 'Clears': 'CLEARS ABOVE {}'}
+"""The orders by their last word before the speed: no display has room for all of the text."""
 _PRIORITIES = {Priority.ALARM: 'A', Priority.WARNING: 'W', Priority.CAUTION: 'C'}
 _LETTERS = {
     AlarmState.UNACKNOWLEDGED.value: 'V',
@@ -314,8 +316,8 @@ class Alerts:
 
 def _text(text: str) -> str:
     """What to do and where the bearing is; of other alarms as much of their text as fits."""
-    if order := _ORDER.search(text):
-        return 'ABOVE {} OR STOP. NOW {} {}'.format(*order.groups())
+    if (order := _ORDER.search(text)) and (words := _ORDERS.get(order[1])):
+        return f'{words.format(order[2])}. NOW {order[3]} {order[4]}'
     return text.partition(': ')[2] or text
 
 

@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severity, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.verdict import Event, Verdict, order
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/2'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/3'
@@ -205,6 +205,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     time_ns, lost = bearing.now_ns or 0, bearing.lost()
     clears = None if point is None or lost else bearing.clears
     rpm = None if point is None else bearing.config.bearing.speed.from_surface(point.speed, 'rpm')
+    given = order(bearing) if monitoring and not lost else None
     measured = bearing.measured if monitoring else None
     unknown = bearing.unknown if monitoring else None
     return {
@@ -220,6 +221,8 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
         'held_until': None if clears is None else time_ns + round(clears * 1e9),
         'raised': bearing.raised_lately,
         'rpm': None if rpm is None else float(rpm),
+        'order': None if given is None else given.kind.value,
+        'speed_to_reach': None if given is None else given.rpm,
         **point_record(point),
         'measured': None if measured is None else measured.value,
         'unmeasured': '' if unknown is None else unknown.sentence,

@@ -324,6 +324,14 @@ BEARING = (
         key='shaft speed [rpm]',
         metric='shaft_speed_rpm',
     ),
+    RecordField(
+        'order',
+        'what the text asks for: raise_speed, stay_above or clears_above; null where it asks for nothing',
+        kinds='string null',
+    ),
+    RecordField(
+        'speed_to_reach', 'the speed of that order, rounded up as in the text; negative astern', 'rpm'
+    ),
     *POINT,
     _MEASURED._replace(kinds='string null'),
     RecordField(

@@ -15,7 +15,15 @@ from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, RuleSettings, State
-from stickslip_monitor.monitor.severity import CONDITIONS, LADDER, MEASURED, Condition, Measured, Unknown
+from stickslip_monitor.monitor.severity import (
+    CONDITIONS,
+    LADDER,
+    MEASURED,
+    Condition,
+    Measured,
+    Unknown,
+    WordEnum,
+)
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_over
 from stickslip_monitor.physics.cycles import exact_amplitude
@@ -223,7 +231,8 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
         return f'{config.name}: {_lost_text(config, lost)}'
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
-    what = _what(b, point)
+    given = order(b)
+    what = _what(b, point, given)
     if before is Condition.INPUT_STALE:
         what = f'Speed and load are back. {what}'
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
@@ -231,7 +240,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     assumed = ' (assumed)' if config.load.is_assumed else ''
     load = f'{rounded(point.load / 1e3)} kN{assumed}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
-    text = f'{config.name}: {what}{_way_out(b, point)} Now {at}'
+    text = f'{config.name}: {what}{_way_out(given)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
     if point.outcome is Outcome.BELOW:
@@ -255,7 +264,7 @@ _OVER = {
 }
 
 
-def _what(b: Standing, point: Assessment) -> str:
+def _what(b: Standing, point: Assessment, given: Order | None) -> str:
     """What the alarm says, and what is about to change."""
     condition, clears = b.condition, b.clears
     if clears is not None:
@@ -263,8 +272,7 @@ def _what(b: Standing, point: Assessment) -> str:
         return f'{_OVER[condition]}: {condition} clears in {about(max(clears, 1.0))}.{held}'
     if point.outcome is Outcome.AT_REST and condition is Condition.BISTABLE and not b.sticking:
         return 'The shaft is at rest: bistable is about to clear.'
-    starting = point.outcome is Outcome.STICK_SLIP and not b.sticking
-    if starting and condition is not Condition.NORMAL:
+    if _is_starting(b, point):
         return 'Steady sliding is unstable: stick-slip is starting.'
     if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
@@ -274,8 +282,8 @@ def _what(b: Standing, point: Assessment) -> str:
         delay = rule.due(b.state, b.settings.live, asked - 1) * 1e-9
         near = LADDER[asked].sentence.rstrip('.').partition(':')[0]
         return f'{near} for less than {delay:.3g} s: no alarm yet.'
-    if condition is Condition.CAUTION and abs(point.speed) > (clear := _clear_speed(b, point)):
-        return f'Slowing towards stick-slip: stay above {_goal(b.config, point, clear)}.'
+    if given is not None and given.kind is OrderKind.STAY_ABOVE:
+        return f'Slowing towards stick-slip: stay above {given.goal}.'
     return _bistable_text(b) if condition is Condition.BISTABLE else condition.sentence
 
 
@@ -362,26 +370,64 @@ def about(seconds: float) -> str:
     return f'{seconds / 3600.0:.1f} h' if seconds < 172_800.0 else f'{seconds / 86_400.0:.0f} days'
 
 
-def _goal(config: BearingConfig, point: Assessment, speed: float) -> str:
-    """A speed to reach, as an order is given: rounded up to whole rpm, below 10 rpm to tenths."""
-    rpm = abs(float(config.bearing.speed.from_surface(speed, 'rpm')))
-    step = 1.0 if rpm >= 10.0 else 0.1
-    return f'{math.ceil(rpm / step) * step:.6g} rpm' + (' astern' if point.speed < 0.0 else '')
+class OrderKind(WordEnum):
+    """What a person can do about the condition of a bearing."""
+
+    RAISE_SPEED = 'raise_speed'
+    STAY_ABOVE = 'stay_above'
+    CLEARS_ABOVE = 'clears_above'
 
 
-def _way_out(b: Standing, point: Assessment) -> str:
-    """What leads out of the condition, and clear of caution."""
-    if b.asked > b.rung or b.condition in (Condition.NORMAL, Condition.VIBRATION):
-        # The text is about what is not raised yet, or of what no speed ends.
-        return ''
+@dataclass(frozen=True, slots=True)
+class Order:
+    """The order that every way to a person gives: page, Signal K, NMEA and pager."""
+
+    kind: OrderKind
+    rpm: float  # the speed to reach, as it is given; negative astern
+
+    @property
+    def goal(self) -> str:
+        """The speed to reach, for a person."""
+        return f'{abs(self.rpm):.6g} rpm' + (' astern' if self.rpm < 0.0 else '')
+
+
+def _is_starting(b: Standing, point: Assessment) -> bool:
+    """Return whether stick-slip is about to start while a milder condition stands."""
+    return point.outcome is Outcome.STICK_SLIP and not b.sticking and b.condition is not Condition.NORMAL
+
+
+def order(b: Standing) -> Order | None:
+    """Return what leads out of the condition, and clear of caution; ``None`` where no order is given."""
+    point, condition = b.assessment, b.condition
+    if point is None or condition in (Condition.NORMAL, Condition.INPUT_STALE):
+        return None
+    is_starting = _is_starting(b, point)
+    # Otherwise the text is about what is not raised yet, or of what no speed ends.
+    if not is_starting and (b.asked > b.rung or condition is Condition.VIBRATION):
+        return None
     clear = _clear_speed(b, point)
-    ended = point.outcome in (Outcome.BELOW, Outcome.AT_REST)
-    if ended or not abs(point.speed) < clear < math.inf:
+    if point.outcome in (Outcome.BELOW, Outcome.AT_REST) or not math.isfinite(clear):
+        return None
+    if abs(point.speed) < clear:
+        is_mild = condition is Condition.CAUTION and not is_starting
+        kind = OrderKind.CLEARS_ABOVE if is_mild else OrderKind.RAISE_SPEED
+    elif abs(point.speed) > clear and condition is Condition.CAUTION and b.clears is None:
+        kind = OrderKind.STAY_ABOVE
+    else:
+        return None
+    # As an order is given: rounded up to whole rpm, below 10 rpm to tenths.
+    rpm = abs(float(b.config.bearing.speed.from_surface(clear, 'rpm')))
+    step = 1.0 if rpm >= 10.0 else 0.1
+    return Order(kind, math.copysign(math.ceil(rpm / step) * step, point.speed))
+
+
+def _way_out(given: Order | None) -> str:
+    """Return the order as a sentence behind what the condition says."""
+    if given is None or given.kind is OrderKind.STAY_ABOVE:
         return ''
-    goal = _goal(b.config, point, clear)
-    if b.condition is Condition.CAUTION:
-        return f' Clears above {goal}.'
-    return f' Raise speed above {goal}, or stop the shaft.'
+    if given.kind is OrderKind.CLEARS_ABOVE:
+        return f' Clears above {given.goal}.'
+    return f' Raise speed above {given.goal}, or stop the shaft.'
 
 
 def _clear_speed(b: Standing, point: Assessment) -> float:

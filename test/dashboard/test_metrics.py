@@ -75,6 +75,8 @@ def test_the_figures_are_those_of_the_bearing(dashboard: Any) -> None:
     }.items():
         assert of(found, name, **bearing) == pytest.approx(value, rel=1e-8)
     assert ('stickslip_threshold_amplitude_meters', frozenset(bearing.items())) not in found
+    # The fold of 40.7231 rpm with margin and hysteresis of the file, 1.12, rounded up: as the text says.
+    assert of(found, 'speed_to_reach_rpm', **bearing, order='raise_speed') == 46.0
     assert of(found, 'predicted', **bearing) == 1.0
     assert of(found, 'samples_total', **bearing, input='load', status='accepted') == 5.0
     assert 0.0 <= of(found, 'sample_age_seconds', **bearing, input='load') < 30.0

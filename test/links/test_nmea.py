@@ -180,7 +180,9 @@ def test_the_text_of_an_alert_says_what_to_do(rpm: float, kind: AlarmKind) -> No
     alarms = ship.config.bearings[0].alarm
     clear = math.ceil(40.7231 * (1.0 + alarms.caution_margin + alarms.hysteresis))
     assert f'above {clear} rpm' in alarm['text']
-    expected = f'ABOVE {clear} RPM{astern} OR STOP. NOW {abs(rpm):.0f} RPM 1 KN'
+    goal = f'ABOVE {clear} RPM{astern}'
+    order = f'CLEARS {goal}' if kind is AlarmKind.MARGIN_LOW else f'{goal} OR STOP'
+    expected = f'{order}. NOW {abs(rpm):.0f} RPM 1 KN'
     assert parse(lines[1])[2][-1] == expected
     assert len(expected) <= 48
 

@@ -14,6 +14,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
+from stickslip_monitor.monitor.verdict import Order, OrderKind, order
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
@@ -221,6 +222,35 @@ def test_texts_of_milder_conditions_say_what_to_do() -> None:
     assert 'In the bistable range for less than 2 s: no alarm yet.' in said
     last = 'Bistable: quiet so far, but a shock can start stick-slip. Raise speed above 50 rpm,'
     assert texts[-1].startswith(f'aft: {last} or stop the shaft. Now 36 rpm, 1 kN, 12 % below')
+
+
+def test_a_mild_condition_gives_the_order_of_the_worse_that_is_starting() -> None:
+    """From near the boundary straight into the unstable range, of which the delay is still running."""
+    monitor = Monitor(configured(alarm__on_delay=4.0))
+    for time in range(12):
+        _point(monitor, time, 45.0)  # 1.1 times the fold: margin low
+    _point(monitor, 12.5, UNSTABLE)
+    bearing = monitor.bearings['aft']
+    assert bearing.condition is Condition.CAUTION
+    begin = 'aft: Steady sliding is unstable: stick-slip is starting.'
+    assert bearing.text().startswith(f'{begin} Raise speed above 50 rpm, or stop the shaft.')
+    assert order(bearing) == Order(OrderKind.RAISE_SPEED, 50.0)
+
+
+@pytest.mark.parametrize(('sign', 'astern'), [(1.0, ''), (-1.0, ' astern')])
+def test_the_order_is_that_of_the_text(sign: float, astern: str) -> None:
+    """Caution clears above 1.22 times the fold of 40.723 rpm: 49.7, and so 50 rpm."""
+    monitor, found = Monitor(configured(load__timeout=600.0)), set()
+    phrases = {'raise_speed': 'Raise speed above', 'stay_above': 'stay above', 'clears_above': 'Clears above'}
+    for time in range(80):
+        _point(monitor, time, sign * max(80.0 - time, 36.0))
+        text, given = monitor.bearings['aft'].text(), order(monitor.bearings['aft'])
+        assert (given is None) == (' above 50 rpm' not in text)
+        if given is not None:
+            found.add(given.kind.value)
+            assert f'{phrases[given.kind.value]} 50 rpm{astern}' in text
+            assert given.rpm == sign * 50.0
+    assert found == set(phrases)
 
 
 def test_retune_keeps_the_state() -> None:
