@@ -9,7 +9,7 @@ import pytest
 from shared import Stickslip, png_size
 
 from stickslip_monitor.commands import accuracy
-from stickslip_monitor.lab.accuracy import Effort, read_rows
+from stickslip_monitor.lab.accuracy import Effort, Row, read_rows
 
 STORED = str(Path(__file__).parents[2] / 'docs' / 'accuracy.csv')
 
@@ -60,6 +60,14 @@ def test_the_picture(tmp_path: Path, stickslip: Stickslip) -> None:
     out = tmp_path / 'a.png'
     assert stickslip('accuracy', '--from', STORED, '--picture', out).code == 0
     assert png_size(out) == (2400, 1440)
+
+
+@pytest.mark.parametrize(
+    ('error', 'text'), [(0.0, '0'), (-0.0, '0'), (3.2e-5, '3e-5'), (-0.4, '4e-1'), (20.0, '2e1')]
+)
+def test_errors_in_a_table(error: float, text: str) -> None:
+    row = Row('KBM', 'averaging', 'a', 1.0, error, 'cycle', 3, 1, 1.0, 5, disturbed=False)
+    assert accuracy.error_text(row) == text
 
 
 def test_times_in_words() -> None:

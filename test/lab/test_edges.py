@@ -67,6 +67,16 @@ def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
         assert [one.began for one in found.passages] == [True]
 
 
+@pytest.mark.parametrize(('tolerance', 'deviation'), [(2.0, 2.0), (8.0, 4.0)])
+def test_half_of_a_wide_tolerance_is_a_deviation(tolerance: float, deviation: float) -> None:
+    """At V, rising by r a second, half of ln((V + r s)/(V - r s)) is atanh(r s/V)."""
+    one = passage(level=False)
+    given = tuple(replace(report, tolerance=tolerance) for report in one.reports)
+    (end,) = edges_of([(one.courses[0], given)], REFERENCE).seen
+    expected = math.atanh(0.2 * deviation * RPM / end.middle[0])
+    assert end.timing == pytest.approx(expected, rel=0.02)
+
+
 def test_an_onset_is_worth_no_more_than_the_vibration_behind_it() -> None:
     one = passage(level=False)
     before, loud, after = one.reports

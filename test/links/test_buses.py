@@ -134,6 +134,22 @@ def test_one_sentence_for_whatever_breaks_a_rule(
 
 
 @pytest.mark.parametrize(
+    ('host', 'is_safe'),
+    [
+        *((host, True) for host in ('[::1]', '127.0.0.1', '127.8.9.1', 'localhost')),
+        *((host, False) for host in ('[2001:db8::1]', '10.0.0.2', '128.0.0.1', 'localhost.example')),
+    ],
+)
+def test_a_token_goes_unencrypted_to_this_machine_only(files: Files, host: str, is_safe: bool) -> None:
+    path = files.write(SIGNALK | {'signalk.url': f'http://{host}:3000', 'signalk.token_file': 't'})
+    if is_safe:
+        assert load_watch(path, None)[1].signalk is not None
+    else:
+        with pytest.raises(ConfigurationError, match='must be https://: a token would be sent'):
+            load_watch(path, None)
+
+
+@pytest.mark.parametrize(
     ('links', 'bearing', 'with_node', 'text'),
     [
         (SIGNALK, {'speed': {'unit': 'rpm'}}, False, "unit = 'rpm' must be Hz, in which Signal K"),

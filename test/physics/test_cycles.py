@@ -142,6 +142,11 @@ def test_overtaking_closes_under_the_reference(zeta, eta, speed):
     assert float(end) == pytest.approx(float(start), abs=1e-10)
     assert cycle.period == pytest.approx(float(behind + ahead), rel=1e-9)
     assert cycle.amplitude / speed == pytest.approx(float(top - bottom) / 2.0, rel=1e-10)
+    # The slope of a round, by a difference of 1e-15.
+    step = mp.mpf(10) ** -15
+    _, beside, _ = taylor.slip_phase(taylor.Slip(*law), start + step)
+    _, moved, _ = taylor.slip_phase(taylor.Slip(*law, side=-1), beside, turns=0)
+    assert cycle.multiplier == pytest.approx(float((moved - end) / step), rel=1e-7)
 
 
 @pytest.mark.slow
