@@ -221,7 +221,7 @@ class Ship(Sink):
         """Let time pass, as a shell does ten times a second."""
         now = self.now
         for name in self.session.monitor.bearings:
-            self.session.pass_time(name, now.time_ns - BEHIND_NS, now)
+            self.session.advance(name, now.time_ns - BEHIND_NS, now)
         self.session.tick(now, self.steady_ns - self._begun_ns)
         self.session.flush(now)
 

@@ -111,7 +111,7 @@ class Replay:
         """Play it from where it is to its end."""
         shown = -math.inf
         while self._next < len(self._samples):
-            behind = self._advance(self._wanted_ns())
+            behind = self._play_until(self._wanted_ns())
             if time.monotonic() - shown >= _SHOWN_EVERY:
                 shown = time.monotonic()
                 self._show()
@@ -129,27 +129,27 @@ class Replay:
         left = (self._samples[self._next].log_time_ns - self._wanted_ns()) * 1e-9 / self._rate
         return min(max(left, 0.0), _SHOWN_EVERY)
 
-    def _advance(self, wanted_ns: int) -> bool:
-        """Take what was recorded until then; whether there is more than a turn's worth of it."""
+    def _play_until(self, wanted_ns: int) -> bool:
+        """Take what was recorded until then; return whether there is more than a turn's worth of it."""
         end = time.monotonic() + _TURN
         while self._next < len(self._samples):
             sample = self._samples[self._next]
             if sample.log_time_ns > wanted_ns:
-                self._pass_time(wanted_ns)
+                self._advance(wanted_ns)
                 return False
             if time.monotonic() > end:
                 return True
-            self._pass_time(sample.log_time_ns)
+            self._advance(sample.log_time_ns)
             self._session.take(sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now())
             self._next += 1
         return False
 
-    def _pass_time(self, log_ns: int) -> None:
+    def _advance(self, log_ns: int) -> None:
         """Let the recorder's time pass without a sample."""
         self._log_ns = max(self._log_ns, log_ns)
         now = self._now()
         for name in self._session.monitor.bearings:
-            self._session.pass_time(name, self._log_ns, now)
+            self._session.advance(name, self._log_ns, now)
         self._session.tick(now, self._log_ns - self._start_ns)
 
     def _now(self) -> Moment:

@@ -422,13 +422,13 @@ class LiveMonitor:
     def begin(self) -> None:
         """Publish the list of alarms, and wait for inputs from now on."""
         self._session.begin()
-        self._pass_time(self._now(), 0)
+        self._advance(self._now(), 0)
 
     def tick(self) -> None:
         """Let time pass."""
         now = self._moment()
         self._ticked_ns = now.steady_ns
-        self._pass_time(now, BEHIND_NS)
+        self._advance(now, BEHIND_NS)
         self._session.tick(now, now.steady_ns - self._begun_ns)
         if now.steady_ns - self._shown_ns >= _SHOWN_EVERY_NS:
             self._shown_ns = now.steady_ns
@@ -445,9 +445,9 @@ class LiveMonitor:
             self._ticked_ns = now.steady_ns
         return now
 
-    def _pass_time(self, now: Moment, behind_ns: int) -> None:
+    def _advance(self, now: Moment, behind_ns: int) -> None:
         for name in self._session.monitor.bearings:
-            self._session.pass_time(name, now.time_ns - behind_ns, now)
+            self._session.advance(name, now.time_ns - behind_ns, now)
 
     async def run(self) -> None:
         """Let time pass from now on until cancelled."""

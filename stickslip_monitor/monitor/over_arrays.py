@@ -222,7 +222,7 @@ class BearingScan:
         self._points: dict[str, NDArray[Any]] = {}
         self._taken = self._held = 0
         if start_ns is not None:
-            rule.pass_time(self.state, self.settings.live, start_ns)
+            rule.advance(self.state, self.settings.live, start_ns)
 
     def take(self, stream: Stream) -> Scan:
         """Take the next samples; what is known of the recording with them comes out."""

@@ -114,7 +114,7 @@ def arrive(
         # The first value may come before the time from which inputs are waited for.
         s.began = time if s.began == NEVER else min(s.began, time)
         s.now = min(s.now, time)
-    pass_time(s, c, max(s.now, time))
+    advance(s, c, max(s.now, time))
     return ACCEPTED, time, si
 
 
@@ -181,7 +181,7 @@ def standing_until(s: State, c: RuleNumbers) -> int:
     return until
 
 
-def pass_time(s: State, c: RuleNumbers, now: int) -> None:
+def advance(s: State, c: RuleNumbers, now: int) -> None:
     """Let time pass; an input whose value no longer stands is lost from then on."""
     if s.began == NEVER:
         s.began = now

@@ -250,8 +250,8 @@ class Session:
         self._log.warning(text)
         self.note('node', text)
 
-    def pass_time(self, name: str, time_ns: int, now: Moment) -> None:
-        """Let time pass for one bearing, up to a time of its samples, without a sample."""
+    def advance(self, name: str, time_ns: int, now: Moment) -> None:
+        """Let time pass for one bearing, up to a time of its samples [ns], without a sample."""
         self.follow(now)
         events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
         self._announce(events)

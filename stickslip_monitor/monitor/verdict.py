@@ -180,7 +180,7 @@ class Standing:
         if state.now != NEVER and time_ns < state.now:
             return []
         before, lost = rule.condition(state), state.lost
-        rule.pass_time(state, self.settings.live, time_ns)
+        rule.advance(state, self.settings.live, time_ns)
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 
     def event(self, before: int, time_ns: int, *, onset: bool = False) -> Event:

@@ -353,7 +353,7 @@ class Watchdog:
             elapsed = max(silent - LAG_NS, 0)
             time_ns = self._time(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
             if silent and time_ns:
-                self._session.pass_time(name, time_ns, now)
+                self._session.advance(name, time_ns, now)
         self._heard.clear()
 
     def _time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
@@ -368,7 +368,7 @@ class Watchdog:
                 return now.time_ns - elapsed
             if elapsed > min(config.speed.timeout_ns, config.load.timeout_ns):
                 self._timeless.add(config.name)
-                self._session.pass_time(config.name, 1, now)  # the wait began before
+                self._session.advance(config.name, 1, now)  # the wait began before
                 return 1 + elapsed
             return 0
         if not now.time_ns:
