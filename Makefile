@@ -78,7 +78,7 @@ calibration-study: $(VENV)/.bench  ## What calibration reaches, five minutes on 
 bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/accuracy.md
 	$(BIN)/python -m benchmarks --soak
 
-simulate: $(VENV)/.test  ## Sail a million seconds under faults, twelve minutes; SIMULATE_ARGS='--seed 17' repeats one
+simulate: $(VENV)/.test  ## Sail a million seconds under faults and manoeuvres, a quarter of an hour; SIMULATE_ARGS='--seed 17' repeats one
 	$(BIN)/python scripts/simulate.py $(SIMULATE_ARGS)
 
 fuzz: $(VENV)/.test  ## Read thousands of damaged recordings beside MCAP's own reader

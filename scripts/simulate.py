@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Sails ships under faults, a seed each, and tells which are not told the truth in the end."""
+"""Sails ships under faults, a seed each, and prints those with a wrong condition or alarm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 TEST = Path(__file__).resolve().parents[1] / 'test'
 sys.path[:0] = [str(TEST), str(TEST / 'monitor')]
-from simulation import LENGTH, repeated_by, runs  # noqa: E402
+from simulation import DURATION, repeated_by, runs  # noqa: E402
 
 
 def main() -> int:
@@ -22,18 +22,20 @@ def main() -> int:
     parser.add_argument('--seed', type=int, help='this one alone')
     parser.add_argument('--jobs', type=int, default=2, help='processes')
     args = parser.parse_args()
-    seeds = range(args.first, args.first + max(round(args.seconds / LENGTH), 1))
+    seeds = range(args.first, args.first + max(round(args.seconds / DURATION), 1))
     if args.seed is not None:
         seeds = range(args.seed, args.seed + 1)
-    wrong, settled, bad = Counter[str](), 0, 0
+    wrong, settled, sounds, bad = Counter[str](), 0, 0, 0
     for outcome in runs(seeds, 1 if args.seed is not None else args.jobs):
         wrong, settled = wrong + outcome.wrong, settled + outcome.settled
+        sounds += outcome.sounds
         if outcome.faults:
             bad += 1
             print(*outcome.faults, repeated_by(outcome.seed), sep='\n    ', flush=True)
-    told = ', '.join(f'{pair} {count}' for pair, count in sorted(wrong.items())) or 'none'
+    reported = ', '.join(f'{pair} {count}' for pair, count in sorted(wrong.items())) or 'none'
     print(f'{len(seeds)} runs, {bad} not as they should be.')
-    print(f'Of {settled} s a minute after any change, told under faults: {told}.')
+    print(f'Of {settled} s a minute after any change, wrong under faults: {reported}.')
+    print(f'{sounds} sounds in the manoeuvres of {2 * len(seeds)} bearings.')
     return int(bad > 0)
 
 

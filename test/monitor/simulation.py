@@ -3,8 +3,9 @@
 
 The bus loses, delays, doubles and stamps oddly, senders pause and bring numbers that mean "no
 value", the clock on the wall is set, the process is held up, killed and started again from a store
-that is full or torn, people act, and the configuration changes. In the last minutes all faults
-stop: then what is told must be true. Meanwhile the seconds in which it is not are counted.
+that is full or torn, people act, and the configuration changes; the seconds with a wrong condition
+are counted. Then all faults stop, and after :data:`CALM` the condition must be the true one. Last
+come the manoeuvres of :mod:`manoeuvres`, which must be announced in time and aloud.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ import heapq
 import math
 import random
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
+import manoeuvres
+from manoeuvres import STICKING, Manoeuvres, Report
 from sending import SECOND, T0, Message, Ship, configured, stream_of
 from sequences import BEARINGS
+from true_bearing import TrueBearing
 
 from stickslip_monitor import Monitor, MonitorConfig
 from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action
@@ -29,16 +33,22 @@ from stickslip_monitor.monitor.severity import LADDER
 from stickslip_monitor.monitor.signals import Input
 
 STEP = 0.2
-STICKING = ('stick_slip', 'amplitude_limit')
 LENGTH, CALM = 320.0, 100.0
-"""How long a run is, and how long there are no faults at its end [s]: a condition that flickered
-is held for six off-delays, of 10 s each, and the end of stick-slip waits for one more."""
+"""How long a run is up to its manoeuvres, and how long there are no faults before these [s]: a
+condition that flickered is held for six off-delays, of 10 s each, and the end of stick-slip waits
+for one more."""
+DURATION = LENGTH + manoeuvres.DURATION
+"""How long a run is at most, without hold-ups [s]."""
 TIMEOUT = 5.0
 """Of speed and load, the default [s]."""
 SETTLED = 60.0
 """So long after a change of the truth something else may be told [s]."""
-SHARES = {0.4: True, -0.4: True, 1.6: False, 2.5: False, -2.5: False, 0.0: False}
-"""Shares of the fold speed, below the Hopf speed, beyond the fold, at rest; whether it sticks."""
+SHARES = (0.4, -0.4, 1.6, 2.5, -2.5, 0.0)
+"""Speeds in fold speeds: below the Hopf speed, beyond the fold, at rest."""
+RAMPS = (0.0, 0.0, 5.0, 30.0)
+"""Durations of a change of speed under faults [s]."""
+SECOND_SHARE = 2.5
+"""What a second publisher of the speed sends, in fold speeds."""
 NO_VALUE = (float('nan'), -9999.0, -999.25, 32767.0, 65535.0, 1e20)
 NAMES = ('aft', 'forward')
 PAIRS = (('reference', 'ship'), ('steep', 'viscous'), ('ship', 'steep'), ('viscous', 'reference'))
@@ -92,6 +102,7 @@ class Sender:
     uneven: float  # in shares of the period
     ahead_ns: int  # of the true time
     whole: bool  # stamps in whole seconds
+    second: bool = False  # a second publisher, which sends while manoeuvres want it
     due: float = 0.0
 
     def stamp(self, true_ns: int) -> int:
@@ -107,7 +118,8 @@ class Outcome:
     seed: int
     wrong: Counter[str] = field(default_factory=Counter)  # seconds told for the truth
     settled: int = 0  # seconds looked at
-    faults: list[str] = field(default_factory=list)  # what is not as it should be in the end
+    sounds: int = 0  # how often a bearing began to sound in its manoeuvres
+    faults: list[str] = field(default_factory=list)  # what is not as it should be without faults
 
     @property
     def misled(self) -> int:
@@ -139,10 +151,16 @@ class Run:
         self.bearings = dict(zip(NAMES, self.own[0], strict=True))
         self.ship = Ship(configuration(*self.own))
         self.time, self.calm, self.deaf = 0.0, False, False
-        self.share = dict.fromkeys(NAMES, 1.6)
-        self.since = dict.fromkeys(NAMES, 0.0)
+        self.truth = {name: TrueBearing(bearing, 1.6) for name, bearing in self.bearings.items()}
+        self.manoeuvres = {name: Manoeuvres(name, truth) for name, truth in self.truth.items()}
         self.senders = [self._sender(name, place) for name in NAMES for place in Input]
         del self.senders[2]  # the first bearing has no level
+        # Three times as often as the first, with its clock.
+        self.senders += [
+            replace(own, period=own.period / 3.0, second=True)
+            for own in self.senders
+            if own.place is Input.SPEED
+        ]
         self.waiting: list[tuple[float, int, Sender, int, float]] = []
         self.delivered: dict[str, list[Message]] = {name: [] for name in NAMES}
         self.sent, self.held = 0, 0.0
@@ -164,57 +182,89 @@ class Run:
     def go(self) -> Outcome:
         """Sail to the end."""
         for step in range(round(LENGTH / STEP)):
-            self._pass(STEP)
             if self.time > LENGTH - CALM and not self.calm:
                 self._calm_down()
-            elif self.happens_any(0.002):
-                self._turn(self.random.choice(NAMES))
-            for sender in self.senders:
-                self._send(sender)
-            self._trouble()
-            self._deliver()
-            self.ship.tick()
+            elif not self.calm and self.random.random() < 0.002:
+                name = self.random.choice(NAMES)
+                middle = self.truth[name].middle
+                self._turn(name, (*SHARES, middle, middle), self.random.choice(RAMPS))
+            self._step()
             if step % 5 == 0:
                 self._look()
         self._judge()
+        self._manoeuvre()
         return self.outcome
 
-    def happens_any(self, rate: float) -> bool:
-        return not self.calm and self.random.random() < rate
+    def _step(self) -> None:
+        """Let a step of time pass, with all that is sent and happens in it."""
+        self._pass(STEP)
+        for sender in self.senders:
+            self._send(sender)
+        self._trouble()
+        self._deliver()
+        self.ship.tick()
 
     def _pass(self, seconds: float) -> None:
         self.time += seconds
         self.ship.steady_ns += round(seconds * SECOND)
+        for truth in self.truth.values():
+            truth.pass_time(seconds)
 
     def _truth(self, name: str) -> str:
-        return self.sticks if SHARES[self.share[name]] else 'normal'
+        condition = self.truth[name].condition()
+        return self.sticks if condition == 'stick_slip' else condition
 
-    def _turn(self, name: str) -> None:
-        self.share[name], self.since[name] = self.random.choice(list(SHARES)), self.time
+    def _turn(self, name: str, shares: Sequence[float], seconds: float) -> None:
+        self.truth[name].steer(self.random.choice(shares), seconds)
 
     def _calm_down(self) -> None:
         self.calm, self.deaf, self.ship.full = True, False, ''
         for name in NAMES:
-            self._turn(name)
+            self._turn(name, SHARES, 0.0)
         for action in (Action.UNSHELVE, Action.UNSUPPRESS, Action.RESTORE):
             self.ship.session.act(ActionRequest(action, 'Ada'))
 
+    def _manoeuvre(self) -> None:
+        """Sail the manoeuvres of both bearings, and judge what is shown meanwhile."""
+        under_way = {name: own.sail() for name, own in self.manoeuvres.items()}
+        while under_way:
+            self._step()
+            alarms = self.ship.published[-1]['alarms']
+            for name, own in self.manoeuvres.items():
+                sounding, active = (
+                    frozenset(a['alarm'] for a in alarms if a['bearing'] == name and a[state])
+                    for state in ('sounding', 'active')
+                )
+                own.take(Report(self.time, self._told(name), sounding, active))
+            under_way = {name: steps for name, steps in under_way.items() if next(steps, self) is None}
+            for name, own in self.manoeuvres.items():
+                if own.acknowledges:
+                    self.ship.session.act(ActionRequest(Action.ACKNOWLEDGE, 'Ada', name))
+        for own in self.manoeuvres.values():
+            self.outcome.sounds += own.sounds
+            self.outcome.faults += own.faults
+
     def _send(self, sender: Sender) -> None:
-        if self.time < sender.due:
-            return
+        """Send what is due; a second publisher may send several values in a step."""
+        if sender.second and not self.manoeuvres[sender.name].mixed:
+            sender.due = self.time
+        while sender.due < self.time:
+            self._send_one(sender, sender.due if sender.second else self.time)
+
+    def _send_one(self, sender: Sender, time: float) -> None:
         draw = self.random.uniform
-        sender.due = self.time + sender.period * draw(1.0 - sender.uneven, 1.0 + sender.uneven)
+        sender.due = time + sender.period * draw(1.0 - sender.uneven, 1.0 + sender.uneven)
         if self.happens('pause'):
             sender.due += draw(3.0, 40.0)
         if self.happens('lost'):
             return
-        true_ns = T0 + round(self.time * SECOND)
+        true_ns = T0 + round(time * SECOND)
         if self.happens('late'):
             true_ns -= round(draw(0.0, 0.4) * SECOND)
         stamp = sender.stamp(true_ns)
         if self.happens('far stamp'):
             stamp += self.random.choice((-3600, 3600, -8)) * SECOND
-        arrival = self.time + (draw(0.0, 2.0) if self.happens('delayed') else 0.0)
+        arrival = time + (draw(0.0, 2.0) if self.happens('delayed') else 0.0)
         for _ in range(2 if self.happens('doubled') else 1):
             self.sent += 1
             heapq.heappush(self.waiting, (arrival, self.sent, sender, stamp, self._value(sender)))
@@ -222,12 +272,12 @@ class Run:
     def _value(self, sender: Sender) -> float:
         if self.happens('no value'):
             return self.random.choice(NO_VALUE)
-        _, fold, nominal = BEARINGS[self.bearings[sender.name]]
-        share = self.share[sender.name]
+        truth = self.truth[sender.name]
         noise = 1.0 + self.random.gauss(0.0, 0.005)
         if sender.place is Input.LEVEL:
-            return 1.0 if self.deaf else noise * (46.0 if SHARES[share] else 22.0)
-        return noise * (share * fold if sender.place is Input.SPEED else nominal)
+            return 1.0 if self.deaf else noise * (46.0 if truth.sticks else 22.0)
+        share = SECOND_SHARE if sender.second else truth.share
+        return noise * (share * truth.fold_rpm if sender.place is Input.SPEED else truth.load)
 
     def _deliver(self) -> None:
         while self.waiting and self.waiting[0][0] <= self.time:
@@ -269,7 +319,7 @@ class Run:
 
     def _look(self) -> None:
         for name in NAMES:
-            if self.calm or self.time - self.since[name] < SETTLED:
+            if self.calm or self.time - self.truth[name].settled_at < SETTLED:
                 continue
             told, truth = self._told(name), self._truth(name)
             self.outcome.settled += 1
