@@ -25,7 +25,8 @@ from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.lab.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_monitor.lab.settings import random_stream
 from stickslip_monitor.lab.truth import TruthRecord, has_truth, known_truth, read_truth
-from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarm_list import LASTING_NS, Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.alarms import LATCHING, AlarmState
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.input_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
@@ -255,31 +256,40 @@ def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
 
 
 def sounds_of(scan: Scan, start_ns: int, end_ns: int) -> tuple[list[int], int]:
-    """When alarms sound, by somebody who acknowledges once a minute, and how many onsets do not.
+    """Return when alarms sound, acknowledged once a minute, and how many stretches of stick-slip are unheard.
 
-    Begins and ends of rest, which suppresses alarms, are taken from the points.
+    Begins and ends of rest, which suppresses alarms, and of stick-slip, with one point of each
+    second of it, are taken from the points.
     """
     name, alarms = scan.config.name, Annunciator(MonitorConfig(bearings=(scan.config,)))
-    rests = np.diff(scan.speed == 0.0, prepend=False).nonzero()[0]
+    rests, sticking = scan.speed == 0.0, scan.sticking
+    seconds = np.diff(scan.time_ns // 10**9, prepend=0) != 0
+    changes = np.diff(rests, prepend=False) | np.diff(sticking, prepend=False)
+    rows = (changes | (sticking & seconds)).nonzero()[0]
     minutes = range(start_ns + MINUTE_NS, end_ns, MINUTE_NS)
     calls: list[tuple[int, Callable[[], list[AlarmChange]]]] = [
         *((e.time_ns, partial(alarms.take_event, e)) for e in scan.events),
-        *((int(scan.time_ns[k]), partial(_take_point, alarms, scan, int(k))) for k in rests),
+        *((int(scan.time_ns[k]), partial(_take_point, alarms, scan, int(k))) for k in rows),
         *((t, partial(alarms.act, Action.ACKNOWLEDGE, t, name)) for t in minutes),
     ]
-    onsets = {event.time_ns for event in scan.events if event.onset}
-    found, unheard = [], 0
+    own = [alarms.alarms[name][kind] for kind in LATCHING]
+    found, unheard, heard = [], 0, False
     for time_ns, call in sorted(calls, key=lambda each: each[0]):
         changes = [*alarms.advance(time_ns - start_ns, time_ns), *call()]
         found += [time_ns] * sum(change.aloud for change in changes)
-        unheard += time_ns in onsets and not alarms.sounding
+        lasting = alarms.causes[name].sticking_ns
+        known = any(alarm.state is AlarmState.ACKNOWLEDGED for alarm in own)
+        heard = (heard and lasting > 0) or alarms.sounding or known
+        unheard += lasting >= LASTING_NS and not heard
+        heard |= lasting >= LASTING_NS
     return found, unheard
 
 
 def _take_point(alarms: Annunciator, scan: Scan, row: int) -> list[AlarmChange]:
     speed, load = float(scan.speed[row]), float(scan.load[row])
     judge = partial(assess, scan.config.bearing, speed, load)
-    verdict = Verdict(scan.config.name, int(scan.time_ns[row]), judge, speed, load)
+    sticking = bool(scan.sticking[row])
+    verdict = Verdict(scan.config.name, int(scan.time_ns[row]), judge, speed, load, sticking=sticking)
     return alarms.take_verdict(verdict)
 
 

@@ -15,7 +15,8 @@ The three figures of alarm systems are the rates of false and of missed alarms a
 - *newly given*: a warning is raised 10 s or more before an episode and after the one before;
   episodes within 60 s of one another are one bout. A warning that is only held adds nothing.
 - *burst*: the most raised conditions in ten minutes; *sounds*: how often alarms begin to sound, or
-  sound anew, if somebody acknowledges them once a minute; *unheard*: onsets that do not sound.
+  sound anew, if somebody acknowledges them once a minute; *unheard*: stick-slip that
+  is predicted for 15 s without a sound, or an acknowledged alarm that stands.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class RuleOutput:
     raised: Sequence[tuple[int, int]]
     changes: int  # changes of condition
     sounds: Sequence[int] = ()  # when an alarm sounds, rising [ns]
-    unheard: int = 0  # onsets of stick-slip that do not
+    unheard: int = 0  # stretches of stick-slip of 15 s that do not, of which no alarm is acknowledged
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +160,7 @@ class Quality:
     bursts: tuple[int, ...] = ()  # of each voyage the most raised conditions in ten minutes
     sounds: tuple[float, ...] = ()  # of each voyage, an hour
     loudest: tuple[int, ...] = ()  # of each voyage the most sounds in ten minutes
-    unheard: int = 0  # onsets of stick-slip without a sound
+    unheard: int = 0  # stretches of stick-slip of 15 s without a sound
     wrong_source: int = 0  # voyages on which the source of an input was reported as wrong
 
     def __add__(self, other: Quality) -> Quality:
@@ -242,7 +243,7 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     'bursts': ('voyages with more than 10 in 10 min', 'd', lambda q: sum(b > MANY for b in q.bursts)),
     'sounds': ('sounds an hour, median voyage', '.1f', lambda q: _quantile(q.sounds, 0.5)),
     'loudest': ('most sounds in 10 min', 'd', lambda q: max(q.loudest, default=None)),
-    'unheard': ('onsets of stick-slip without a sound', 'd', lambda q: q.unheard),
+    'unheard': ('stick-slip of 15 s without a sound', 'd', lambda q: q.unheard),
     'wrong_source': ('voyages with a wrong source reported', 'd', lambda q: q.wrong_source),
 }
 """Each figure with what it is called, how it is written, and how it is made."""

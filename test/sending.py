@@ -124,11 +124,10 @@ def change(
     return Event(time_ns, before, _standing(bearing, after), {}, f'{bearing}: {after.sentence}', onset)
 
 
-def verdict_at(time_ns: int, speed: float, bearing: str = 'aft') -> Verdict:
-    """A verdict on a speed [m/s], for whom it turns or not."""
-    return Verdict(
-        bearing, time_ns, partial(assess, configured().bearings[0].bearing, speed, 1e3), speed, 1e3
-    )
+def verdict_at(time_ns: int, speed: float, bearing: str = 'aft', *, sticking: bool = False) -> Verdict:
+    """Return a verdict on a speed [m/s], for whom it turns or not, and whether stick-slip is predicted."""
+    judge = partial(assess, configured().bearings[0].bearing, speed, 1e3)
+    return Verdict(bearing, time_ns, judge, speed, 1e3, sticking=sticking)
 
 
 class Ship(Sink):

@@ -36,6 +36,9 @@ STANDING = (*ON_SHOW, AlarmState.RETURNED)
 WINDOW_NS = 600 * 10**9
 """The time of a matter [ns]. A cause that comes again within it has come back; what is no worse
 than what people were given within it makes no sound; floods are counted over it."""
+LASTING_NS = 15 * 10**9
+"""Stick-slip that comes again within that time sounds once it has lasted so long [ns]: a kick ahead
+or a reversal is over by then (docs/rule.md)."""
 FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
 """The flood of ISA-18.2: it begins and ends with so many alarms raised in that time."""
 
@@ -90,6 +93,8 @@ class LiveAlarm:
     active: bool = False  # its cause is there
     occurred: bool = False  # it was so since the alarm was last normal, or reset
     silenced: bool = False
+    recurring: bool = False  # silenced because it has come again, until it lasts
+    sounded_ns: int | None = None  # when it began to sound last, on the running time
     suppressed_by: tuple[str, ...] = ()  # why its cause means nothing now
     since_ns: int | None = None  # stamp of the cause's coming
     changed_ns: int | None = None  # stamp of the last change of state
@@ -197,31 +202,30 @@ class Annunciator:
         """The condition of a bearing has changed."""
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
-        if not event.onset:
-            return self._sync(name, time_ns)
-        own = [self.alarms[name][kind] for kind in LATCHING]
-        for alarm in own:
-            alarm.silenced = False
         changes = self._sync(name, time_ns)
-        return changes + self._begin_anew([a for a in own if a.active], changes, time_ns)
+        return changes + (self._recur(name, changes, time_ns) if event.onset else [])
 
-    def _begin_anew(
-        self, active: list[LiveAlarm], changes: list[AlarmChange], time_ns: int
-    ) -> list[AlarmChange]:
-        """Stick-slip has begun: the worst of these alarms has come, if it was not raised by it.
+    def _recur(self, name: str, changes: list[AlarmChange], time_ns: int) -> list[AlarmChange]:
+        """Note a new onset while an alarm of stick-slip stands; give it anew after the matter's time.
 
         One that is shelved, or out of service, makes no sound; a milder one speaks for it only
         where it is about stick-slip too.
         """
+        active = [alarm for alarm in self._sticking_alarms(name) if alarm.active]
         active.sort(key=lambda alarm: alarm.state not in ON_SHOW)
         if not active or active[0].kind in {change.kind for change in changes}:
             return []
         worst = active[0]
         worst.come(self.now_ns, time_ns)
-        if worst.state is AlarmState.UNACKNOWLEDGED and not worst.suppressed_by:
-            change = _change(worst, time_ns, Trigger.RECUR.value, worst.state, MONITOR)
-            return [self._give(worst, change)]
+        if self._has_sounded(worst):
+            return []
+        if worst.recurring and not worst.suppressed_by:
+            return [self._unsilence(worst, time_ns)]
         return self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
+
+    def _sticking_alarms(self, name: str) -> list[LiveAlarm]:
+        """Return the alarms of stick-slip itself, worst first."""
+        return [self.alarms[name][kind] for kind in LATCHING]
 
     def take_fault(
         self, bearing: str, place: int, what: str, time_ns: int, *, mixed: bool = False
@@ -238,10 +242,15 @@ class Annunciator:
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
-        """An operating point was measured."""
-        if self.causes[verdict.bearing].take_point(self.now_ns, resting=verdict.speed == 0.0):
-            return self._sync(verdict.bearing, verdict.time_ns)
-        return []
+        """Take an operating point; stick-slip that has come again sounds once it has lasted."""
+        name, causes = verdict.bearing, self.causes[verdict.bearing]
+        resting, changes = verdict.speed == 0.0, list[AlarmChange]()
+        if causes.take_point(self.now_ns, resting=resting, sticking=verdict.sticking):
+            changes = self._sync(name, verdict.time_ns)
+        if causes.sticking_ns >= LASTING_NS:
+            recurring = [alarm for alarm in self._sticking_alarms(name) if alarm.recurring]
+            changes += [self._unsilence(alarm, verdict.time_ns) for alarm in recurring]
+        return changes
 
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
@@ -287,7 +296,7 @@ class Annunciator:
         ]
 
     def _silence(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
-        alarm.silenced = True
+        alarm.silenced, alarm.recurring = True, False
         alarm.silence_end_ns = self.now_ns + self.config.silence_time_ns
         return _change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
 
@@ -297,9 +306,21 @@ class Annunciator:
             if alarm.state is AlarmState.SHELVED and self.now_ns >= alarm.shelf_end_ns:
                 changes += self._fire(alarm, Trigger.UNSHELVE, time_ns, TIMER)
             if alarm.silenced and self.now_ns >= alarm.silence_end_ns:
-                alarm.silenced = False
-                changes.append(_change(alarm, time_ns, UNSILENCE, alarm.state, TIMER))
+                changes.append(self._unsilence(alarm, time_ns))
         return changes
+
+    def _unsilence(self, alarm: LiveAlarm, time_ns: int) -> AlarmChange:
+        """End a silence; aloud if a recurring alarm begins to sound by it."""
+        recurring, ringing = alarm.recurring, self._rings(alarm.bearing)
+        alarm.silenced = alarm.recurring = False
+        if alarm.sounding:
+            alarm.sounded_ns = self.now_ns
+        change = _change(alarm, time_ns, UNSILENCE, alarm.state, TIMER)
+        return replace(change, aloud=recurring and alarm.sounding and not ringing)
+
+    def _rings(self, name: str) -> bool:
+        """Return whether any alarm of a bearing sounds."""
+        return any(alarm.sounding for alarm in self.alarms[name].values())
 
     def _sync(self, name: str, time_ns: int, by: str = MONITOR) -> list[AlarmChange]:
         """Bring the alarms of a bearing up to their causes, worst first."""
@@ -361,6 +382,7 @@ class Annunciator:
         alarm.changed_ns, alarm.by, alarm.shelved_until_ns = time_ns, by, None
         # An alarm that flickers keeps its silence.
         alarm.silenced = alarm.silenced and after in WAITING
+        alarm.recurring = alarm.recurring and alarm.silenced
         if after is AlarmState.SHELVED:
             alarm.shelf_end_ns = self.now_ns + self.config.shelve_time_ns
             alarm.shelved_until_ns = time_ns + self.config.shelve_time_ns
@@ -373,17 +395,35 @@ class Annunciator:
     def _give(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
         """Give an alarm to people, aloud if it is worse than what they were given lately.
 
-        The ladder is one matter. Stick-slip and the amplitude limit are always given aloud, a
-        caution never, and what still waits at the end of the matter's time sounds then.
+        The ladder is one matter. Stick-slip and the amplitude limit are silent within the matter's
+        time of their last sound only, until they last; a caution is always silent. What still waits
+        at the end of the matter's time sounds then. A bell that rings already is no second sound.
         """
-        given, since_ns = self._given[alarm.bearing], self.now_ns - WINDOW_NS
-        rung = RUNG_OF.get(alarm.kind)
-        as_bad = [k for k in RUNG_OF if rung is not None and RUNG_OF[k] >= rung] or [alarm.kind]
-        known = any(given.get(kind, since_ns) > since_ns for kind in as_bad)
+        given, own = self._given[alarm.bearing], self.alarms[alarm.bearing]
+        ringing = any(other.sounding for other in own.values() if other is not alarm)
+        if alarm.kind in LATCHING:
+            known = alarm.recurring = self._has_sounded(alarm)
+        else:
+            since_ns = self.now_ns - WINDOW_NS
+            known = any(given.get(kind, since_ns) > since_ns for kind in _as_bad(alarm.kind))
         given[alarm.kind] = self.now_ns
-        if known and alarm.kind not in LATCHING and alarm.sounding:
+        if known and alarm.sounding:
             alarm.silenced, alarm.silence_end_ns = True, self.now_ns + WINDOW_NS
-        return replace(change, aloud=alarm.sounding)
+        if alarm.sounding:
+            alarm.sounded_ns = self.now_ns
+        return replace(change, aloud=alarm.sounding and not ringing)
+
+    def _has_sounded(self, alarm: LiveAlarm) -> bool:
+        """Return whether an alarm of its matter that is no milder has sounded within its time."""
+        own, since_ns = self.alarms[alarm.bearing], self.now_ns - WINDOW_NS
+        times = (own[kind].sounded_ns for kind in _as_bad(alarm.kind))
+        return any(time is not None and time > since_ns for time in times)
+
+
+def _as_bad(kind: AlarmKind) -> list[AlarmKind]:
+    """Return the alarms of one matter that are no milder than one of them."""
+    rung = RUNG_OF.get(kind)
+    return [kind] if rung is None else [k for k in RUNG_OF if RUNG_OF[k] >= rung]
 
 
 def _change(alarm: LiveAlarm, time_ns: int, what: str, before: AlarmState, by: str) -> AlarmChange:

@@ -56,7 +56,7 @@ RUNG_OF = {
 SUPPRESSIBLE = (*RUNG_OF, AlarmKind.VIBRATION)
 """The alarms that mean nothing at rest and while the shaft starts to turn."""
 LATCHING = (AlarmKind.AMPLITUDE_LIMIT, AlarmKind.STICK_SLIP)
-"""The alarms of stick-slip itself: each onset sounds, and they latch where it is configured."""
+"""The alarms of stick-slip itself: they latch where it is configured."""
 
 
 class Causes:
@@ -77,6 +77,8 @@ class Causes:
         self._absurd_since: int | None = None
         self._resting = self._resting_asked = False
         self._resting_since = self._start_up_until = 0
+        self.sticking_ns = 0  # for how long stick-slip has been predicted with the shaft turning
+        self._turning_since: int | None = None  # the last point, if stick-slip was predicted there
 
     def stand(self, condition: Condition) -> None:
         """The condition of the bearing is known from before a restart."""
@@ -150,8 +152,13 @@ class Causes:
         self.recalled = self.recalled | kinds
         self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
 
-    def take_point(self, now_ns: int, *, resting: bool) -> bool:
-        """An operating point was measured; return whether anything may have changed."""
+    def take_point(self, now_ns: int, *, resting: bool, sticking: bool) -> bool:
+        """Take an operating point; return whether anything may have changed."""
+        if self._turning_since is not None:
+            self.sticking_ns += now_ns - self._turning_since
+        if not sticking:
+            self.sticking_ns = 0
+        self._turning_since = now_ns if sticking and not resting else None
         if self.recalled and self._recalled_until is None:
             self.recall(self.recalled, now_ns)
         if resting != self._resting_asked:

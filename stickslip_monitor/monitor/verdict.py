@@ -50,6 +50,7 @@ class Verdict:
     load: float = math.nan  # [N]
     chances: Sequence[float] = ()  # the first three of BELIEFS; of no matter without one
     measured: Measured | None = None  # what the level says; None where none is configured
+    sticking: bool = False  # stick-slip is predicted to run
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -170,7 +171,7 @@ class Standing:
         bearing, table = self.config.bearing, self.settings.boundaries
         judge = partial(assess, bearing, speed, load, self.config.belief, table, chances)
         own = self.config.name, self.state.now - self.state.shift
-        self.verdict = Verdict(*own, judge, speed, load, chances, measured)
+        self.verdict = Verdict(*own, judge, speed, load, chances, measured, self.sticking)
         return self.verdict
 
     def advance(self, time_ns: int) -> list[Event]:
