@@ -7,6 +7,7 @@ What comes from a monitor, anybody on its network may have sent: it is checked f
 from __future__ import annotations
 
 import csv
+import heapq
 import io
 import sys
 import time
@@ -246,17 +247,18 @@ class EventLog:
         self._entries.clear()
 
     def latest(self) -> list[dict[str, Any]]:
-        """What the page shows."""
-        return list(self._entries.values())[-SHOWN:]
+        """Return the entries that came last, in order of time, for the page."""
+        return _in_order(list(self._entries.values())[-SHOWN:])
 
     def csv(self) -> str:
         """All that is kept as a table, times in UTC by ISO 8601."""
         text = io.StringIO()
         table = csv.writer(text)
         table.writerow(('time', *LOG_TEXTS))
-        for time_ms, *texts in self._entries:
+        for entry in _in_order(self._entries.values()):
+            texts = [entry[key] for key in LOG_TEXTS]
             cells = [f"'{each}" if each.startswith(_FORMULA) else each for each in texts]
-            table.writerow((_iso(time_ms), *cells))
+            table.writerow((_iso(entry['time']), *cells))
         return text.getvalue()
 
 
@@ -274,6 +276,14 @@ def _kept_entries(document: Any) -> list[Any]:
     if not isinstance(entries := known.get('entries'), list):
         raise AlarmStateError("it has no list of 'entries'")
     return entries
+
+
+def _in_order(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Merge the entries of nodes by time; those of one node keep their order, also over a clock step."""
+    nodes: dict[str, list[dict[str, Any]]] = {}
+    for entry in entries:
+        nodes.setdefault(entry['node'], []).append(entry)
+    return list(heapq.merge(*nodes.values(), key=lambda entry: entry['time'] or 0))
 
 
 def _iso(time_ms: int | None) -> str:

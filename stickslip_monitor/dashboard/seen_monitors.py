@@ -21,6 +21,7 @@ from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, c
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
+from stickslip_monitor.monitor.verdict import about
 
 SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""
@@ -216,7 +217,7 @@ class WatchedMonitor:
         if self._idle():
             return [f'Not monitoring: {name} is not active; its bearings are not watched.']
         if not self.receiving:
-            return [f'The monitor {name} has been silent for {self.silent_for:.0f} s.']
+            return [f'The monitor {name} has been silent for {about(self.silent_for)}.']
         return list(self._gaps(name))
 
     def _gaps(self, name: str) -> Iterator[str]:
@@ -230,7 +231,7 @@ class WatchedMonitor:
         if self.alarms is None:
             yield f'No list of alarms from {name} yet: alarm state unknown.'
         elif not self._replay and late > ALARMS_SILENT:
-            yield f'The list of alarms of {name} is {late:.0f} s old: newer alarms are missing.'
+            yield f'The list of alarms of {name} is {about(late)} old: newer alarms are missing.'
 
     def notice(self) -> str:
         """What the node reports of itself where not all is well, and whose maps are of another file."""

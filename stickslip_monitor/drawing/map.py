@@ -34,6 +34,8 @@ Range = tuple[float, float]
 
 _ROOM = 1.25
 _LABEL_HEIGHT, _LABELLED = 0.91, 0.2
+# Length of the longest label of an amplitude, '0.25 mm' of 9 points, with the gap around it [inch].
+_LABEL_LENGTH = 0.72
 _LOADS_ABOVE_ONSET = 10.0
 _SPEEDS_TRIED = 200
 _RPM_WITHOUT_SCALE = 60.0
@@ -226,7 +228,8 @@ def draw_map(
         _regions(axes, curves, loads, rpm)
         _bands(axes, config, loads, rpm)
         _exact_fold(axes, bearing, loads, rpm)
-        _amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3)
+        room = height - bottom - above
+        _amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3, _LABEL_LENGTH / room)
         canvas.legend_below(figure, columns, _LEFT / width - 0.01)
         if track is not None:
             draw_track(axes, track, rpm, width)
@@ -270,8 +273,19 @@ def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -
         axes.plot(exact / rpm, load / 1e3, label='end of sticking, exact', **look)
 
 
-def _amplitudes(axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int) -> None:
-    """Lines of one amplitude of the exact stick-slip cycle, labelled in mm."""
+def _amplitudes(
+    axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int, label: float
+) -> None:
+    """Draw lines of one amplitude of the exact stick-slip cycle, labelled in mm.
+
+    Args:
+        axes: The axes.
+        bearing: The bearing.
+        speeds: Surface speeds [m/s].
+        loads: Loads [N].
+        levels: About how many lines.
+        label: Length of a label as a share of the height of the axes.
+    """
     speed, load, exact = _exact_amplitudes(bearing, speeds, loads)
     if not np.isfinite(exact).any():
         return
@@ -283,8 +297,9 @@ def _amplitudes(axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range
     # touches a corner the label would stand over the boundaries.
     low, high = loads[0] / 1e3, loads[1] / 1e3
     paths = [max(parts, key=len) for parts in lines.allsegs if any(map(len, parts))]
-    long = [path for path in paths if np.ptp(path[:, 1]) > _LABELLED * (high - low)]
-    height = low + _LABEL_HEIGHT * (high - low)
+    long = [path for path in paths if np.ptp(path[:, 1]) > max(_LABELLED, label) * (high - low)]
+    # A label along a steep line must end below the frame.
+    height = low + min(_LABEL_HEIGHT, 1.0 - 0.5 * label) * (high - low)
     places = [path[np.argmin(np.abs(path[:, 1] - height))] for path in long]
     axes.clabel(lines, fmt='%g mm', fontsize=9.0, manual=[(x, y) for x, y in places])
 

@@ -21,6 +21,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
 from stickslip_monitor.monitor.severity import Unknown, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status
+from stickslip_monitor.monitor.verdict import age_text
 
 ENOUGH = 12
 """Returns that raise the fault."""
@@ -244,7 +245,7 @@ def input_fault(facts: InputFacts) -> str:
     if facts.receiving and abs(facts.behind) > NEAR * 1e-9:
         way = 'behind' if facts.behind > 0.0 else 'ahead of'
         return (
-            f'Stamps on {topic} are {abs(facts.behind):.3g} s {way} their arrival, which counts in'
+            f'Stamps on {topic} are {age_text(abs(facts.behind))} {way} their arrival, which counts in'
             ' their place: late messages, or another clock.'
         )
     return ''

@@ -343,7 +343,7 @@ def _belief_text(b: Standing, point: Assessment) -> str:
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
     return ' '.join(
         f'Input {name} lost: no valid value on {config.inputs[name].topic}'
-        + (' so far.' if math.isinf(age) else f' for {age:.3g} s.')
+        + (' so far.' if math.isinf(age) else f' for {age_text(age)}.')
         for name, age in lost.items()
     )
 
@@ -354,10 +354,18 @@ def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
     return f'{rounded(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
 
 
+_YEAR = 31_557_600.0  # a Julian year [s]
+
+
 def rounded(number: float, digits: int = 3) -> str:
     """A number to some digits, without an exponent where it is of usual size."""
     text = f'{number:.{digits}g}'
     return f'{float(text):.9g}' if 'e' in text and abs(number) < 1e9 else text
+
+
+def age_text(seconds: float) -> str:
+    """Return a time that has passed, exactly while it is short."""
+    return f'{seconds:.3g} s' if seconds < 99.5 else about(seconds)
 
 
 def about(seconds: float) -> str:
@@ -368,7 +376,9 @@ def about(seconds: float) -> str:
         return f'{5.0 * round(seconds / 5.0):.0f} s'
     if seconds < 7200.0:
         return f'{seconds / 60.0:.1f} min'
-    return f'{seconds / 3600.0:.1f} h' if seconds < 172_800.0 else f'{seconds / 86_400.0:.0f} days'
+    if seconds < 172_800.0:
+        return f'{seconds / 3600.0:.1f} h'
+    return f'{seconds / 86_400.0:.0f} days' if seconds < 2.0 * _YEAR else f'{seconds / _YEAR:.1f} years'
 
 
 class OrderKind(WordEnum):

@@ -630,6 +630,57 @@ def test_each_priority_has_its_tone_and_so_has_silence(dashboard: Any, page: Any
     page.forget()  # Chromium wants a touch first
 
 
+WATCHED_SOUND = """{
+  window.made = [];
+  const Real = AudioContext;
+  window.AudioContext = class extends Real { constructor() { super(); made.push(this); } };
+}"""
+SOUND, MENU = 'document.getElementById("sound")', 'document.getElementById("menu")'
+
+
+def touch(page: Any) -> None:
+    """Press and release the mouse on the page."""
+    for kind in ('mousePressed', 'mouseReleased'):
+        page.call('Input.dispatchMouseEvent', type=kind, x=3, y=3, button='left', clickCount=1)
+
+
+def test_sound_that_is_taken_away_says_so_and_comes_back_at_a_touch(dashboard: Any, page: Any) -> None:
+    """A context before any touch, a suspended one, one that no request brings back, one that stands still."""
+    page.js(WATCHED_SOUND)
+    dashboard.sail(20.0, 1000.0, 5.0)
+    page.until(f'document.querySelector(`{ALARM}`)')
+    page.choose('sound', 'on')
+    page.until(f'{SOUND}.value === "mute"')
+    assert page.text('#menu') == page.js(f'{SOUND}.selectedOptions[0].text') == 'no sound: touch the page'
+    touch(page)
+    page.until(f'{SOUND}.value === "on" && made.at(-1).state === "running"')
+    assert page.text('#menu') == 'Settings'
+    # Taken away where it can be had again: it is asked for, and nobody need touch anything.
+    page.js('made.at(-1).suspend()')
+    page.until('made.at(-1).state === "running"')
+    page.until(f'{SOUND}.value === "on"')
+    # Interrupted, as by the lock of a tablet, so that it does not come back when it is asked for.
+    page.js('{ const own = made.at(-1); own.resume = () => new Promise(() => {}); own.suspend(); }')
+    page.until(f'{SOUND}.value === "mute"')
+    page.until('document.getElementById("say-now").textContent === "no sound: touch the page"')
+    touch(page)
+    page.until(f'{SOUND}.value === "on" && made.at(-1).state === "running"')
+    # One that says that it runs, and whose clock stands.
+    page.js('Object.defineProperty(made.at(-1), "currentTime", { value: 7 }), 1')
+    page.until(f'{SOUND}.value === "mute"')
+    before = page.js('made.length')
+    touch(page)
+    page.until(f'{SOUND}.value === "on"')
+    assert page.js('made.length') > before
+    assert page.js('made.filter((each) => each.state === "running").length') == 1
+    # Switched off, nothing is asked for any more.
+    page.choose('sound', 'off')
+    page.until('made.every((each) => each.state === "closed")')
+    touch(page)
+    assert page.js(f'{SOUND}.value') == 'off'
+    page.forget()  # Chromium wants a touch first
+
+
 def watched_beside(dashboard: Any, *bearings: dict[str, Any], rows: list[dict[str, Any]]) -> None:
     """Show more bearings, each as a change of the record of the first, and rows of alarms."""
     from stickslip_monitor.dashboard.seen_monitors import Watched
@@ -725,6 +776,90 @@ def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None
     assert browser.js(height) < 200
     # What is chosen among fifty is close to the list.
     assert browser.js('document.querySelector(".bearing").getBoundingClientRect().top') < 900
+
+
+def test_on_a_phone_the_alarm_is_first_and_bearings_have_a_line_each(dashboard: Any, browser: Any) -> None:
+    dashboard.sail(20.0, 1000.0, 5.0)
+    names = ['fore_stern', 'intermediate', 'bulkhead']
+    rows = dashboard.ship.shown.alarms['rows']
+    watched_beside(dashboard, *({'bearing': name, 'reason': 'normal'} for name in names), rows=rows)
+    browser.show_as(390, 844, mobile=True)
+    browser.open(dashboard.url)
+    browser.until('document.querySelectorAll("#rows tr").length === 4')
+    browser.until(f'document.querySelector(`{ALARM}`)')
+    # The alarm with all that can be done about it is on the first screen; what can be set is behind a button.
+    assert browser.js(f'document.querySelector(`{ALARM} .buttons`).getBoundingClientRect().bottom') < 422
+    shown = '[...document.querySelectorAll("#tools label")].filter((e) => e.checkVisibility()).length'
+    assert browser.js(shown) == 0
+    browser.click('#menu')
+    assert browser.js(shown) == 4
+    assert browser.js(f'{MENU}.ariaExpanded') == 'true'
+    browser.click('#menu')
+    full = '[...document.querySelectorAll("#bearings .bearing")].filter((e) => !e.hidden).length'
+    assert browser.js(full) == 0
+    assert browser.js('document.documentElement.scrollHeight') < 2000
+    browser.click('#rows [data-name=intermediate]')
+    browser.until(f'{full} === 1')
+    browser.until('document.querySelector("[data-bearing=intermediate]").getBoundingClientRect().top < 50')
+    browser.click('#rows [data-name=intermediate]')
+    browser.until(f'{full} === 0')
+    # What happened is stacked: nothing of it has to be scrolled to the side.
+    assert browser.js('document.querySelectorAll("#log tr").length') > 0
+    scroll = 'document.querySelector("#events .scroll")'
+    assert browser.js(f'{scroll}.scrollWidth - {scroll}.clientWidth') == 0
+    # Turned over, or on a desk, all four are shown in full.
+    browser.show_as(1280, 900)
+    browser.until(f'{full} === 4')
+    assert browser.js('document.getElementById("overview").hidden')
+    assert browser.complaints == []
+
+
+def test_one_lost_input_is_one_line_with_all_its_bearings(dashboard: Any, page: Any) -> None:
+    """A speed that four bearings read: the notes of the node, and an alarm for each."""
+    names = [BEARING, 'fore_stern', 'intermediate', 'bulkhead']
+    watched_beside(dashboard, *({'bearing': name} for name in names[1:]), rows=[])
+    words = 'No messages on /shaft/speed.'
+    told = [{'node': '/m', 'time': 1_000, 'what': 'input', 'text': f'{name}: {words}'} for name in names]
+    lost = [
+        {
+            'node': '/m',
+            'time': 3_000 + k,
+            'what': 'raise',
+            'bearing': name,
+            'alarm': 'input_lost',
+            'by': 'monitor',
+        }
+        | {'text': f'{name}: Input speed lost: no valid value on /shaft/speed for {5 + k} s. {words}'}
+        for k, name in enumerate(names)
+    ]
+    before = page.js('document.querySelectorAll("#log tr").length')
+    dashboard.do(lambda: dashboard.board.log.extend([*told, *lost]))
+    page.open(dashboard.url)
+    page.until(f'document.querySelectorAll("#log tr").length === {before + 1}')
+    row = page.text('#log tr')
+    assert all(name in row for name in names)
+    assert row.count('Input speed lost') == 1
+
+
+def test_times_are_said_for_people(page: Any) -> None:
+    seconds = (0.4, 9.94, 30.0, 119.0, 150.0, 7_200.0, 172_800.0, 2.96e8)
+    texts = page.js(f'import("./dom.js").then(({{ about }}) => {list(seconds)}.map(about))')
+    assert texts == ['0.4 s', '9.9 s', '30 s', '119 s', '2.5 min', '2.0 h', '2 days', '9.4 years']
+
+
+def test_the_last_time_of_a_chart_is_whole(dashboard: Any, page: Any) -> None:
+    """Half of a time, of eight letters of 12 px, fits between the end of the axis and the canvas."""
+    page.until('document.querySelector(".charts .u-over")')
+    left = page.js(
+        '(() => { const [over, plot] = [".charts .u-over", ".charts .uplot"]'
+        '.map((s) => document.querySelector(s).getBoundingClientRect()); return plot.right - over.right; })()'
+    )
+    half = page.js(
+        '(() => { const pen = document.createElement("canvas").getContext("2d");'
+        ' pen.font = "12px system-ui, DejaVu Sans, sans-serif";'
+        ' return pen.measureText("22:22:22").width / 2; })()'
+    )
+    assert left >= half > 20.0
 
 
 def test_paper_has_badges_and_no_buttons(dashboard: Any, page: Any) -> None:

@@ -236,3 +236,17 @@ def test_one_sample_of_a_day_and_every_interruption_stay() -> None:
     assert kept.size < 910
     for size in (0, 1, 10):
         assert envelope(10, np.arange(float(size))).tolist() == list(range(size))
+
+
+@pytest.mark.parametrize('size', [(3.6, 4.0), (3.6, 5.4), (9.0, 5.6)])
+def test_no_label_of_an_amplitude_is_cut(size: tuple[float, float]) -> None:
+    figure = draw_map(BEARING, size=size)
+    (axes,) = figure.axes
+    figure.canvas.draw()
+    labels = [text for text in axes.texts if text.get_text().endswith(' mm')]
+    assert labels
+    frame = axes.get_window_extent()
+    for label in labels:
+        box = label.get_window_extent()
+        assert frame.y0 <= box.y0 < box.y1 <= frame.y1
+        assert frame.x0 <= box.x0 < box.x1 <= frame.x1

@@ -174,7 +174,7 @@ LOST = replace(FINE, lost=True, receiving=False)
         ),
         (
             replace(FINE, behind=-3600.0),
-            'Stamps on /speed are 3.6e+03 s ahead of their arrival, which counts in their place:'
+            'Stamps on /speed are 60.0 min ahead of their arrival, which counts in their place:'
             ' late messages, or another clock.',
         ),
         (LOST, '/plc publishes on /speed, but nothing arrives.'),

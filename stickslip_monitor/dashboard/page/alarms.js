@@ -52,6 +52,8 @@ export const worst = (rows) => PRIORITIES.find((priority) => rows.some((row) => 
 export const shaftName = (bearing, topic) => (bearing.includes('/') ? `/${bearing.slice(0, bearing.lastIndexOf('/'))}` : topic);
 export const nameOf = (alarm) => NAMES[alarm.alarm] ?? alarm.alarm;
 export const withoutName = ({ text, bearing }) => (text.startsWith(`${bearing}: `) ? text.slice(bearing.length + 2) : text);
+/** The words on a matter without its bearing and its times: those of one cause are the same. */
+export const wordsOf = (row) => withoutName(row).replace(/ *\d+(\.\d+)? (s|min|h|days|years)\b/g, '');
 const keyOf = (row) => (row.shaft ? `${row.shaft}/${row.alarm}/${row.state}` : row.members?.length > 1 ? `${row.members.length} bearings/${row.alarm}/${row.state}/${withoutName(row)}` : row.aside ? `${row.bearing}/${row.alarm}` : row.bearing);
 
 /**
@@ -78,8 +80,7 @@ export function grouped(rows, shaftOf) {
       groups.set(shaftKey(row), [...(groups.get(shaftKey(row)) ?? []), { ...row, shaft: shaftOf(row.bearing) }]);
       continue;
     }
-    const text = withoutName(row).replace(/ *\d+(\.\d+)?( s\b| seconds?)/g, '');
-    const key = row.alarm.startsWith('input') && !row.aside ? [row.alarm, row.state, row.sounding, text].join('\n') : keyOf(row);
+    const key = row.alarm.startsWith('input') && !row.aside ? [row.alarm, row.state, row.sounding, wordsOf(row)].join('\n') : keyOf(row);
     groups.set(key, [...(groups.get(key) ?? []), row]);
   }
   return [...groups.values()].map((members) => ({ ...members[0], members }));

@@ -5,6 +5,8 @@
 import { time } from './alarms.js';
 
 const SPAN = 600, GAP = 10, HEIGHT = 165;
+// Half of a time at the right end of its axis [px].
+const RIGHT = 30;
 const MARKS = { raise: '▼', clear: '△' };
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -74,6 +76,7 @@ export class Charts {
     const plot = new uPlot({
       width: 300,
       height: HEIGHT,
+      padding: [null, RIGHT, null, null],
       legend: { live: true, markers: { show: false } },
       cursor: { sync: { key: group }, drag: { x: true, y: false, setScale: false } },
       tzDate: (seconds) => (time.local ? new Date(1e3 * seconds) : uPlot.tzDate(new Date(1e3 * seconds), 'Etc/UTC')),

@@ -3,32 +3,37 @@
 
 import { get, put } from './dom.js';
 
-const FEW = 4;
+const FEW = 4, FEW_ON_PHONE = 2;
+/** A screen on which a bearing takes several heights. */
+const phone = matchMedia('(max-width: 44rem)');
 // One without data comes first, with those that nobody watches: its state is unknown.
 const WORST = ['not_monitoring', 'stick_slip', 'amplitude_limit', 'input_stale', 'waiting', 'unreliable', 'bistable', 'vibration', 'caution', 'normal'];
 const WORDS = { normal: '✓ normal', caution: '! margin low', bistable: '! bistable', stick_slip: '▲ stick-slip', amplitude_limit: '▲ amplitude', vibration: '! vibration', input_stale: '✕ input lost', unreliable: '! unreliable', waiting: '… waiting', not_monitoring: '✕ not monitored' };
 const badness = ({ status, missing }) => (missing ? 0 : status ? WORST.indexOf(status.reason) : WORST.indexOf('waiting'));
 
 export class Overview {
-  /** reveal is called with the set of names of those that are to be shown in full. */
-  constructor(reveal) {
-    this.reveal = reveal;
+  /** reveal is called with the set of names of those that are to be shown in full, show with one to scroll to. */
+  constructor(reveal, show) {
+    Object.assign(this, { reveal, show });
     this.rows = new Map();
     [this.root, this.body, this.find, this.only, this.counts] = ['overview', 'rows', 'find', 'only', 'counts'].map(get);
     this.find.addEventListener('input', () => this.order());
     this.only.addEventListener('change', () => this.order());
     this.body.addEventListener('click', (event) => {
       const name = event.target.closest('button')?.dataset.name;
-      if (name) { this.chosen = name; this.choose(); }
+      if (name) this.touch(name);
     });
+    phone.addEventListener('change', () => { if (this.bearings) this.begin(this.bearings); });
   }
 
   begin(bearings) {
-    this.root.hidden = bearings.length <= FEW;
+    this.bearings = bearings;
+    this.root.hidden = bearings.length <= (phone.matches ? FEW_ON_PHONE : FEW);
     document.body.classList.toggle('many', !this.root.hidden);
+    document.body.classList.toggle('crowd', bearings.length > FEW);
     this.rows = new Map();
     this.body.replaceChildren();
-    if (this.root.hidden) return;
+    if (this.root.hidden) { this.reveal(new Set(bearings.map(({ name }) => name))); return; }
     for (const { name, status } of bearings) {
       const row = this.body.insertRow();
       row.innerHTML = `<td><button type="button"></button></td>${'<td></td>'.repeat(4)}`;
@@ -38,11 +43,13 @@ export class Overview {
       this.fill(name, status);
     }
     this.order();
-    if (!this.rows.has(this.chosen)) this.chosen = this.sorted()[0].name;
+    if (!this.rows.has(this.chosen)) this.chosen = phone.matches ? null : this.sorted()[0].name;
     this.choose();
   }
 
   take(status) {
+    const own = this.bearings?.find(({ name }) => name === status.bearing);
+    if (own) own.status = status;
     if (!this.rows.size) return;
     const before = this.rows.get(status.bearing)?.status;
     this.fill(status.bearing, status);
@@ -89,8 +96,15 @@ export class Overview {
     });
   }
 
+  /** Show a bearing in full; on a phone, where it is far below, go there, and touched again hide it. */
+  touch(name) {
+    this.chosen = phone.matches && name === this.chosen ? null : name;
+    this.choose();
+    if (phone.matches && this.chosen) this.show(this.chosen);
+  }
+
   choose() {
     for (const { row, name } of this.rows.values()) row.querySelector('button').setAttribute('aria-pressed', name === this.chosen);
-    this.reveal(new Set([this.chosen]));
+    this.reveal(new Set(this.chosen ? [this.chosen] : []));
   }
 }

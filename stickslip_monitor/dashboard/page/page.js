@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes the stream of events and shows it. Every text from outside is set as text, never as markup.
 
-import { AlarmList, clock, moment, nameOf, shaftName, time, withoutName, worst } from './alarms.js';
+import { AlarmList, clock, moment, nameOf, shaftName, time, withoutName, wordsOf, worst } from './alarms.js';
 import { Overview } from './overview.js';
 import { Sound } from './sound.js';
 import { AmplitudeGauge, MarginGauge } from './gauges.js';
@@ -9,9 +9,11 @@ import { Charts, History } from './charts.js';
 import { ReplayBar } from './replay.js';
 import { StabilityMap } from './map.js';
 import { connect } from './stream.js';
-import { get, put } from './dom.js';
+import { about, get, put } from './dom.js';
 
 const SILENCE = 12000, ANSWER = 5000, REDRAW = 250;
+// A note and the alarm on the same fault are no further apart [ms].
+const SAME = 60000;
 const REASONS = { normal: '✓ Normal', caution: '! Margin low', bistable: '! Bistable', stick_slip: '▲ Stick-slip predicted', amplitude_limit: '▲ Amplitude above limit', vibration: '! Vibration not explained', input_stale: '✕ Input lost', unreliable: '! Not reliable', waiting: '… Waiting', not_monitoring: '✕ Not monitoring' };
 const WHAT = { raise: 'raised', clear: 'cleared', acknowledge: 'acknowledged', silence: 'silenced', unsilence: 'silence over', shelve: 'shelved', unshelve: 'unshelved', reset: 'reset', suppress: 'suppressed', unsuppress: 'no longer suppressed', remove: 'taken out of service', restore: 'returned to service' };
 const MEASURED = { quiet: '✓ quiet', vibrating: '▲ vibrating', unknown: 'unknown' };
@@ -117,7 +119,7 @@ class Bearing {
       state.className = input.lost || input.fault ? 'lost' : '';
       put(row.querySelector('.fault'), input.fault);
       if (name !== 'level') put(this.find(`[data-of="${name}"] .name`), `${name === 'load' ? 'Bearing load' : 'Shaft speed'}${input.lost || !this.current ? ', last known' : ''}`);
-      const ago = input.age === null ? 'no valid value yet' : `${input.age.toFixed(input.age < 9.95 ? 1 : 0)} s ago`;
+      const ago = input.age === null ? 'no valid value yet' : `${about(input.age)} ago`;
       if (!this.current) put(state, input.age === null ? '' : `last heard ${clock(at - 1000 * input.age)}`);
       else put(state, `${input.lost ? '✕ lost, ' : input.age === null ? '' : '✓ '}${input.rate === null || input.lost ? '' : `${+input.rate.toPrecision(2)} Hz, `}${ago}`);
       const refused = Object.entries(FAULTS).filter(([key]) => input.counts[key]).map(([key, words]) => `${input.counts[key]} ${words}`);
@@ -139,8 +141,9 @@ function inputRow(body, name, topic) {
 class Page {
   constructor() {
     this.bearings = new Map();
-    this.overview = new Overview((names) => { for (const [name, bearing] of this.bearings) bearing.reveal(names.has(name)); });
-    this.sound = new Sound(get('sound'));
+    this.overview = new Overview((names) => { for (const [name, bearing] of this.bearings) bearing.reveal(names.has(name)); }, (name) => this.bearings.get(name).root.scrollIntoView({ block: 'start' }));
+    this.sound = new Sound(get('sound'), (words) => this.report(words));
+    get('menu').addEventListener('click', () => this.open(!document.body.classList.contains('menu')));
     this.replay = new ReplayBar();
     get('answer').addEventListener('click', () => { get('answer').hidden = true; });
     this.alarms = new AlarmList((...request) => this.act(...request), (text) => put(get('say-now'), text), (name) => this.bearings.get(name)?.status?.text, (name) => this.bearings.get(name)?.shaft);
@@ -162,6 +165,19 @@ class Page {
       this.receivedAt = Date.now();
       does[kind](data);
     });
+  }
+
+  /** Say what is wrong with the sound where it is seen without looking for it. */
+  report(words) {
+    put(get('menu'), words || 'Settings');
+    document.body.classList.toggle('mute', Boolean(words));
+    if (words) put(get('say-now'), words);
+  }
+
+  /** On a small screen the settings are behind a button. */
+  open(opened) {
+    document.body.classList.toggle('menu', opened);
+    get('menu').setAttribute('aria-expanded', opened);
   }
 
   /** However often a bearing is sent, it is drawn no oftener than an eye can follow. */
@@ -195,7 +211,6 @@ class Page {
     this.bearings = new Map(state.bearings.map((bearing) => [bearing.name, new Bearing(bearing, state.columns, eventsOf(bearing.name))]));
     get('bearings').replaceChildren(...[...this.bearings.values()].map((bearing) => bearing.root));
     this.overview.begin(state.bearings);
-    if (this.overview.root.hidden) for (const bearing of this.bearings.values()) bearing.reveal(true);
     this.replay.show(state.replay);
     this.time(Math.max(0, ...state.bearings.map((bearing) => bearing.status?.time ?? 0)));
     this.take(state);
@@ -211,7 +226,7 @@ class Page {
       this.sound.ring(alarms.sounding ? worst(alarms.rows.filter((row) => row.sounding)) : '');
       this.trust(this.trusted);
     }
-    get('log').replaceChildren(...log.toReversed().map(logRow));
+    get('log').replaceChildren(...joined(log.toReversed(), [...this.bearings.keys()]).map(logRow));
   }
 
   refresh() {
@@ -324,10 +339,31 @@ async function asked(dialog) {
   return await new Promise((resolve) => { dialog.addEventListener('close', () => resolve(dialog.returnValue), { once: true }); }) === 'ok';
 }
 
+/** Of an entry, the latest first, the words on what several bearings may have at once: one input that is lost. */
+function sharedWords(entry, names) {
+  if (entry.alarm.startsWith('input')) return wordsOf(entry);
+  const name = names.find((each) => entry.text.startsWith(`${each}: `));
+  return entry.alarm || !name ? null : entry.text.slice(name.length + 2);
+}
+
+/** One entry for one lost input: of the same node, at the same time, in the same words, for all its bearings. */
+function joined(log, names) {
+  const entries = new Map(), raised = log.filter((entry) => entry.alarm.startsWith('input') && entry.what === 'raise');
+  for (const entry of log) {
+    const words = sharedWords(entry, names), bearing = entry.bearing || (words && entry.text.slice(0, -words.length - 2));
+    // What an alarm says soon afterwards needs no note.
+    if (words && !entry.alarm && raised.some((each) => each.bearing === bearing && each.text.includes(words) && Math.abs(each.time - entry.time) < SAME)) continue;
+    const key = words ? JSON.stringify([entry.node, Math.round(entry.time / 1000), entry.alarm, entry.what, entry.by, words]) : entries.size;
+    const known = entries.get(key);
+    if (known) known.bearings.push(bearing); else entries.set(key, { ...entry, words, bearings: [bearing] });
+  }
+  return [...entries.values()];
+}
+
 /** A change of an alarm, or a note of the node on anything else. */
 function logRow(entry) {
   const row = document.createElement('tr');
-  const note = `${entry.node}: ${entry.text}`, change = [`${nameOf(entry)}, ${entry.bearing}`, WHAT[entry.what] ?? entry.what, entry.by];
+  const note = `${entry.node}: ${entry.words ? `${entry.bearings.join(', ')}: ${entry.words}` : entry.text}`, change = [`${nameOf(entry)}, ${entry.bearings.join(', ')}`, WHAT[entry.what] ?? entry.what, entry.by];
   for (const text of [clock(entry.time), ...(entry.alarm ? change : [note])]) row.insertCell().textContent = text;
   if (!entry.alarm) row.cells[1].colSpan = 3;
   if (entry.what === 'raise') {
