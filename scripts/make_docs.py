@@ -19,7 +19,8 @@ from typing import Any
 
 from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms import LIFE, AlarmState
-from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS, REQUIRED, Parameter
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.record_fields import BEARING, WARNING, RecordField, schema_of
 
@@ -115,7 +116,7 @@ file: `config:=`), every command with `--config`.
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
 - An invalid file (unknown parameter, key given twice, alias `*name`) is refused, with exit code 2:
 
-      ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number above 0 kg
+      ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number between 1e-06 and 1e+07 kg
 
 - An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz becomes surface
   speed by `journal_diameter`; m/s is the surface speed. Speeds astern are negative; a load of zero

@@ -30,6 +30,7 @@ from stickslip_monitor.lab.bearing_estimate import (
 )
 from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.configuration import bearing_names, check_topic
+from stickslip_monitor.monitor.parameter import Parameter, refused
 from stickslip_monitor.monitor.parameters import LOAD_UNITS
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import SPEED_UNITS
@@ -71,10 +72,10 @@ class Quantity(NamedTuple):
         value = number * self.units[unit]
         if not self.low <= value <= self.high:
             name, factor = next(iter(self.units.items()))
-            rule = f'from {self.low / factor:g} to {self.high / factor:g} {name}'.rstrip()
-            raise options.refused(self.option, text, rule)
+            bounds = self.low / factor, self.high / factor
+            raise refused(self.option, text, Parameter(self.option, 'float', None, '', name, *bounds).rule())
         if spread and not 0.0 < float(spread.group(2)) < 100.0:
-            raise options.refused(self.option, text, 'a number with a spread of 0 to 100 %')
+            raise refused(self.option, text, 'a number with a spread of 0 to 100 %')
         return Given(value, float(spread.group(2)) / 100.0) if spread else Given(value)
 
 

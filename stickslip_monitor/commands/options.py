@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.errors import ConfigurationError, OutputError
 from stickslip_monitor.files import PICTURES
+from stickslip_monitor.monitor.parameter import Parameter, refused
 
 if TYPE_CHECKING:
     from stickslip_monitor.drawing.map import Range
@@ -139,7 +140,7 @@ def add_number(
 
 
 class _Number(argparse.Action):
-    """Refuses a number out of bounds, in the sentence that holds for all of them."""
+    """Refuses a number out of bounds."""
 
     def __init__(self, *, rule: tuple[float, float, bool], **more: Any) -> None:
         super().__init__(**more)
@@ -149,18 +150,9 @@ class _Number(argparse.Action):
         self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
     ) -> None:
         low, high, above = self.rule
-        if not (low < value < math.inf if above else low <= value) or value > high:
-            if high == math.inf:
-                rule = f'a number above {low}' if above else f'at least {low}'
-            else:
-                rule = f'above {low} and at most {high}' if above else f'from {low} to {high}'
-            raise refused(self.option_strings[0], str(value).removesuffix('.0'), rule)
-        setattr(args, self.dest, value)
-
-
-def refused(what: str, given: str, rule: str) -> ConfigurationError:
-    """What a value that breaks its rule is answered with."""
-    return ConfigurationError(f"{what} '{given}' must be {rule}")
+        option, kind = self.option_strings[0], type(value).__name__
+        row = Parameter(option, kind, None, '', minimum=low, maximum=high, above_minimum=above)
+        setattr(args, self.dest, row.checked(option, {option: value}))
 
 
 def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, str]:

@@ -415,9 +415,7 @@ def _energy_below(gamma: float) -> FloatArray:
 @channel_effect('turning', ['speed'], 'blades', 'amplitude')
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Adds ripple at the rate of the blades, a share of the speed."""
-    blades = settings.value('blades', 'the number of blades')
-    if isinstance(blades, bool) or not isinstance(blades, int) or not 1 <= blades <= 20:
-        raise settings.broken('blades', 'must be a whole number from 1 to 20')
+    blades = settings.whole('blades', 'the number of blades', 1, 20)
     amplitude = settings.number('amplitude', '-', least=0.0, most=1.0)
     shaft, bearing = run.shaft, channel.bearings[0].name
 

@@ -140,10 +140,7 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
 
 
 def _seed(settings: Settings) -> int:
-    seed = settings.value('seed', 'a whole number, from which all random numbers follow')
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise settings.broken('seed', 'must be a whole number not below 0')
-    return seed
+    return settings.whole('seed', 'a whole number, from which all random numbers follow', 0)
 
 
 def _config_path(folder: Path, settings: Settings, seed: int) -> Path:

@@ -7,12 +7,11 @@ rule.
 
 from __future__ import annotations
 
-import datetime as dt
 import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.errors import SceneError, did_you_mean
+from stickslip_monitor.errors import ConfigurationError, SceneError, did_you_mean
 from stickslip_monitor.files import read_table
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, shown
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15
@@ -45,7 +45,7 @@ class Settings:
             if key not in known:
                 where = f' in {self.name}' if self.name else ''
                 hint = suggestion(key, known)
-                raise SceneError(f"unknown key '{key}' = {_short(value)}{where}; {hint}")
+                raise SceneError(f"unknown key '{key}' = {shown(value)}{where}; {hint}")
 
     def __contains__(self, key: str) -> bool:
         return key in self._content
@@ -70,22 +70,31 @@ class Settings:
     def choice(self, key: str, options: Sequence[str]) -> str:
         """One of some texts."""
         value = self.value(key, f'one of {", ".join(options)}')
-        if not isinstance(value, str) or value not in options:
-            raise self.broken(key, f'must be one of {", ".join(options)}{did_you_mean(value, options)}')
-        return value
+        self._checked(key, Parameter(key, 'str', REQUIRED, '', choices=tuple(options)))
+        return str(value)
 
     def number(
         self, key: str, unit: str, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
     ) -> float:
         """A finite number above one bound, or not below another, and not above a third."""
-        rule = f'a number [{unit}]'
-        rule += f' above {above:g}' if above > -math.inf else ''
-        rule += f' not below {least:g}' if least > -math.inf else ''
-        rule += f' and not above {most:g}' if most < math.inf else ''
-        value = self.value(key, rule)
-        if not is_number(value) or not (value > above and least <= value <= most):
-            raise self.broken(key, f'must be {rule}{too_large(value)}')
-        return float(value)
+        low, is_open = max(above, least), above > least
+        row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, most, above_minimum=is_open)
+        value = self.value(key, row.rule())
+        if too_large(value):
+            row = replace(row, minimum=max(row.minimum, -LARGEST), maximum=min(most, LARGEST))
+        return float(self._checked(key, row))
+
+    def whole(self, key: str, what: str, least: int, most: float = math.inf) -> int:
+        """A whole number within bounds; ``what`` says what is missing where it is."""
+        self.value(key, what)
+        return int(self._checked(key, Parameter(key, 'int', REQUIRED, '', minimum=least, maximum=most)))
+
+    def _checked(self, key: str, row: Parameter) -> Any:
+        """The value of a key that keeps a rule."""
+        try:
+            return row.checked(self.label(key), {self.label(key): self._content[key]})
+        except ConfigurationError as error:
+            raise SceneError(str(error)) from None
 
     def rows(self, key: str, name: str, what: str) -> list[tuple[str, Any]]:
         """The entries of a list that is not empty, each with its name for sentences."""
@@ -100,7 +109,7 @@ class Settings:
 
     def broken(self, key: str, rule: str) -> SceneError:
         """The error that says that a key's value breaks a rule."""
-        return SceneError(f'{self.label(key)} = {_short(self._content[key])} {rule}')
+        return SceneError(f'{self.label(key)} = {shown(self._content[key])} {rule}')
 
 
 def suggestion(key: Any, known: Sequence[str]) -> str:
@@ -121,11 +130,6 @@ def too_large(*values: Any) -> str:
 
 def _is_numeric(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _short(value: Any) -> str:
-    text = value.isoformat() if isinstance(value, dt.date) else repr(value)
-    return text if len(text) <= 60 else f'{text[:57]}...'
 
 
 @dataclass(frozen=True, slots=True, eq=False)

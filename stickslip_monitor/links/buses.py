@@ -19,15 +19,9 @@ from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.input_faults import Graph
+from stickslip_monitor.monitor.parameter import REQUIRED
 from stickslip_monitor.monitor.parameter_file import LINKS
-from stickslip_monitor.monitor.parameters import (
-    REQUIRED,
-    BearingConfig,
-    MonitorConfig,
-    filled,
-    parameter,
-    rows,
-)
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig, filled, parameter, rows
 from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 

@@ -22,6 +22,7 @@ from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_m
 from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig, filled
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
@@ -37,6 +38,9 @@ LARGEST_JSON = 64 << 20
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
 _LARGEST_VARIANCE = 100.0
+# Of the file of a calibration, beside parameters of the bearing.
+_LOADS = Parameter('loads', 'float[]', REQUIRED, 'Least and largest load.', 'N', 0.0, above_minimum=True)
+_FLOOR = Parameter('floor', 'float', REQUIRED, 'Deviation that no evidence takes away.', '', 0.0, 1.0)
 
 
 class _UnusableCalibration(ConfigurationError):
@@ -93,25 +97,27 @@ def _calibrated(
         believed = _with_law(bearing, document.get('believed', document['parameters']))
         covariance = np.array(document['covariance'], dtype=float)
         np.linalg.cholesky(covariance)
-        low, high = (float(load) for load in document['loads'])
-        floor = float(document['floor'])
+        low, high = _LOADS.checked('loads', document)
+        floor = _FLOOR.checked('floor', document)
+    except ConfigurationError as error:
+        raise _UnusableCalibration(f'{path} is damaged: {error}') from error
     except (LookupError, TypeError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise _UnusableCalibration(f'{path} is damaged: {error!r}') from error
     sound = covariance.shape == (2, 2) and bool((np.abs(covariance) < _LARGEST_VARIANCE).all())
-    if not (sound and 0.0 < low <= high < math.inf and 0.0 <= floor <= 1.0):
-        raise _UnusableCalibration(
-            f'{path} is damaged: its covariance, loads and floor must be finite numbers, loads'
-            ' above 0 and rising'
-        )
+    if not (sound and low <= high):
+        raise _UnusableCalibration(f'{path} is damaged: its covariance must be finite, and its loads rise')
     speed = math.hypot(floor, tolerance.speed, tolerance.scatter)
     return found, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
 
 
 def _with_law(bearing: Bearing, own: Mapping[str, Any]) -> Bearing:
     """A bearing with the damping and the law of a calibration."""
-    make, names = LAWS[own['friction.law']]
-    given = {name: own[f'friction.{name}'] for name in names if f'friction.{name}' in own}
-    return replace(bearing, damping=float(own['damping']), friction=make(**given))
+    every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)
+    rows = {row.name: replace(row, default=REQUIRED) for row in every}
+    make, names = LAWS[rows['friction.law'].checked('friction.law', own)]
+    given = {key: rows[key].checked(key, own) for key in (f'friction.{name}' for name in names) if key in own}
+    law = make(**{key.removeprefix('friction.'): value for key, value in given.items()})
+    return replace(bearing, damping=rows['damping'].checked('damping', own), friction=law)
 
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
@@ -214,7 +220,7 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
                 f"'{name}.{key}' and '{name}.{given[0].name}' are given: give mass, damping and"
                 f' stiffness, or {torsional_names}'
             )
-        torsional = replace(row, default=parameters.REQUIRED).checked(f'{name}.{row.name}', values)
+        torsional = replace(row, default=REQUIRED).checked(f'{name}.{row.name}', values)
         found[f'{name}.{key}'] = torsional / (0.25 * diameter * diameter)
     return found
 

@@ -92,7 +92,7 @@ def test_a_load_is_read_in_its_unit(text: str, newtons: float) -> None:
 
 
 def test_milli_is_not_taken_for_mega() -> None:
-    with pytest.raises(ConfigurationError, match="load '3mN' must be a number with a unit: one of N, kN, MN"):
+    with pytest.raises(ConfigurationError, match="load = '3mN' must be a number with a unit: one of N, kN"):
         parse_load('3mN')
 
 

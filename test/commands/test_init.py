@@ -101,8 +101,8 @@ def test_json(stickslip: Stickslip) -> None:
         (DRAWING[2:], 'missing: --journal-diameter (see stickslip init --help)'),
         (DRAWING[:8] + DRAWING[10:], '--damping-ratio or --loss-factor'),
         ((*DRAWING, '--area', '0.3m2'), '--length and --area are given: choose one'),
-        ((*DRAWING, '--thickness', '20'), "--thickness '20' must be a number with a unit: one of mm, m"),
-        ((*DRAWING, '--journal-diameter', '400m'), 'must be from 20 to 2000 mm'),
+        ((*DRAWING, '--thickness', '20'), "--thickness = '20' must be a number with a unit: one of mm, m"),
+        ((*DRAWING, '--journal-diameter', '400m'), 'must be a finite number between 20 and 2000 mm'),
         ((*DRAWING, '--kinetic', '0.4'), '--static 0.3 must be above --kinetic 0.4'),
         ((*DRAWING, '--speed-topic', 'x{}y:'), "--speed-topic 'x{}y:' must be a ROS topic name"),
         ((*DRAWING, '--load-topic', ''), "--load-topic '' must be a ROS topic name"),
@@ -131,7 +131,7 @@ def test_dialogue_takes_the_other_value_and_asks_again() -> None:
     assert given['loss_factor'] == Given(0.15, 0.4)
     assert given['kinetic'] == Given(0.1)
     assert all(any(item.name in given for item in need) for need in NEEDS)
-    assert any("'thick' must be a number with a unit: one of mm, m" in text for text in shown)
+    assert any("= 'thick' must be a number with a unit: one of mm, m" in text for text in shown)
 
 
 def test_hardness_beyond_the_formula() -> None:

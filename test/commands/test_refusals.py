@@ -38,14 +38,14 @@ REFUSED = {
     'assess -c own.yaml --speed 1rpm --load 1N --bearing aft': "'aft' is not configured; did you"
     " mean 'aft_stern'?",
     # Quantities.
-    'assess -c own.yaml --speed 1rpm --load 1kip': "load '1kip' must be a number with a unit: one"
+    'assess -c own.yaml --speed 1rpm --load 1kip': "load = '1kip' must be a number with a unit: one"
     " of N, kN, MN, tf, t, lbf, and 'kip' is none of these",
-    'assess -c own.yaml --speed 20 --load 1N': "speed '20' must be a number with a unit",
-    'diagram -c own.yaml -o a.csv --load=-5N': "load '-5N' must be above 0",
-    'map -c own.yaml -o a.csv --loads 2kN': "loads '2kN' must be LOW:HIGH, each with its unit",
-    'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads '2kN:1kN' must be rising from its first value",
-    'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds '-1rpm:9rpm' must be rising",
-    f'fit {CURVE} -c own.yaml --load 0N': "load '0N' must be above 0",
+    'assess -c own.yaml --speed 20 --load 1N': "speed = '20' must be a number with a unit",
+    'diagram -c own.yaml -o a.csv --load=-5N': "load = '-5N' must be above 0",
+    'map -c own.yaml -o a.csv --loads 2kN': "loads = '2kN' must be LOW:HIGH, each with its unit",
+    'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads = '2kN:1kN' must be rising from its first value",
+    'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds = '-1rpm:9rpm' must be rising",
+    f'fit {CURVE} -c own.yaml --load 0N': "load = '0N' must be above 0",
     f'fit {CURVE} --journal-diameter 0': 'journal_diameter = 0 m must be greater than 0',
     # Options that go together, or do not.
     'map -c own.yaml -o a.csv --track x': "track 'x' is for pictures: write a .png or .svg",
@@ -182,7 +182,7 @@ def test_a_number_out_of_its_bounds_is_refused(name: str, stickslip: Stickslip) 
     for value in wrong:
         done = stickslip(command, f'{name.split()[1]}={value}')
         assert done.code == 2
-        assert f"ERROR: {name.split()[1]} '{value}' must be " in done.err
+        assert f'ERROR: {name.split()[1]} = {action.type(value)!r} must be ' in done.err
     right = [low + 1, high if high < math.inf else low + 2]
     for value in right:
         args = argparse.Namespace()

@@ -33,7 +33,7 @@ SCENES = rows("""
 {effects: ~} => key 'effects' is missing:
 {scene: x/2} => scene = 'x/2' must be 'stickslip_monitor/scene/1'
 {description: 3} => description = 3 must be a text
-{duration: 0} => duration = 0 must be a number [s] above 0
+{duration: 0} => duration = 0 must be a finite number above 0
 {duration: true} => duration = True must be
 {start: 2026-05-04} => start = '2026-05-04' must be an ISO time
 {start: 1777874400} => looks like seconds: nanoseconds since 1970 are 1777874400000000000
@@ -51,7 +51,7 @@ SCENES = rows("""
     effects: [{lining_motion: {disturbance: {standard_deviation: 1, unit: N}}}]}
   => telemetry.level.rate = 200 Hz must not be above 7.96 Hz
 {telemetry: {speed: {rate: 1}, load: {rate: -1}}}
-  => telemetry.load.rate = -1 must be a number [Hz] not below 1e-06 and not above 1000
+  => telemetry.load.rate = -1 must be a finite number between 1e-06 and 1000 Hz
 {effects: {}} => effects = {} must be a list
 {effects: [{bias: {}, stuck: {}}]} => effects: entry 1 =
 {effects: [{sped_profile: {}}]}
@@ -81,13 +81,13 @@ manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [[now, stop]
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [stop]}
   => order 1 = 'stop' must be a pair, [time in s, 'slow ahead']
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {slow: 40, half: 40}, orders: []}
-  => manoeuvre.ahead.half = 40 must be a number [rpm] above 40
+  => manoeuvre.ahead.half = 40 must be a finite number above 40
 blade_ripple: {blades: 4.5, amplitude: 0} => blades = 4.5 must be a whole number
 blade_ripple: {blades: 4, amplitude: 2}
-  => blade_ripple.amplitude = 2 must be a number [-] not below 0 and not above 1
+  => blade_ripple.amplitude = 2 must be a finite number between 0 and 1
 averaging: {} => averaging must name speed, load or both
 sensor_noise: {load: {standard_deviation: 1.0e+308, unit: N}}
-  => standard_deviation = 1e+308 must be a number [N] not below 0, of a size up to 1e+15
+  => standard_deviation = 1e+308 must be a finite number between 0 and 1e+15 N
 spikes: {load: {size: 1, unit: N}} => spikes.load must have windows, a share of the samples, or bot
 stuck: {load: {windows: [[0, 30], [20, 40]]}}
   => stuck.load.windows: window 2 = [20, 40] overlaps or precedes window 1 = [0, 30]; windows must
@@ -109,7 +109,7 @@ friction_drift: {parameter: static, points: [[0, 0.3]]} -
 lining_motion: {disturbance: {standard_deviation: 1, unit: N}, knocks: [[100, 1]]}
   => no blow can follow at 100 s, where the scene ends
 lining_motion: {disturbance: {standard_deviation: 1, unit: N}, amplitude: {rate: 9.0}}
-  => lining_motion.amplitude.rate = 9.0 must be a number [Hz] above 0 and not above 7.95775
+  => lining_motion.amplitude.rate = 9.0 must be a finite number above 0 and not above 7.95775 Hz
 """)
 
 

@@ -127,7 +127,13 @@ def test_a_calibrated_bearing_alarms_as_if_it_were_configured(result: str) -> No
     [
         ({'bearing': 'fore'}, {}, "a calibration of 'fore' and not of 'aft'"),
         ({'schema': 'x/1'}, {}, "schema 'x/1' and must have"),
-        ({'loads': [0.0, 1.0]}, {}, 'is damaged: its covariance'),
+        (
+            {'loads': [0.0, 1.0]},
+            {},
+            r'is damaged: loads = \[0.0, 1.0\] must be a list of finite numbers above 0',
+        ),
+        ({'loads': [2.0, 1.0]}, {}, 'is damaged: its covariance must be finite, and its loads rise'),
+        ({'floor': 1.5}, {}, 'is damaged: floor = 1.5 must be a finite number between 0 and 1'),
         (
             {'schema': 'stickslip_monitor/calibration/1'},
             {},

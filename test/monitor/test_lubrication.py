@@ -109,8 +109,8 @@ def test_an_error_of_the_load_moves_speed_and_load_together() -> None:
     [
         ({'friction__load_exponent': 1.0}, "parameter 'aft.friction.at_load' is missing"),
         ({'water_temperature__constant': 5.0}, "parameter 'aft.friction.at_temperature' is missing"),
-        ({'water_temperature__constant': 288.0}, 'must be a finite number not below -2 and not above 60 C'),
-        ({'friction__load_exponent': 2.0, 'friction__at_load': 1.0}, 'not above 1'),
+        ({'water_temperature__constant': 288.0}, 'must be a finite number between -2 and 60 C'),
+        ({'friction__load_exponent': 2.0, 'friction__at_load': 1.0}, 'and 1'),
     ],
 )
 def test_what_is_missing_or_out_of_range_is_refused(given: dict[str, float], text: str) -> None:

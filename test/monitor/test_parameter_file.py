@@ -108,7 +108,7 @@ def test_what_is_a_number(write: Write, text: str, value: Any) -> None:
 NO_FILE = " must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
 IN_NODE = '/**:\n  ros__parameters:\n    '
 NONE = "has no parameters for 'stickslip_monitor': its sections are"
-RANGE = 'must be a finite number not below 1e-06 and not above 1e+07 kg'
+RANGE = 'must be a finite number between 1e-06 and 1e+07 kg'
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ from shared import REFERENCE
 
 from stickslip_monitor import MonitorConfig, Stribeck, Tabulated, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS, REQUIRED, Parameter
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.physics.friction import Stretched
 
@@ -66,17 +67,17 @@ LAW = {
 }
 # One of each kind of rule, and of what is no number; all but the dots begins the message.
 REFUSED = [
-    ({'aft.mass': -1.0}, 'aft.mass = -1.0 must be a finite number not below 1e-06 and not above 1e+07 kg'),
-    ({'aft.mass': '50'}, "aft.mass = '50' must be a finite number not below 1e-06 and not above 1e+07 kg"),
-    ({'aft.mass': True}, 'aft.mass = True must be a finite number not below 1e-06 and not above 1e+07 kg'),
-    ({'aft.damping': -1e-9}, '...must be a finite number not below 0 and not above 1e+10 N s/m'),
+    ({'aft.mass': -1.0}, 'aft.mass = -1.0 must be a finite number between 1e-06 and 1e+07 kg'),
+    ({'aft.mass': '50'}, "aft.mass = '50' must be a finite number between 1e-06 and 1e+07 kg"),
+    ({'aft.mass': True}, 'aft.mass = True must be a finite number between 1e-06 and 1e+07 kg'),
+    ({'aft.damping': -1e-9}, '...must be a finite number between 0 and 1e+10 N s/m'),
     ({'aft.speed.unit': 'knots'}, "aft.speed.unit = 'knots' must be one of rpm, rad/s, Hz, m/s"),
     ({'aft.load.unit': False}, 'aft.load.unit = False must be one of N, kN'),
     ({'aft.load.timeout': 1.1e9}, 'aft.load.timeout = 1100000000.0 must be a finite number above'),
-    ({'aft.load.scale': 0}, '...a finite number not below -1e+09 and not above 1e+09 and other than 0'),
+    ({'aft.load.scale': 0}, '...a finite number between -1e+09 and 1e+09 and other than 0'),
     ({'aft.speed.offset': math.nan}, 'aft.speed.offset = nan must be a finite number'),
     ({'aft.speed.topic': 7}, 'aft.speed.topic = 7 must be a text'),
-    ({'aft.alarm.hysteresis': 0.91}, 'aft.alarm.hysteresis = 0.91 must be a finite number not be'),
+    ({'aft.alarm.hysteresis': 0.91}, 'aft.alarm.hysteresis = 0.91 must be a finite number between'),
     ({'aft.alarm.amplitude_limit': math.nan}, 'aft.alarm.amplitude_limit = nan must be a number'),
     ({'aft.load.topic': 'a/1'}, "aft.load.topic = 'a/1' must be a ROS topic"),
     ({'aft.load.topic': '/a//b'}, "aft.load.topic = '/a//b' must be a ROS topic"),
