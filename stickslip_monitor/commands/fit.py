@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +31,13 @@ from stickslip_monitor.lab.friction_fit import (
     VISCOUS_LEVEL,
     StribeckFit,
     boundary_belief,
-    fit_stribeck,
     unchecked,
 )
+from stickslip_monitor.lab.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS
+from stickslip_monitor.physics.lubrication import reference_point, speed_over_load
 from stickslip_monitor.physics.probability import Belief
 
 SCHEMA = 'stickslip_monitor/fit/2'
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, name) and not args.config:
             raise ConfigurationError(f'--{name} needs --config and --load')
     bearings = options.chosen(args).bearings if args.config else ()
-    fit = fit_stribeck(_read(args, bearings), args.viscous)
+    fit = fit_curve(_read(args, bearings), args.viscous)
     load = options.parse_loaded(args.load) if args.load else 0.0
     beliefs = [(item, _belief(fit, item, load)) for item in bearings]
     found = [(item, boundaries(belief, load), _regimes(args, belief, load)) for item, belief in beliefs]
@@ -116,7 +118,10 @@ def _belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belief:
 def boundaries(belief: Belief, load: float) -> Boundaries:
     """Both boundary speeds at a load: the 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
     both = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
-    return {name: [float(of(load, p)) for p in _INTERVAL] for name, of in both.items()}
+    return {
+        name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in _INTERVAL]
+        for name, of in both.items()
+    }
 
 
 def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
@@ -125,19 +130,20 @@ def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str,
         return None
     speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
     require_positive('speed', speed, 'm/s')
-    can, will = (float(p) for p in belief.probabilities(speed, load))
+    point = reference_point(belief.bearing, speed, load)[:2]
+    can, will = (float(p) for p in belief.probabilities(*point))
     return {'unstable': will, 'bistable': can - will, 'stable': 1.0 - can}
 
 
 def point_columns(fit: StribeckFit) -> dict[str, Any]:
     """The points with what the fit says of each, for a CSV file in SI units."""
-    curve = fit.curve
+    curve = fit.points
     return {
         'line': curve.line,
         'speed': curve.speed,
         'coefficient': curve.coefficient,
         'fitted': curve.coefficient - fit.residual,
-        'band': fit.band(curve.speed),
+        'band': fit.band(fit.curve.speed),
         'residual': fit.residual,
         'weight': fit.weight,
         'leverage': fit.leverage,
@@ -184,6 +190,7 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Foun
             {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
             for k in fit.outliers
         ],
+        'conditions': _conditions(fit),
         'warnings': list(fit.warnings),
         'unchecked': unchecked(fit) or None,
         'fragment': fragment(args.curve, fit),
@@ -194,12 +201,32 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Foun
     }
 
 
+def _conditions(fit: StribeckFit) -> dict[str, Any] | None:
+    """The load and the water of the reference points, and the exponent; ``None`` without columns of them."""
+    if not isinstance(fit, PooledFit):
+        return None
+    return {
+        'at_load': number(fit.load),
+        'at_temperature': number(fit.temperature),
+        'load_exponent': fit.exponent if fit.has_exponent else None,
+        'standard_error': fit.exponent_error if fit.has_exponent else None,
+        'interval': list(fit.exponent_interval) if fit.has_exponent else None,
+        'sentence': fit.sentence,
+    }
+
+
 def fragment(source: str, fit: StribeckFit) -> str:
     """The law as a bearing's entry in the parameter file."""
     written = [name for name in UNITS if name != 'viscous' or name in fit.names]
     values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
     both = zip(fit.names, fit.standard_error, strict=True)
     errors = ', '.join(f'{name} {error:.2g}' for name, error in both)
+    if isinstance(fit, PooledFit):
+        known = {'at_load': fit.load, 'at_temperature': fit.temperature}
+        values += ''.join(f', {name}: {value:.6g}' for name, value in known.items() if value == value)
+        if fit.lubrication is not None:
+            values += f', load_exponent: {fit.lubrication.load_exponent:.4g}'
+            errors += f', load_exponent {fit.exponent_error:.2g}'
     return (
         f'{FRAGMENT_MARK}{_summary(source, fit)}.\n'
         f'# Standard errors: {errors}.\n'
@@ -222,7 +249,7 @@ def viscous_sentence(fit: StribeckFit, asked: str) -> str:
 
 def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: Found) -> None:
     """Print the fit and what its uncertainty means for the bearings."""
-    curve, names = fit.curve, fit.names
+    curve, names = fit.points, fit.names
     out.print(
         f'[bold]{escape(args.curve)}[/]: {fit.weight.size} points, speeds in {curve.unit}'
         f' ({escape(curve.unit_source)}), from {curve.speed.min():.4g} to'
@@ -232,7 +259,13 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: F
     columns = zip(names, fit.estimate, fit.standard_error, fit.intervals, strict=True)
     for name, value, error, (low, high) in columns:
         table.add_row(name, f'{value:.5g}', f'{error:.2g}', f'{low:.5g} to {high:.5g}', UNITS[name])
+    if isinstance(fit, PooledFit) and fit.has_exponent:
+        low, high = fit.exponent_interval
+        interval = f'{low:.3g} to {high:.3g}'
+        table.add_row('load exponent', f'{fit.exponent:.3g}', f'{fit.exponent_error:.2g}', interval, '')
     out.print(table)
+    if isinstance(fit, PooledFit):
+        out.print(_conditions_sentence(fit))
     pairs = [(i, j) for j in range(len(names)) for i in range(j)]
     texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
     out.print(f'correlation: {", ".join(texts)}')
@@ -252,8 +285,15 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: F
     out.print(escape(fragment(args.curve, fit)), end='')
 
 
+def _conditions_sentence(fit: PooledFit) -> str:
+    """At which load and water the law holds as it stands."""
+    known = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
+    known += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
+    return f'the law is that at {" and ".join(known)}{f"; {fit.sentence}" if fit.sentence else ""}'
+
+
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
-    aside, curve = int(np.sum(fit.weight < ASIDE)), fit.curve
+    aside, curve = int(np.sum(fit.weight < ASIDE)), fit.points
     out.print(
         f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than {ASIDE:.0%}'
     )

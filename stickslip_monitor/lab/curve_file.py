@@ -21,6 +21,8 @@ NAMES = {
     'std': 'std sigma σ sd stdev uncertainty deviation error',
     'weight': 'weight weights w',
     'coefficient': 'coefficient mu μ µ cof friction reibwert reibungszahl reibungskoeffizient',
+    'load': 'load last belastung normalkraft normallast',
+    'temperature': 'temperature temp temperatur wassertemperatur',
     'speed': 'speed velocity v n geschwindigkeit gleitgeschwindigkeit drehzahl',
 }
 """The words that a heading is recognised by: it is the first quantity of which it has one, with no
@@ -54,6 +56,8 @@ class FrictionCurve:
     line: IntArray  # the line of the file that each point came from, shape (n,)
     unit: str  # the unit that the speeds were written in
     unit_source: str  # where that unit was found, for the user
+    load: FloatArray | None = None  # load of each point, shape (n,) [N]; None: not told
+    temperature: FloatArray | None = None  # of the water at each, shape (n,) [C]; None: not told
 
 
 def read_curve(
@@ -97,11 +101,16 @@ def read_curve(
     for name in ('coefficient', 'std'):
         if name in values:
             values[name] *= _share(where, headings[name])
+    for name in ('load', 'temperature'):
+        if name in values:
+            values[name] = _in_unit(where, name, headings[name], values[name])
     std = values.get('std', np.ones(len(rows) - 1))
     if 'weight' in values:
         std = values['weight'] ** -0.5
     lines = np.array([row.line for row in rows[1:]], dtype=np.int64)
-    return FrictionCurve(values['speed'] * factor, values['coefficient'], std, lines, unit, source)
+    conditions = values.get('load'), values.get('temperature')
+    speed = values['speed'] * factor
+    return FrictionCurve(speed, values['coefficient'], std, lines, unit, source, *conditions)
 
 
 def _rows(path: str | Path) -> tuple[list[TableRow], str]:
@@ -146,6 +155,8 @@ def _quantity(words: Iterable[str]) -> str:
     if name in ('std', 'weight'):
         known = f'{NAMES[name]} {NAMES["coefficient"]}'.split()
         return name if found <= {*known} | _BESIDE else ''
+    if found >= {'normal', 'force'}:
+        return 'load'
     return '' if found & _OTHERS else name
 
 
@@ -227,6 +238,27 @@ def _share(where: str, heading: str) -> float:
             f"{where}, column '{heading}': unit '{unit}' must be %, or none: a coefficient is force over load"
         )
     return _SHARES[unit]
+
+
+_CONDITION_UNITS = {
+    'load': {'': (1.0, 0.0), 'n': (1.0, 0.0), 'kn': (1000.0, 0.0)},
+    'temperature': {
+        **dict.fromkeys(('', 'c', '°c', 'degc', 'deg c', 'celsius'), (1.0, 0.0)),
+        'k': (1.0, -273.15),
+        **dict.fromkeys(('f', '°f', 'degf'), (5.0 / 9.0, -160.0 / 9.0)),
+    },
+}
+"""By quantity and unit in lower case, what makes N and C of a number: factor and summand."""
+
+
+def _in_unit(where: str, quantity: str, heading: str, values: FloatArray) -> FloatArray:
+    """Loads in N, temperatures in C."""
+    unit, known = _split(heading)[1].lower(), _CONDITION_UNITS[quantity]
+    if unit not in known:
+        names = 'N or kN' if quantity == 'load' else 'C, K or F'
+        raise FitError(f"{where}, column '{heading}': unit '{unit}' must be {names}")
+    factor, summand = known[unit]
+    return values * factor + summand
 
 
 def _require_one_decimal_sign(

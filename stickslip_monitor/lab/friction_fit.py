@@ -25,6 +25,7 @@ from stickslip_monitor.errors import FitError
 from stickslip_monitor.lab.curve_file import FrictionCurve
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.lubrication import Lubrication, reference_point
 from stickslip_monitor.physics.probability import Belief
 
 UNITS = {'static': '', 'kinetic': '', 'decay': 's/m', 'viscous': 's/m'}
@@ -43,6 +44,11 @@ LEAST_KNOWN = 4.0
 """A decay whose 95 % interval reaches farther than this factor either way is not known."""
 ASIDE = 0.1
 """A point of a smaller weight lies on no curve with the others."""
+SEVERAL_LOADS = (
+    'the load or the temperature of the water may be the reason, if the points are of several: give each its'
+    ' load and temperature in columns of these names'
+)
+"""What pooled curves look like: friction depends on speed times viscosity over load."""
 _MANY_OUTLIERS, _MUCH_LEVERAGE = 0.2, 0.9
 _MAD = 1.482602218505602
 # The median of few residuals scatters: this keeps it from setting good points aside.
@@ -82,6 +88,16 @@ class StribeckFit:
     viscous_test: ViscousTest | None = None  # None with too few points for it
 
     @property
+    def points(self) -> FrictionCurve:
+        """The points as measured."""
+        return self.curve
+
+    @property
+    def free_count(self) -> int:
+        """How many numbers are fitted."""
+        return len(self.names)
+
+    @property
     def law(self) -> Stribeck:
         """The fitted law."""
         kinetic, viscous = (max(float(value), 0.0) for value in self.values[[1, 3]])
@@ -111,8 +127,8 @@ class StribeckFit:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """The sum of the weights less k."""
-        return float(self.weight.sum()) - len(self.names)
+        """The sum of the weights less the number of what is fitted."""
+        return float(self.weight.sum()) - self.free_count
 
     @cached_property
     def scale(self) -> float:
@@ -121,7 +137,7 @@ class StribeckFit:
         With it ``s^2 (J'WJ)^-1`` is the covariance: Huber and Ronchetti, Robust Statistics, 2nd
         ed., eq. (7.81).
         """
-        n, p = self.weight.size, len(self.names)
+        n, p = self.weight.size, self.free_count
         slope = self.weight**2 * (2.0 - 1.0 / self.weight)
         mean = max(float(slope.mean()), 0.1)
         correction = 1.0 + p / n * float(slope.var()) / mean**2
@@ -144,6 +160,16 @@ class StribeckFit:
         """``s^2 (J'WJ)^-1`` of the free coefficients, (k, k); ``inf`` where it is singular."""
         inverse = self.decomposed[1]
         return self.scale**2 * (inverse @ inverse.T)
+
+    @property
+    def full_covariance(self) -> FloatArray:
+        """That of all that is fitted."""
+        return self.covariance
+
+    @property
+    def lubrication(self) -> Lubrication | None:
+        """The conditions of the measurement as a bearing has them; ``None``: as those of the ship."""
+        return None
 
     @property
     def standard_error(self) -> FloatArray:
@@ -241,8 +267,8 @@ def _chosen(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     if lack := _lack_of_points(curve, RISING if viscous == 'yes' else PLAIN):
         raise FitError(lack)
     if _lack_of_points(curve, RISING):
-        return _solve(curve, PLAIN)
-    full = _solve(curve, RISING)
+        return solve_law(curve, PLAIN)
+    full = solve_law(curve, RISING)
     f_value = float(full.values[3] ** 2 / full.covariance[3, 3])
     p_value = float(stats.f.sf(f_value, 1.0, max(full.degrees_of_freedom, 1.0)))
     test = ViscousTest(float(full.values[3]), f_value, p_value)
@@ -252,15 +278,18 @@ def _chosen(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
             ' curve has no viscous rise; leave it out with --viscous no'
         )
     wanted = test.slope >= 0.0 if viscous == 'yes' else viscous == 'auto' and test.demands_slope
-    return replace(full if wanted else _solve(curve, PLAIN), viscous_test=test)
+    return replace(full if wanted else solve_law(curve, PLAIN), viscous_test=test)
 
 
-def _solve(curve: FrictionCurve, names: tuple[str, ...]) -> StribeckFit:
-    """The robust fit with some coefficients free, whether or not it makes sense."""
-    found = StribeckFit(curve, names, _start(curve, names), 1.0)
+def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) -> StribeckFit:
+    """The robust fit with some coefficients free, whether or not it makes sense.
+
+    A ``scale`` > 0 is that of the residuals, in place of one by their median.
+    """
+    found, given = StribeckFit(curve, names, _start(curve, names), 1.0), scale
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
     for loss, at in (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY)):
-        scale = _robust_scale(found)
+        scale = given or _robust_scale(found)
         found = replace(found, median_scale=scale, values=_descend(found, scale, loss, at))
     return found
 
@@ -337,14 +366,14 @@ def _identified(free: StribeckFit) -> StribeckFit:
         raise FitError(
             f'points on one curve = {kept} must be at least {least}: the other'
             f' {free.weight.size - kept} lie far from it, so no Stribeck law describes the'
-            ' measurement'
+            f' measurement; {SEVERAL_LOADS}'
         )
     _require_fall(free)
     _require_decay(free)
     best = free
     if free.values[1] < 0.0:
         names = tuple(name for name in free.names if name != 'kinetic')
-        best = replace(_solve(free.curve, names), viscous_test=free.viscous_test)
+        best = replace(solve_law(free.curve, names), viscous_test=free.viscous_test)
     correlation = np.abs(best.correlation) - np.eye(len(best.names))
     i, j = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
     if not correlation[i, j] <= MOST_CORRELATION:
@@ -429,7 +458,10 @@ def _warnings(fit: StribeckFit) -> Iterator[str]:
         yield f'{share:.0%} of the points count less than half: the law may not be the right one'
     if 'kinetic' not in fit.names:
         yield 'kinetic would be negative and is held at 0, without a standard error'
-    yield from _lack_of_fit(fit)
+    lacking = list(_lack_of_fit(fit))
+    yield from lacking
+    if lacking and curve.load is None:
+        yield SEVERAL_LOADS
     test = fit.viscous_test
     if test is not None and test.slope < 0.0 and test.p_value < VISCOUS_LEVEL:
         yield (
@@ -473,6 +505,23 @@ def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
             f' chance (p = {alike:.1g}): friction changed during the measurement, as by running in'
             ' or between rising and falling speed; fit the branches apart'
         )
+    elif (spread := _spread_along_fall(fit)) < SHAPE_LEVEL:
+        yield (
+            'points scatter more where friction falls than where it is level (p ='
+            f' {spread:.1g}): several curves lie one beside the other'
+        )
+
+
+def _spread_along_fall(fit: StribeckFit) -> float:
+    """Probability of residuals that grow as much with ``v |mu'(v)|``, if the law is right.
+
+    Curves at other loads or temperatures are the same one at other speeds, so that they part where it falls.
+    By Spearman's rank correlation.
+    """
+    speed = fit.curve.speed
+    fall = speed * np.abs(fit.law.slope(speed))
+    size = np.abs(fit.residual / fit.curve.std)
+    return float(stats.spearmanr(fall, size, alternative='greater').pvalue)
 
 
 def _likeness(fit: StribeckFit, order: IndexArray) -> float:
@@ -496,8 +545,8 @@ def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
     ``kappa = (c/N + nu)/((mu_s - mu_k) beta)``; both to first order in the coefficients. The
     covariance is widened by Student's t over the normal quantile.
     """
-    law = fit.law
-    fall, damping = law.static - law.kinetic, bearing.damping / load
+    law, own = fit.law, replace(bearing, friction=fit.law, lubrication=fit.lubrication)
+    fall, damping = law.static - law.kinetic, bearing.damping / float(reference_point(own, 0.0, load)[1])
     of_r = {'decay': -1.0 / law.decay}
     of_q = {
         'static': 1.0 / fall,
@@ -508,5 +557,8 @@ def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
     rows = np.array([[of.get(name, 0.0) for name in fit.names] for of in (of_r, of_q)])
     # A load moves c/N only.
     rows[1] *= (damping + law.viscous) / damping
+    if fit.lubrication is not None:  # what is uncertain of the exponent moves the reference point
+        log_load = math.log(load / fit.lubrication.load)
+        rows = np.column_stack([rows, [log_load, -log_load]])
     wider = fit.t_quantile / stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
-    return Belief(replace(bearing, friction=law), wider**2 * rows @ fit.covariance @ rows.T)
+    return Belief(own, wider**2 * rows @ fit.full_covariance @ rows.T)
