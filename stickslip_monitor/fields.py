@@ -8,6 +8,7 @@ An element of a list is chosen by its place, ``velocity[0]``, or in messages of 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,18 @@ class ByName:
 
     def __str__(self) -> str:
         return self.name
+
+
+class NoSuchElementError(LookupError):
+    """A message does not name the element: it is about others, as one of several publishers of joints sends.
+
+    Attributes:
+        names: What it names instead.
+    """
+
+    def __init__(self, name: str, names: Sequence[str]) -> None:
+        super().__init__(f'no element is called {name}')
+        self.names = tuple(names)
 
 
 FieldPath = tuple[str | int | ByName, ...]
@@ -71,8 +84,9 @@ class NumberField:
         """Follow the steps of the path through any decoded ROS message to the number at its end.
 
         Raises:
-            LookupError: An array is shorter than the index asks for, has no element of the name,
-                or another name at the place than the first message (a fault of this message).
+            NoSuchElementError: The message is not for this number, as it names other elements only.
+            LookupError: An array is shorter than the index asks for, or has another name at the
+                place than the first message (a fault of this message).
             AttributeError, TypeError, ValueError: The path does not lead to a number.
         """
         value = message
@@ -99,5 +113,20 @@ class NumberField:
 def _place(parent: Any, step: ByName) -> int:
     names = getattr(parent, NAMES)
     if step.name not in names:
-        raise LookupError(f'no element is called {step.name}')
+        raise NoSuchElementError(step.name, names)
     return int(list(names).index(step.name))
+
+
+def signalk_source(update: Mapping[str, Any]) -> str:
+    """Return who sends an update of Signal K: its ``$source``, or as a server makes it of the ``source``.
+
+    >>> signalk_source({'source': {'label': 'N2K', 'type': 'NMEA2000', 'src': '17', 'pgn': 127488}})
+    'N2K.17'
+    """
+    if '$source' in update:
+        return str(update['$source'])
+    own = update.get('source')
+    if not isinstance(own, Mapping):
+        return '' if own is None else str(own)
+    end = own.get('src') if own.get('src') or own.get('pgn') else own.get('talker') or 'XX'
+    return '.'.join(str(part) for part in (own.get('label') or own.get('type'), end) if part)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.fields import ByName, NumberField, parse_field
+from stickslip_monitor.fields import ByName, NoSuchElementError, NumberField, parse_field
 
 MESSAGE = SimpleNamespace(
     data=2,
@@ -76,8 +76,9 @@ def test_an_element_is_chosen_by_its_name_wherever_it_stands() -> None:
     field = NumberField(path)
     assert field.read(joints(['port/shaft.1', 'rudder'], [6.0, 0.1])) == 6.0
     assert field.read(joints(['rudder', 'port/shaft.1'], [0.1, 7.0])) == 7.0
-    with pytest.raises(LookupError):
+    with pytest.raises(NoSuchElementError) as error:
         field.read(joints(['rudder'], [0.1]))
+    assert error.value.names == ('rudder',)
 
 
 def test_a_place_that_becomes_another_element_is_a_fault() -> None:

@@ -32,7 +32,7 @@ BUILDS_ON: dict[str, tuple[str, ...]] = {
     'physics': ('arrays', 'jit', 'units'),
     'monitor': ('physics', 'fields', 'files'),
     'root': ('monitor',),
-    'tables': ('arrays', 'files', 'units'),
+    'tables': ('arrays', 'fields', 'files', 'units'),
     'bags': ('monitor', 'tables'),
     'offline': ('bags', 'root'),
     'host': ('monitor',),

@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.fields import signalk_source
 from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.alarm_list import Action
@@ -68,7 +69,7 @@ def _values(frame: object, own: str, kind: str = 'values') -> Iterator[tuple[Upd
         for update in _dicts(frame.get('updates')):
             for item in _dicts(update.get(kind)):
                 if isinstance(item.get('path'), str):
-                    yield update, str(update.get('$source', '')), item['path'], item.get('value')
+                    yield update, signalk_source(update), item['path'], item.get('value')
 
 
 def _dicts(items: object) -> list[dict[str, Any]]:

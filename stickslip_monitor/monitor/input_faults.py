@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.fields import ByName
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
@@ -184,6 +185,8 @@ PATIENCE = 3
 """A fault is reported when so many looks in a row have found it: discovery takes its time."""
 SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
 """The share of refused samples is that of at least so many, over at least such a time [ns]."""
+_NAMES_SHOWN = 8
+"""Of the names that a message has in place of ours: more help nobody to find the slip."""
 _GRAPH_PERIOD = 5
 _RATE_LOOKS = 10
 _NUMBERS = re.compile(r'[\d.]+')
@@ -218,6 +221,8 @@ class InputFacts:
     source: str = ''  # what its samples show of their source, see :class:`SourceWatch`
     undecodable: bool = False  # its latest message could not be decoded
     gone: str = ''  # who published on the topic before and does no longer
+    element: str = ''  # what messages for it have to name
+    other_names: Sequence[str] = ()  # what those name that are for others
 
 
 def input_fault(facts: InputFacts) -> str:
@@ -284,6 +289,9 @@ def _silence(facts: InputFacts) -> str:
     topic, publishers = facts.topic, facts.publishers
     if not publishers:
         return f'No messages on {topic}.'
+    if facts.element and facts.other_names and facts.element not in facts.other_names:
+        names = ', '.join(facts.other_names[:_NAMES_SHOWN])
+        return f"No message on {topic} names '{facts.element}': they name {names}."
     text = f'{publishers[0].node} publishes on {topic}, but nothing arrives'
     if not any(publisher.latched for publisher in publishers):
         return f'{text}.'
@@ -296,10 +304,15 @@ def _silence(facts: InputFacts) -> str:
 class Graph:
     """Who publishes what: this one knows nothing, as beside a ship's buses."""
 
-    def publishers(self, topic: str) -> Sequence[Publisher] | None:
-        """Who publishes on a topic of that full name; ``None`` where nobody can know."""
-        del topic
+    def publishers(self, topic: str, bearing: str, place: int) -> Sequence[Publisher] | None:
+        """Who publishes on a topic of that full name for an input; ``None`` where nobody can know."""
+        del topic, bearing, place
         return None
+
+    def other_names(self, topic: str) -> Sequence[str]:
+        """The elements that messages on a topic of that full name have which are not for an input."""
+        del topic
+        return ()
 
     def is_undecodable(self, topic: str) -> bool:
         """Whether the latest message on a topic of that full name could not be decoded."""
@@ -365,7 +378,7 @@ class InputWatch:
             )
             for name, bearing in bearings.items()
         }
-        self._publishers: dict[str, Sequence[Publisher] | None] = {}
+        self._publishers: dict[tuple[str, int], Sequence[Publisher] | None] = {}
         self._seen: dict[str, str] = {}  # who published on a topic when somebody last did
         self._looks = 0
         self._lost = False
@@ -446,15 +459,16 @@ class InputWatch:
         refused, every = lately.copy(), int(lately.sum())
         # A sender of whole seconds repeats itself honestly.
         refused[[Status.ACCEPTED, Status.REPEATED]] = 0
-        if source.topic not in self._publishers:
-            publishers = self._publishers[source.topic] = self._graph.publishers(source.topic)
+        key = bearing, place
+        if key not in self._publishers:
+            publishers = self._publishers[key] = self._graph.publishers(source.topic, bearing, place)
             if publishers:
                 self._seen[source.topic] = publishers[0].node
         return InputFacts(
             topic=source.topic,
             type=source.type,
             lost=lost,
-            publishers=self._publishers[source.topic],
+            publishers=self._publishers[key],
             receiving=_age(track, now_ns) < 0.5 * timeout,
             refused=_worst(track.last - track.refused),
             share=int(refused.sum()) / every if every >= SHARE_SAMPLES else 0.0,
@@ -463,6 +477,8 @@ class InputWatch:
             behind=track.behind_ns * 1e-9,
             undecodable=self._graph.is_undecodable(source.topic),
             gone=self._seen.get(source.topic, ''),
+            element=next((step.name for step in source.field if isinstance(step, ByName)), ''),
+            other_names=self._graph.other_names(source.topic),
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
             source='' if odd is None else fault_text(odd, source),
         )

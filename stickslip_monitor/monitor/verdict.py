@@ -265,7 +265,7 @@ _OVER = {
 }
 
 
-def _what(b: Standing, point: Assessment, given: Order | None) -> str:
+def _what(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
     """What the alarm says, and what is about to change."""
     condition, clears = b.condition, b.clears
     if clears is not None:
@@ -390,7 +390,7 @@ class OrderKind(WordEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class SpeedOrder:
     """The order that every way to a person gives: page, Signal K, NMEA and pager."""
 
     kind: OrderKind
@@ -407,7 +407,7 @@ def _is_starting(b: Standing, point: Assessment) -> bool:
     return point.outcome is Outcome.STICK_SLIP and not b.sticking and b.condition is not Condition.NORMAL
 
 
-def order(b: Standing) -> Order | None:
+def order(b: Standing) -> SpeedOrder | None:
     """Return what leads out of the condition, and clear of caution; ``None`` where no order is given."""
     point, condition = b.assessment, b.condition
     if point is None or condition in (Condition.NORMAL, Condition.INPUT_STALE):
@@ -429,10 +429,10 @@ def order(b: Standing) -> Order | None:
     # As an order is given: rounded up to whole rpm, below 10 rpm to tenths.
     rpm = abs(float(b.config.bearing.speed.from_surface(clear, 'rpm')))
     step = 1.0 if rpm >= 10.0 else 0.1
-    return Order(kind, math.copysign(math.ceil(rpm / step) * step, point.speed))
+    return SpeedOrder(kind, math.copysign(math.ceil(rpm / step) * step, point.speed))
 
 
-def _way_out(given: Order | None) -> str:
+def _way_out(given: SpeedOrder | None) -> str:
     """Return the order as a sentence behind what the condition says."""
     if given is None or given.kind is OrderKind.STAY_ABOVE:
         return ''

@@ -8,8 +8,8 @@ import math
 import re
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Container, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Iterator
+from dataclasses import dataclass, field
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.fields import ByName, FieldPath, NumberField
+from stickslip_monitor.fields import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
 
@@ -43,6 +43,8 @@ MOST_ANSWERED = 20
 OVERRIDES = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 """What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
 _PUBLISHERS_KNOWN = 100
+_NAMES_KEPT = 100
+"""Of the names in messages for others; a robot has some dozen joints."""
 
 Tap = Callable[[str, str, bytes, int], None]
 """Takes topic, type, encoded message and its time [ns]."""
@@ -75,6 +77,7 @@ class Waiting(NamedTuple):
     arrival_ns: int  # in ROS time [ns]; 0 where that is unknown
     lane: Lane
     data: bytes  # still encoded
+    sender: bytes  # as the middleware calls it; empty where it does not
 
 
 def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
@@ -136,7 +139,7 @@ class Inputs:
             for place, source in enumerate(bearing.inputs.values()):
                 key = source.topic, source.type
                 lane = lanes[key] = lanes.get(key) or Lane(node, *key)
-                lane.readings.append((bearing.name, place, number_reader(source.field)))
+                lane.readings.append((bearing.name, place, number_reader(source.field, lane.note_names)))
         self.lanes = list(lanes.values())
         self.piled = False
         self._waiting: deque[Waiting] = deque()
@@ -202,7 +205,7 @@ class Inputs:
         return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
 
     def _numbers(self, waiting: Waiting) -> Iterator[Number]:
-        _, arrival_ns, lane, data = waiting
+        _, arrival_ns, lane, data, sender = waiting
         # What comes before the first /clock has no time and is not used.
         message = lane.decoded(data) if arrival_ns else None
         if message is None:
@@ -211,7 +214,9 @@ class Inputs:
         if self._tap is not None:
             self._tap(lane.name, lane.type, data, time_ns)
         for bearing, place, read in lane.readings:
-            yield Number(bearing, place, time_ns, arrival_ns, read(message))
+            if (value := read(message)) is not None:
+                lane.note_reading(bearing, place, sender)
+                yield Number(bearing, place, time_ns, arrival_ns, value)
 
 
 @dataclass(slots=True)
@@ -221,6 +226,7 @@ class Sender:
     number: int  # of its latest message
     first: int  # its first among the messages of the topic
     last: int  # its latest among them
+    readings: set[tuple[str, int]] = field(default_factory=set)  # bearing and input that it gave a number
 
 
 class Lane:
@@ -235,13 +241,15 @@ class Lane:
         left_out: Messages that were left out because too many waited, or the node was held up.
         senders: Who sends, by what the middleware calls it.
         undecodable: Whether the latest message could not be decoded.
+        names: Elements that messages named which were not for an input.
         subscription: The subscription; ``None`` while there is none.
     """
 
     def __init__(self, node: LifecycleNode, topic: str, kind: str) -> None:
         self._node, self._topic, self.type = node, topic, kind
         self.name = node.resolve_topic_name(topic)
-        self.readings: list[tuple[str, int, Callable[[Any], float]]] = []
+        self.readings: list[tuple[str, int, Callable[[Any], float | None]]] = []
+        self.names: set[str] = set()
         self.stamp = stamp_reader(kind)
         self.lost = self.left_out = 0
         self.subscription: Any = None
@@ -286,7 +294,9 @@ class Lane:
                 data, info = taken
                 came_ns = info.get('received_timestamp') or time.time_ns()
                 self._count_missing(info, late)
-                yield Waiting(came_ns, came_ns if arrival is None else arrival(came_ns), self, data)
+                sender = (info.get('publisher_gid') or {}).get('data', b'')
+                arrival_ns = came_ns if arrival is None else arrival(came_ns)
+                yield Waiting(came_ns, arrival_ns, self, data, sender)
 
     def decoded(self, data: bytes) -> Any:
         """The message; ``None`` where it cannot be decoded."""
@@ -297,13 +307,24 @@ class Lane:
         self.undecodable = message is None
         return message
 
-    def sends(self, publisher: bytes) -> bool:
-        """Whether somebody still sends: one that died and came back has two names for a while.
+    def note_names(self, names: Iterable[str]) -> None:
+        """Take the elements of a message that names none of ours."""
+        if len(self.names) < _NAMES_KEPT:
+            self.names.update(names)
 
-        It has sent since the newest sender began, or the middleware does not say who sends.
+    def note_reading(self, bearing: str, place: int, sender: bytes) -> None:
+        """Take note of who gave an input a number."""
+        if sender in self.senders:
+            self.senders[sender].readings.add((bearing, place))
+
+    def sends(self, publisher: bytes, bearing: str, place: int) -> bool:
+        """Return whether somebody still sends an input: who died and came back has two names for a while.
+
+        It has sent since the newest sender of this input began, or the middleware does not say who sends.
         """
-        begun = max((one.first for one in self.senders.values()), default=0)
-        own = self.senders.get(publisher)
+        senders = {name: one for name, one in self.senders.items() if (bearing, place) in one.readings}
+        begun = max((one.first for one in senders.values()), default=0)
+        own = senders.get(publisher)
         return not begun or (own is not None and own.last >= begun)
 
     def _count_missing(self, info: Any, late: bool) -> None:
@@ -432,16 +453,22 @@ def stamp_reader(type_name: str) -> Callable[[Any], int]:
     return read if stamped else lambda _: 0
 
 
-def number_reader(path: FieldPath) -> Callable[[Any], float]:
+def number_reader(
+    path: FieldPath, note_names: Callable[[Iterable[str]], None]
+) -> Callable[[Any], float | None]:
     """A function that reads the number at a path.
 
-    It is ``nan`` where an array is too short, or its element is not the one that is meant.
+    It is ``nan`` where an array is too short, or its element is not the one that is meant, and ``None``
+    where a message is not for this number, as it names other elements, of which ``note_names`` is told.
     """
-    field = NumberField(path)
+    number = NumberField(path)
 
-    def read(message: Any) -> float:
+    def read(message: Any) -> float | None:
         try:
-            return field.read(message)
+            return number.read(message)
+        except NoSuchElementError as error:
+            note_names(error.names)
+            return None
         except LookupError:
             return math.nan
 

@@ -57,19 +57,26 @@ class RosGraph(Graph):
         self._given = {node.resolve_topic_name(topic): topic for topic in topics}
         self.lanes: dict[str, Lane] = {}
 
-    def publishers(self, topic: str) -> tuple[Publisher, ...]:
-        """Who publishes on a topic, with what speaks against its quality of service."""
+    def publishers(self, topic: str, bearing: str, place: int) -> tuple[Publisher, ...]:
+        """Who publishes on a topic for an input, with what speaks against its quality of service."""
         name = self._given.get(topic, topic)
         asked, lane = self._quality(name), self.lanes.get(topic)
         infos = self._node.get_publishers_info_by_topic(name)
         if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
             # Some middleware names senders otherwise than publishers.
             lane = None
-        return tuple(_publisher(info, asked, lane) for info in infos)
+        return tuple(
+            _publisher(info, asked, lane is None or lane.sends(bytes(info.endpoint_gid), bearing, place))
+            for info in infos
+        )
 
     def is_undecodable(self, topic: str) -> bool:
         """Whether the latest message could not be decoded."""
         return topic in self.lanes and self.lanes[topic].undecodable
+
+    def other_names(self, topic: str) -> tuple[str, ...]:
+        """The elements that messages on a topic name which are not for an input."""
+        return tuple(sorted(self.lanes[topic].names)) if topic in self.lanes else ()
 
     def _quality(self, name: str) -> QoSProfile:
         """What the subscription asks for, after overrides."""
@@ -87,14 +94,13 @@ def node_name(info: Any) -> str:
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
-def _publisher(info: Any, asked: QoSProfile, lane: Lane | None) -> Publisher:
+def _publisher(info: Any, asked: QoSProfile, sends: bool) -> Publisher:
     match, reason = qos_check_compatible(info.qos_profile, asked)
     fault = ''
     if match is QoSCompatibility.ERROR:
         fault = str(reason).strip(' ;.') or 'no reason is given'
     latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    sends = lane is None or lane.sends(bytes(info.endpoint_gid))
     return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)
 
 

@@ -14,6 +14,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from stickslip_monitor.fields import signalk_source
+
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
 _EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
@@ -132,7 +134,7 @@ def _is_own(delta: Any) -> bool:
 def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
     for update in delta['updates']:
         units.update(_meta_units(update.get('meta')))
-        source = str(update.get('$source', ''))
+        source = signalk_source(update)
         for item in update.get('values', ()):
             value = item['value']
             if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):

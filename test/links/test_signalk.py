@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.fields import signalk_source
 from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarm_list import Action
@@ -321,3 +322,18 @@ def test_a_sound_that_an_older_client_took_away_is_a_silence() -> None:
     late = {**old, 'method': ['visual'], 'status': {}}
     frame = delta(late, source='stickslip_monitor', path=STICK)
     assert server.out.take_echo(frame, SHIP) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ('update', 'source'),
+    [
+        ({'$source': 'N2K.17', 'source': {'label': 'x'}}, 'N2K.17'),
+        # As getSourceId of the specification's own package makes them.
+        ({'source': {'label': 'N2K', 'type': 'NMEA2000', 'src': '17', 'pgn': 127488}}, 'N2K.17'),
+        ({'source': {'label': 'GPS', 'type': 'NMEA0183', 'talker': 'GP', 'sentence': 'RMC'}}, 'GPS.GP'),
+        ({'source': {'label': 'shaft'}}, 'shaft.XX'),
+        ({}, ''),
+    ],
+)
+def test_who_sends_an_update_of_signal_k(update: dict[str, Any], source: str) -> None:
+    assert signalk_source(update) == source

@@ -14,7 +14,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
-from stickslip_monitor.monitor.verdict import Order, OrderKind, order
+from stickslip_monitor.monitor.verdict import OrderKind, SpeedOrder, order
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
@@ -234,7 +234,7 @@ def test_a_mild_condition_gives_the_order_of_the_worse_that_is_starting() -> Non
     assert bearing.condition is Condition.CAUTION
     begin = 'aft: Steady sliding is unstable: stick-slip is starting.'
     assert bearing.text().startswith(f'{begin} Raise speed above 50 rpm, or stop the shaft.')
-    assert order(bearing) == Order(OrderKind.RAISE_SPEED, 50.0)
+    assert order(bearing) == SpeedOrder(OrderKind.RAISE_SPEED, 50.0)
 
 
 @pytest.mark.parametrize(('sign', 'astern'), [(1.0, ''), (-1.0, ' astern')])

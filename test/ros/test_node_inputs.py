@@ -215,7 +215,7 @@ def test_a_sender_that_was_killed_and_came_back_is_one(host: Any, run: Any) -> N
     sender = ('env', 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4', sys.executable, '-c', SENDER, topic)
 
     def sending() -> list[bool]:
-        return sorted(each.sends for each in monitor.node._configured.graph.publishers(topic))
+        return sorted(each.sends for each in monitor.node._configured.graph.publishers(topic, 'aft', 0))
 
     first = run(*sender)
     peer.until(lambda: sending() == [True], 'a sender')
@@ -240,10 +240,41 @@ def test_a_constant_load_and_a_speed_by_its_name(host: Any) -> None:
         shaft.publish(JointState(name=names, velocity=velocity))
     expected = {
         'speed samples accepted': '2',
-        'speed samples not finite': '1',
+        'speed samples not finite': '0',  # a message that names others is not for it
         'shaft speed [rpm]': '60',
         'load [N]': '30000',
     }
     monitor.peer.until(lambda: expected.items() <= kit.status(diagnostics).items(), f'{expected}')
     assert 'Now 60 rpm, 30 kN (assumed)' in kit.status(diagnostics)['message']
     assert 'load in kN from' not in monitor.output
+
+
+def test_messages_of_others_on_the_topic_are_no_fault_and_a_name_that_none_has_is_told(host: Any) -> None:
+    """As on ``/joint_states``, where each controller publishes its own joints."""
+    from sensor_msgs.msg import JointState
+
+    speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
+    values = kit.parameters(
+        speed | {'speed.field': 'velocity[shaft]', 'load.unit': 'kN', 'load.constant': 30}
+    )
+    del values['aft.load.topic']
+    values |= {name.replace('aft', 'fore', 1): value for name, value in values.items() if name != 'bearings'}
+    monitor = host(values | {'bearings': ['aft', 'fore'], 'fore.speed.field': 'velocity[shfat]'})
+    diagnostics, peer, other = monitor.diagnostics(), monitor.peer, kit.Peer('rudder')
+    try:
+        talk = [each.talk(JointState, monitor.input('shaft')) for each in (peer, other)]
+        fault = f"No message on {monitor.input('shaft')} names 'shfat': they name rudder, shaft."
+
+        def told() -> bool:
+            for publisher, name in zip(talk, ('shaft', 'rudder'), strict=True):
+                publisher.publish(JointState(name=[name], velocity=[60.0 if name == 'shaft' else 0.01]))
+            peer.spin(0.05)
+            return kit.status(diagnostics, 'fore').get('speed fault') == fault
+
+        peer.until(told, fault)
+        aft = kit.status(diagnostics)
+        assert (aft['level'], aft['reason'], aft['shaft speed [rpm]']) == (b'\x00', 'normal', '60')
+        assert 'speed fault' not in aft
+        assert not any(line.startswith('[warning] aft') and '/shaft' in line for line in monitor.log.lines)
+    finally:
+        other.node.destroy_node()
