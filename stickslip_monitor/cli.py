@@ -54,6 +54,7 @@ _HEIRS = {
     '--csv': 'it is --output',
     '--level': 'configure level.topic in the parameter file',
     '--resume': 'run the check again, which is one pass',
+    '--learn': 'use stickslip calibrate, which says what it would change',
 }
 
 

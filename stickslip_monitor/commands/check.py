@@ -10,9 +10,7 @@ open is guessed and said; `stickslip info` shows its columns.
 
 --report writes one file that opens anywhere without a network: .html to read, .png to show, .json
 for programs. --mcap writes inputs and verdicts as messages, for Foxglove or PlotJuggler; --clips
-writes a short recording around each alarm. --learn compares when a bearing vibrated with what was
-predicted, over all recordings, and proposes a calibration if it would change something; this
-changes neither the configuration nor the exit code.
+writes a short recording around each alarm.
 
 Several recordings are checked on all cores, or with --scheduler on a Dask cluster whose workers
 see them under the same paths. A bad one is named and does not stop the rest.
@@ -27,11 +25,10 @@ import argparse
 import contextlib
 import os
 import re
-import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
@@ -43,9 +40,8 @@ from stickslip_monitor.errors import BagError, ConfigurationError, StickslipErro
 from stickslip_monitor.files import PICTURES, printable
 
 if TYPE_CHECKING:
-    from stickslip_monitor.lab.calibration import Evidence, EvidenceSource
-    from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
-    from stickslip_monitor.offline.check import CheckReport, Kept, StretchSink
+    from stickslip_monitor.monitor.parameters import MonitorConfig
+    from stickslip_monitor.offline.check import CheckReport, StretchSink
     from stickslip_monitor.offline.clip_folder import ClipCounts
     from stickslip_monitor.report.page import Archive, RecordingPart
 
@@ -65,7 +61,6 @@ class Task:
     report: str | None = None  # the ending of the report, if one is wanted
     mcap: str | None = None  # where to write the recording of verdicts, if at all
     clips: str | None = None  # the folder to write clips into, if at all
-    learn: EvidenceSource | None = None  # the source of when the bearings vibrated, to learn from
     left_out: str = ''  # a sentence on what lies beside the recordings and is not checked
 
     @property
@@ -81,8 +76,6 @@ class Found:
     document: dict[str, Any]  # what `check --json` prints of it
     part: RecordingPart | None = None  # its part of the report, where one is wanted
     clips: ClipCounts | None = None  # what came of its clips, where they were wanted
-    # The evidence of each bearing, or why there is none, where that is wanted.
-    evidence: dict[str, Evidence | str] = field(default_factory=dict)
     faulty: bool = False  # whether it could not be checked by a fault of the program
 
     @property
@@ -120,11 +113,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_file(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
     options.add_file(parser, '--clips', is_folder=True, metavar='DIR', help=text)
-    text = (
-        "propose a calibration from the configured 'level', an operator's reports (a CSV file),"
-        " or the 'truth' of simulated bags"
-    )
-    options.add_file(parser, '--learn', metavar='FROM', help=text)
     text = 'bags checked at a time (default: one for each core)'
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
@@ -177,13 +165,6 @@ def _check_bags(
     code = max(found.code for found in all_found)
     if not listed and 'error' in documents[0]:
         return code
-    if task.learn is not None:
-        lessons = _lessons_of(args, task, all_found, meter)
-        for document in documents:
-            # All teach it.
-            document['learned'] = lessons
-        if not args.json:
-            sys.stdout.writelines(f'learned: {printable(text)}\n' for text in lessons)
     text = output.json_text(documents if listed else documents[0])
     output.write_outputs(args, report=lambda: _report_of(args, task, archive, text))
     if args.mcap is not None:
@@ -209,23 +190,7 @@ def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
 
         check_target(args.mcap)
     report = None if args.report is None else Path(args.report).suffix.lower()
-    others = left_out(args.bags, [*bags, args.learn or ''])
-    return Task(config, report, args.mcap, args.clips, _source(args.learn, config), others)
-
-
-def _source(text: str | None, config: MonitorConfig) -> EvidenceSource | None:
-    if text is None:
-        return None
-    from stickslip_monitor.commands.calibrate import source_of
-
-    missing = [bearing.name for bearing in config.bearings if bearing.level is None]
-    if text == 'level' and missing:
-        raise ConfigurationError(
-            f'--learn level needs a level of every bearing, and {", ".join(missing)} has none:'
-            ' configure level.topic'
-        )
-    reports = None if text in ('level', 'truth') else text
-    return replace(source_of(reports, config), true=text == 'truth')
+    return Task(config, report, args.mcap, args.clips, left_out(args.bags, bags))
 
 
 def _check_all(
@@ -272,10 +237,10 @@ def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], No
         bag: The recording.
         progress: Called with what is being done, and how much of how much of it is done.
     """
-    from stickslip_monitor.offline.check import Kept, check_recording, to_json
+    from stickslip_monitor.offline.check import check_recording, to_json
 
-    kept, clips = Kept(), None
-    sinks: list[StretchSink] = [] if task.learn is None else [kept]
+    clips = None
+    sinks: list[StretchSink] = []
     try:
         with contextlib.ExitStack() as opened:
             if task.mcap is not None:
@@ -295,10 +260,7 @@ def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], No
             checked = replace(checked, complete=False)
         document = to_json(checked)
         part, counts = _part(task, document, checked), None if clips is None else clips.counts
-        evidence: dict[str, Evidence | str] = {}
-        if task.learn is not None:
-            evidence = {own.name: _evidence(task.learn, own, kept) for own in checked.config.bearings}
-        return Found(document, part, counts, evidence)
+        return Found(document, part, counts)
     except StickslipError as error:
         return _failed(task, bag, str(error))
 
@@ -334,34 +296,6 @@ def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
     if isinstance(outcome, StickslipError | OSError):
         return _failed(task, bag, errors.cause(outcome))
     return _failed(task, bag, errors.program_fault(outcome), faulty=True)
-
-
-def _evidence(source: EvidenceSource, config: BearingConfig, kept: Kept) -> Evidence | str:
-    """What a recording teaches of a bearing, or why nothing."""
-    try:
-        return source.of_recording(kept, config)
-    except errors.CalibrationError as error:
-        return str(error)
-
-
-def _lessons_of(
-    args: argparse.Namespace, task: Task, all_found: Sequence[Found], meter: output.ProgressBar
-) -> list[str]:
-    """What all recordings together teach of each bearing."""
-    from stickslip_monitor.lab.calibration import learned
-
-    assert task.learn is not None
-    reports = () if args.learn in ('level', 'truth') else ('--reports', args.learn)
-    line = ['stickslip', 'calibrate', *args.bags, '--config', args.config, *reports]
-    line += ['--node', args.node] if args.node else []
-    lessons: list[str] = []
-    for own in task.config.bearings:
-        command = shlex.join([*line, '--bearing', own.name, '--output', f'{own.name}.calibration.json'])
-        known = [each.evidence[own.name] for each in all_found if own.name in each.evidence]
-        meter.show('learning', len(lessons), None)
-        lessons += learned(own, task.learn, known, command)
-    meter.hide()
-    return lessons
 
 
 def _report_of(args: argparse.Namespace, task: Task, archive: Archive | None, text: str) -> Any:

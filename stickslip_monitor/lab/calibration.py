@@ -38,7 +38,6 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.verdict import rounded
 from stickslip_monitor.offline.check import Kept
-from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
 from stickslip_monitor.physics.lubrication import as_measured, reference_point
@@ -409,7 +408,6 @@ class EvidenceSource:
     """
 
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
-    true: bool = False  # whether it is the truth, and nothing else
 
     def of_recording(self, kept: Kept, config: BearingConfig) -> Evidence:
         """The evidence of one recording.
@@ -435,7 +433,7 @@ class EvidenceSource:
 
     def _hears(self, config: BearingConfig) -> bool:
         """Whether the bearing's level is the source."""
-        return config.level is not None and self.reports is None and not self.true
+        return config.level is not None and self.reports is None
 
     def calibrated(
         self, config: BearingConfig, found: Sequence[Evidence], forget: float = 0.0
@@ -474,42 +472,3 @@ def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
         value = 20.0 * np.log10(np.maximum(np.abs(value), _LEAST_LEVEL))
     # On the monitor's clock, as the points are.
     return level_over_speed(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)
-
-
-def learned(
-    config: BearingConfig, source: EvidenceSource, found: Sequence[Evidence | str], command: str
-) -> list[str]:
-    """What the recordings teach of a bearing, a sentence each.
-
-    Each has given its evidence, or why there is none; the command is what would calibrate it.
-    """
-    known = [one for one in found if isinstance(one, Evidence)]
-    try:
-        if not known:
-            raise CalibrationError(next(str(one) for one in found))
-        result = source.calibrated(config, known)
-    except CalibrationError as error:
-        return [f'{config.name}: nothing is learned: {error}']
-    texts = (_proposal(config, result, command), *result.warnings)
-    return [f'{config.name}: {text}' for text in texts]
-
-
-def _proposal(config: BearingConfig, result: Calibration, command: str) -> str:
-    """How the fold from the evidence lies to the one that is predicted."""
-    load = math.sqrt(result.loads[0] * result.loads[1])
-    rpm = config.bearing.speed.factor('rpm')
-    low, middle, high = (float(result.belief.fold_speed(load, p)) / rpm for p in QUANTILES)
-    predicted = float(fold_speed(as_measured(config.bearing), load)) / rpm
-    count = len(result.edges.seen)
-    which = plural(count, 'episode')
-    seen = f'{low:.1f} to {high:.1f} rpm at {rounded(load, 4)} N'
-    if not count or low <= predicted <= high:
-        does = 'agrees' if count == 1 else 'agree'
-        return f'{which} {does} with the predicted fold of {predicted:.1f} rpm ({seen})'
-    if math.isnan(predicted):
-        return f'{which} where no fold was predicted ({seen}): calibrate with `{command}`'
-    side, does = 'above' if middle > predicted else 'below', 'ends' if count == 1 else 'end'
-    return (
-        f'{which} {does} {abs(middle / predicted - 1.0):.0%} {side} the predicted fold ({seen},'
-        f' predicted {predicted:.1f} rpm): calibrate with `{command}`'
-    )

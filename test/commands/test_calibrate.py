@@ -100,35 +100,6 @@ def test_an_operator_and_a_level_are_evidence_too(wrong: Path, tmp_path: Path, s
     for arguments in ([COAST_DOWN, '--reports', reports, '-c', wrong], [copy, '-c', configured]):
         found = middle(stickslip('calibrate', *arguments, '--json').json)
         assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
-    done = stickslip('check', copy, '-c', configured, '--learn', 'level')
-    assert done.code == 1
-    assert 'learned: aft_stern: 1 episode ends ' in done.out
-
-
-def test_check_proposes_what_a_calibration_would_change(
-    wrong: Path, tmp_path: Path, stickslip: Stickslip
-) -> None:
-    arguments = ['check', COAST_DOWN, '--learn', 'truth', '-c']
-    done = stickslip(*arguments, CONFIG)
-    assert done.code == stickslip(*arguments[:2], '-c', CONFIG).code == 1
-    agrees, _ = done.out.split('learned: ')[1].split('\n', 1)
-    assert agrees.startswith('aft_stern: 1 episode agrees with the predicted fold of 40.7 rpm (')
-    # By the wrong drawing the fold is at 23.9 rpm, and 40.72 is 70 % above that.
-    before = wrong.read_bytes()
-    done = stickslip(*arguments, wrong)
-    assert done.code == stickslip('check', COAST_DOWN, '-c', wrong).code
-    _, text, rests = done.out.split('learned: ')
-    assert 'all rests on one end of vibration' in rests
-    off = int(text.split('1 episode ends ')[1].split('%')[0])
-    assert off == pytest.approx(70.4, abs=5.0)
-    assert 'above the predicted fold (' in text
-    assert 'predicted 23.9 rpm): calibrate with `stickslip calibrate ' in text
-    assert wrong.read_bytes() == before
-    # Without evidence nothing is learned, and the JSON says that, too.
-    bare = tmp_path / 'bare.mcap'
-    without_truth(bare)
-    (lesson,) = stickslip('check', bare, '-c', CONFIG, '--json', '--learn', 'truth').json['learned']
-    assert 'nothing is learned: bag' in lesson
 
 
 def without_truth(copy: Path, level: FloatArray | None = None) -> None:

@@ -57,7 +57,7 @@ REFUSED = {
     'accuracy --from x --quick': 'does not go with --quick',
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
     f'check {BAG} -c own.yaml --resume x': "option '--resume' is gone: run the check again",
-    f'check {BAG} -c own.yaml --learn level': 'aft_stern has none: configure level.topic',
+    f'check {BAG} -c own.yaml --learn level': "option '--learn' is gone: use stickslip calibrate, which says",
     **{
         f'check {BAG} -c own.yaml --scheduler tcp://ship:8786 {option}': (
             f'{option.split()[0]} does not go with --scheduler'
