@@ -40,7 +40,7 @@ from stickslip_monitor.monitor.verdict import rounded
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
-from stickslip_monitor.physics.lubrication import as_measured, reference_point
+from stickslip_monitor.physics.lubrication import reference_point
 from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
 
 FLOOR = 0.01
