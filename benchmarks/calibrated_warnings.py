@@ -17,9 +17,9 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.voyages import cases_of, output_of, with_parameter_errors
 from benchmarks.warning_quality import Quality, pooled, quality_of
+from stickslip_lab.calibration.calibration import Calibration, EvidenceSource
+from stickslip_lab.scenes.scene import load_scene, write_bag
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration import Calibration, EvidenceSource
-from stickslip_monitor.lab.scene import load_scene, write_bag
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.physics.probability import Belief, Tolerance

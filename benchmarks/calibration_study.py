@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 from benchmarks.calibrated_warnings import COLUMNS, SEEDS, VARIANTS, judged_all
 from benchmarks.calibration_ships import Kind, Sent, Ship, make_ships, sail
 from benchmarks.warning_quality import written
+from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, read_levels
+from stickslip_lab.calibration.evidence import VibrationReport, course_of, level_over_speed
+from stickslip_lab.drawing.studies import draw_calibration
 from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
-from stickslip_monitor.drawing.studies import draw_calibration
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, read_levels
-from stickslip_monitor.lab.evidence import VibrationReport, course_of, level_over_speed
 from stickslip_monitor.physics.averaging import fold_load, hopf_load
 from stickslip_monitor.physics.probability import QUANTILES, Tolerance
 

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.reference import LOAD, bearing
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import in_turns
-from stickslip_monitor.lab.methods import (
+from stickslip_lab.accuracy.methods import (
     MethodResult,
     breakaway,
     smoothed,

@@ -12,7 +12,7 @@ from pathsim.blocks import ODE
 from pathsim.events import ZeroCrossing, ZeroCrossingUp
 from pathsim.solvers import RKCK54
 
-from stickslip_monitor.lab.methods import breakaway
+from stickslip_lab.accuracy.methods import breakaway
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 

@@ -25,10 +25,10 @@ from rich.table import Table
 
 from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Voyage, judge_bag, judge_calls
 from benchmarks.warning_quality import FIGURES, Episode, Quality, announced, false_alarms, pooled, written
+from stickslip_lab.scenes.scene import load_scene
 from stickslip_monitor.cli import main as run_command
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.processes import core_count
 

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.warning_quality import Interval, Quality, RuleOutput, merged, quality_of
+from stickslip_lab.scenes.scene import STAGES, Scene, load_scene, write_bag
+from stickslip_lab.scenes.settings import random_stream
+from stickslip_lab.scenes.truth import TruthRecord, has_truth, known_truth, read_truth
+from stickslip_logs.bags.recording import Recording
 from stickslip_monitor import jit
-from stickslip_monitor.bags.recording import Recording
 from stickslip_monitor.errors import PhysicsError, SceneError
-from stickslip_monitor.lab.scene import STAGES, Scene, load_scene, write_bag
-from stickslip_monitor.lab.settings import random_stream
-from stickslip_monitor.lab.truth import TruthRecord, has_truth, known_truth, read_truth
 from stickslip_monitor.monitor.alarm_list import LASTING_NS, Action, AlarmChange, Annunciator
 from stickslip_monitor.monitor.alarms import LATCHING, AlarmState
 from stickslip_monitor.monitor.assessment import assess

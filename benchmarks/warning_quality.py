@@ -26,8 +26,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_monitor.arrays import BoolArray, IntArray
-from stickslip_monitor.lab.truth import TruthRecord
 
 Interval = tuple[int, int]
 Intervals = Sequence[Interval]

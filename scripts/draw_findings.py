@@ -22,9 +22,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import i1e
 
+from stickslip_lab.accuracy.accuracy import REFERENCE
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.lab.accuracy import REFERENCE
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.physics.averaging import amplitude_rate, fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing

@@ -28,8 +28,8 @@ sys.path.insert(0, str(ROOT / 'test' / 'monitor'))
 
 from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
 
+from stickslip_lab.scenes.scene import load_scene  # noqa: E402
 from stickslip_monitor import Monitor  # noqa: E402
-from stickslip_monitor.lab.scene import load_scene  # noqa: E402
 from stickslip_monitor.monitor.signals import Status  # noqa: E402
 from stickslip_monitor.offline.check import check_recording  # noqa: E402
 

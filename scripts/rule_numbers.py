@@ -23,8 +23,8 @@ from hard_sensors import unevenly
 
 from benchmarks.voyages import Sailed, Sent, cases_of, output_of, sounds_of
 from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, written
-from stickslip_monitor.lab.scene import load_scene
-from stickslip_monitor.lab.truth import TruthRecord
+from stickslip_lab.scenes.scene import load_scene
+from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_monitor.monitor import rule, rule_state, vibration_rule
 from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.offline.processes import core_count, run_in_processes

@@ -22,9 +22,9 @@ from trade_off import Curve, TradeOff, draw_trade_offs
 from benchmarks.score import RULES, judge_all
 from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Sent, Voyage, cases_of, output_of
 from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, written
+from stickslip_lab.scenes.scene import load_scene
+from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_monitor.drawing.canvas import save_figure
-from stickslip_monitor.lab.scene import load_scene
-from stickslip_monitor.lab.truth import TruthRecord
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, AlarmConfig, nanoseconds
 from stickslip_monitor.offline.processes import core_count, run_in_processes
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from stickslip_monitor.bags.writer import BagWriter
+from stickslip_logs.bags.writer import BagWriter
 from stickslip_monitor.links.nmea import parse, sentence
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 

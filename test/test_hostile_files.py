@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from shared import CONFIG, ROOT
 
+from stickslip_lab.friction.curve_file import read_curve
+from stickslip_lab.scenes.scene import load_scene
+from stickslip_logs.bags.reader import find_bags, open_bag, read_metadata
 from stickslip_monitor import cli
-from stickslip_monitor.bags.reader import find_bags, open_bag, read_metadata
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
-from stickslip_monitor.lab.curve_file import read_curve
-from stickslip_monitor.lab.scene import load_scene
 from stickslip_monitor.monitor.parameter_file import load_config
 
 BAG = ROOT / 'bags' / 'coast_down'

@@ -19,7 +19,13 @@ from typing import Any, NamedTuple
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import printable
-from stickslip_monitor.lab.bearing_estimate import (
+from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.configuration import bearing_names, check_topic
+from stickslip_monitor.monitor.parameter import Parameter, refused
+from stickslip_monitor.monitor.parameters import LOAD_UNITS
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.physics.bearing import SPEED_UNITS
+from stickslip_monitor.physics.bearing_estimate import (
     DENSITY,
     Estimate,
     FoldShift,
@@ -28,12 +34,6 @@ from stickslip_monitor.lab.bearing_estimate import (
     estimate,
     fold_shifts,
 )
-from stickslip_monitor.monitor.bearing_records import number
-from stickslip_monitor.monitor.configuration import bearing_names, check_topic
-from stickslip_monitor.monitor.parameter import Parameter, refused
-from stickslip_monitor.monitor.parameters import LOAD_UNITS
-from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
-from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.units import factors_of
 
 SCHEMA = 'stickslip_monitor/init/1'

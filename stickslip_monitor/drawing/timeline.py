@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
 
 if TYPE_CHECKING:
-    from stickslip_monitor.lab.truth import TruthRecord
+    from stickslip_lab.scenes.truth import TruthRecord
 
 _POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
+from stickslip_logs.fields import signalk_source
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.fields import signalk_source
 from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.alarm_list import Action

@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from stickslip_logs.fields import FieldPath, parse_field
 from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
-from stickslip_monitor.fields import FieldPath, parse_field
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stickslip_logs.fields import ByName
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.fields import ByName
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value

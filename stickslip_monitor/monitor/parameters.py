@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
+from stickslip_logs.fields import FieldPath
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
-from stickslip_monitor.fields import FieldPath
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.bags.log_times import LogTimes
+from stickslip_logs.bags.reader import open_bag
+from stickslip_logs.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor import jit
-from stickslip_monitor.bags.log_times import LogTimes
-from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Bound, Fault, Progress, Recording, Request, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bearing_records import event_record, number

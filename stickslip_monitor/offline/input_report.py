@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.bags.recording import Bound, Fault, Recording, Series
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
-from stickslip_monitor.bags.recording import Bound, Fault, Recording, Series
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.configuration import FACTOR, questions
 from stickslip_monitor.monitor.input_faults import (

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from stickslip_monitor.bags.chunk_writer import Messages
-from stickslip_monitor.bags.recording import Message, Recording, TimeSpans
-from stickslip_monitor.bags.writer import (
+from stickslip_logs.bags.chunk_writer import Messages
+from stickslip_logs.bags.recording import Message, Recording, TimeSpans
+from stickslip_logs.bags.writer import (
     BagWriter,
     StatusFields,
     encode_diagnostics,
     encode_string,
     float64_rows,
 )
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, assess

@@ -19,8 +19,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
+from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.fields import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
 

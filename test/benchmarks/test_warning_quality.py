@@ -22,8 +22,8 @@ from benchmarks.warning_quality import (
     pooled,
     quality_of,
 )
+from stickslip_lab.scenes.truth import TruthNumbers, TruthRecord
 from stickslip_monitor import Monitor
-from stickslip_monitor.lab.truth import TruthNumbers, TruthRecord
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.severity import Condition
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from stickslip_monitor.lab.scene import Scene, load_scene, simulate
-from stickslip_monitor.lab.telemetry import Messages
+from stickslip_lab.scenes.scene import Scene, load_scene, simulate
+from stickslip_lab.scenes.telemetry import Messages
 
 BEARING: dict[str, Any] = {
     'mass': 50.0,

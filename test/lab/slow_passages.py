@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from stickslip_monitor.lab.calibration import Evidence
-from stickslip_monitor.lab.evidence import VibrationReport, course_of, level_over_speed
+from stickslip_lab.calibration.calibration import Evidence
+from stickslip_lab.calibration.evidence import VibrationReport, course_of, level_over_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 

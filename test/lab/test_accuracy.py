@@ -12,11 +12,8 @@ import mpmath as mp
 import pytest
 import taylor
 
-from stickslip_monitor.commands.accuracy import markdown
-from stickslip_monitor.drawing.canvas import write_csv
-from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.lab import accuracy as measurement
-from stickslip_monitor.lab.accuracy import (
+from stickslip_lab.accuracy import accuracy as measurement
+from stickslip_lab.accuracy.accuracy import (
     BASE,
     CASES,
     Effort,
@@ -28,6 +25,9 @@ from stickslip_monitor.lab.accuracy import (
     summarise,
     time_call,
 )
+from stickslip_lab.commands.accuracy import markdown
+from stickslip_monitor.drawing.canvas import write_csv
+from stickslip_monitor.errors import ConfigurationError
 
 DOCS = Path(__file__).parents[2] / 'docs'
 TINY = Effort(budget=0.0, sample=1e-9, fewest=1, most=1)

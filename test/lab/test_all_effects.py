@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import yaml
 
-from stickslip_monitor.lab import effects as effect_module
-from stickslip_monitor.lab import lining_effects
-from stickslip_monitor.lab.scene import EFFECTS, KEYS, STAGES, Scene, load_scene, write_bag
-from stickslip_monitor.lab.settings import random_stream
-from stickslip_monitor.lab.telemetry import Messages
+from stickslip_lab.scenes import effects as effect_module
+from stickslip_lab.scenes import lining_effects
+from stickslip_lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene, write_bag
+from stickslip_lab.scenes.settings import random_stream
+from stickslip_lab.scenes.telemetry import Messages
 from stickslip_monitor.monitor.signals import INPUTS
 
 MakeScene = Callable[..., Scene]

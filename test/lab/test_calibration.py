@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from slow_passages import BEARING, FOLD, ONSET, RPM, passage, reports
 
+from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, prior_of, read_levels
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.calibration import Calibration, Evidence, calibrate, prior_of, read_levels
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated

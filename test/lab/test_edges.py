@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from slow_passages import BEARING, FOLD, RPM, passage, reports
 
+from stickslip_lab.calibration.edges import Reference, edges_of, outlives, track_of
+from stickslip_lab.calibration.evidence import TelemetryBins
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.edges import Reference, edges_of, outlives, track_of
-from stickslip_monitor.lab.evidence import TelemetryBins
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 
 REFERENCE = Reference(BEARING)

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from slow_passages import FOLD, ONSET, passage
 
-from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.lab.evidence import (
+from stickslip_lab.calibration.evidence import (
     BIN_NS,
     LevelBins,
     NoTwoModes,
@@ -20,6 +18,8 @@ from stickslip_monitor.lab.evidence import (
     read_reports,
     threshold_of,
 )
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import CalibrationError
 
 HEAD = 'bearing,start,end,state,tolerance [s],trust\n'
 

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import curve_fit
 
-from stickslip_monitor import Bearing, Stribeck, fold_speed, hopf_speed
-from stickslip_monitor.errors import FitError, PhysicsError
-from stickslip_monitor.lab.curve_file import FrictionCurve, read_curve
-from stickslip_monitor.lab.friction_fit import (
+from stickslip_lab.friction.curve_file import FrictionCurve, read_curve
+from stickslip_lab.friction.friction_fit import (
     UNITS,
     StribeckFit,
     Viscous,
@@ -25,6 +23,8 @@ from stickslip_monitor.lab.friction_fit import (
     fit_stribeck,
     unchecked,
 )
+from stickslip_monitor import Bearing, Stribeck, fold_speed, hopf_speed
+from stickslip_monitor.errors import FitError, PhysicsError
 
 Array = NDArray[np.float64]
 Write = Callable[[str | bytes], Path]

@@ -20,7 +20,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from stickslip_monitor.lab.lining import (
+from stickslip_lab.scenes.lining import (
     PER_PERIOD,
     EpisodeEvent,
     Episodes,
@@ -29,7 +29,7 @@ from stickslip_monitor.lab.lining import (
     parameters_of,
     with_parameters,
 )
-from stickslip_monitor.lab.scene import Scene, simulate
+from stickslip_lab.scenes.scene import Scene, simulate
 from stickslip_monitor.physics import integrator
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 

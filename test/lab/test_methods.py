@@ -7,9 +7,9 @@ import math
 
 import pytest
 
-from stickslip_monitor.lab.accuracy import CASES, METHODS
-from stickslip_monitor.lab.accuracy import REFERENCE as BENCH
-from stickslip_monitor.lab.methods import (
+from stickslip_lab.accuracy.accuracy import CASES, METHODS
+from stickslip_lab.accuracy.accuracy import REFERENCE as BENCH
+from stickslip_lab.accuracy.methods import (
     CYCLE,
     NO_CYCLE,
     REFUSED,

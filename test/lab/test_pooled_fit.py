@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stickslip_lab.friction.curve_file import FrictionCurve, read_curve
+from stickslip_lab.friction.friction_fit import SEVERAL_LOADS, boundary_belief, fit_stribeck
+from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor import Bearing, Stribeck, fold_speed
 from stickslip_monitor.errors import FitError
-from stickslip_monitor.lab.curve_file import FrictionCurve, read_curve
-from stickslip_monitor.lab.friction_fit import SEVERAL_LOADS, boundary_belief, fit_stribeck
-from stickslip_monitor.lab.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor.physics.lubrication import viscosity
 
 LOADS = (500.0, 1000.0, 3000.0)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from slow_passages import BEARING, RPM
 
+from stickslip_lab.calibration.edges import Edges, End, Passage, Reference, ReportedCourse
+from stickslip_lab.calibration.evidence import VibrationReport
+from stickslip_lab.calibration.posterior import Spreads, infer, log_passage
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.lab.edges import Edges, End, Passage, Reference, ReportedCourse
-from stickslip_monitor.lab.evidence import VibrationReport
-from stickslip_monitor.lab.posterior import Spreads, infer, log_passage
 
 REFERENCE = Reference(BEARING)
 PRIOR = np.array([[0.09, -0.09], [-0.09, 0.30]])

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 import yaml
 
+from stickslip_lab.scenes.scene import Scene, load_scene
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import SceneError, StickslipError
-from stickslip_monitor.lab.scene import Scene, load_scene
 
 MakeScene = Callable[..., Scene]
 

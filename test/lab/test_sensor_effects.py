@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.recording import Request
+from stickslip_lab.scenes.scene import Scene, write_bag
+from stickslip_lab.scenes.telemetry import Messages
+from stickslip_logs.bags.reader import open_bag
+from stickslip_logs.bags.recording import Request
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.scene import Scene, write_bag
-from stickslip_monitor.lab.telemetry import Messages
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import Kept, check_recording
 

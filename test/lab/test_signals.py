@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 
 from benchmarks.voyages import with_parameter_errors
+from stickslip_lab.scenes.effects import cos_turns, exp
+from stickslip_lab.scenes.scene import Scene
+from stickslip_lab.scenes.settings import drawn
+from stickslip_lab.scenes.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.lab.effects import cos_turns, exp
-from stickslip_monitor.lab.scene import Scene
-from stickslip_monitor.lab.settings import drawn
-from stickslip_monitor.lab.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Tabulated
 
@@ -158,7 +158,7 @@ RANDOM = np.random.default_rng(3)
 CODE = """
 import hashlib
 import numpy as np
-from stickslip_monitor.lab.effects import cos_turns, exp
+from stickslip_lab.scenes.effects import cos_turns, exp
 x = np.random.default_rng(3).uniform(-40.0, 0.0, 20_000)
 print(hashlib.sha256(exp(x).tobytes() + cos_turns(x * 1e4).tobytes()).hexdigest())
 """

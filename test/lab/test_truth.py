@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_monitor.bags.reader import open_bag
-from stickslip_monitor.bags.writer import BagWriter, encode_string
+from stickslip_lab.scenes.truth import TruthRecord, has_truth, read_truth
+from stickslip_logs.bags.reader import open_bag
+from stickslip_logs.bags.writer import BagWriter, encode_string
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.lab.truth import TruthRecord, has_truth, read_truth
 
 SECOND = 1_000_000_000
 EVENTS = '/truth/aft/events'

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What accuracy costs in time: methods, cases, and the error and the time of each on each.
+
+Time is measured warm and repeatedly; the median counts. A sample in which the wall clock runs
+well ahead of the process' own time was disturbed by another process and is left out.
+
+The methods compared, and the operating points on which they are, from easy to hard.
+
+The reference amplitudes are Taylor series in 40 digits by mpmath, which share no code with any
+method; a test computes some of them again.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from stickslip_lab.accuracy.methods import (
+    REFUSED,
+    MethodResult,
+    averaging,
+    event_driven,
+    exact,
+    harmonic_balance,
+    has_resolvent,
+    smoothed,
+    switching,
+)
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.files import read_file
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.friction import Stribeck
+
+Clock = Callable[[], float]
+
+_DISTURBED = 1.2
+_FLOOR = 1e-14
+_LARGEST = 16 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A way to compute the amplitude of the stable cycle."""
+
+    name: str  # short and unique
+    family: str  # what it shares with its variants, which differ in accuracy only
+    # Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N].
+    amplitude: Callable[[Bearing, float, float], MethodResult]
+    applies: Callable[[Bearing], bool] = lambda _: True  # whether it is made for a bearing's law
+    points: int = 1  # operating points solved together in one call; its time is shared among them
+    slow: bool = False  # whether a quick look leaves it out
+
+    def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
+        """Apply it where it applies."""
+        if not self.applies(bearing):
+            return MethodResult(math.nan, REFUSED, None)
+        return self.amplitude(bearing, speed, load)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """An operating point with the amplitude of its stable cycle."""
+
+    name: str  # short and unique
+    bearing: Bearing
+    speed: float  # surface speed ``V`` [m/s]
+    load: float  # load ``N`` [N]
+    reference: float  # amplitude to 15 digits or more [m]
+    quick: bool = False  # whether a quick look has it
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How long to measure."""
+
+    budget: float = 0.5  # time to spend on one method at one case [s]
+    sample: float = 2e-3  # shortest sample; faster calls are repeated within it [s]
+    fewest: int = 5  # fewest samples
+    most: int = 101  # most samples
+
+
+QUICK = Effort(budget=0.02, sample=1e-3, fewest=3, most=15)
+
+
+def time_call(
+    call: Callable[[], object],
+    effort: Effort,
+    wall: Clock = time.perf_counter,
+    cpu: Clock = time.process_time,
+) -> tuple[float, int, bool]:
+    """Measure a call that has been made before, and so is warm, by two clocks [s].
+
+    Returns:
+        The median of the undisturbed samples, how many count, and whether most were disturbed:
+        then all count, by process time [s].
+    """
+    start = wall()
+    call()
+    inner = max(1, math.ceil(effort.sample / max(wall() - start, 1e-9)))
+    samples: list[tuple[float, float]] = []
+    while len(samples) < effort.fewest or (len(samples) < effort.most and wall() - start < effort.budget):
+        wall_begin, cpu_begin = wall(), cpu()
+        for _ in range(inner):
+            call()
+        samples.append(((wall() - wall_begin) / inner, (cpu() - cpu_begin) / inner))
+    quiet = [w for w, c in samples if w <= _DISTURBED * c]
+    if 2 * len(quiet) >= len(samples):
+        return median(quiet), len(quiet), False
+    return median(c for _, c in samples), len(samples), True
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A method at a case."""
+
+    method: str  # name of the method
+    family: str  # its family
+    case: str  # name of the case
+    amplitude: float  # what it says [m]; ``nan`` for nothing
+    error: float  # relative error of the amplitude, with its sign [-]; ``nan`` without one
+    outcome: str  # how it ended
+    evaluations: int  # evaluations of the friction law; -1 where they are not counted
+    points: int  # operating points solved in one call
+    seconds: float  # time per operating point [s]; ``nan`` where it was refused
+    samples: int  # samples behind that time
+    disturbed: bool  # whether the machine was busy with something else
+
+
+def measure(method: Method, case: Case, effort: Effort) -> Row:
+    """Error and time of a method at a case; the first call warms it up."""
+    point = case.bearing, case.speed, case.load
+    result = method.solve(*point)
+    seconds, samples, disturbed = math.nan, 0, False
+    if result.outcome != REFUSED:
+        seconds, samples, disturbed = time_call(partial(method.amplitude, *point), effort)
+    return Row(
+        method=method.name,
+        family=method.family,
+        case=case.name,
+        amplitude=result.amplitude,
+        # Free of cancellation.
+        error=(result.amplitude - case.reference) / case.reference,
+        outcome=result.outcome,
+        evaluations=-1 if result.evaluations is None else result.evaluations,
+        points=method.points,
+        seconds=seconds / method.points,
+        samples=samples,
+        disturbed=disturbed,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A method over the cases that it was given."""
+
+    method: str
+    family: str  # its family
+    points: int  # operating points solved in one call
+    seconds: float  # median time per operating point [s]; ``nan`` if it was refused everywhere
+    ratio: float  # median of its time over that of the base method at the same case [-]
+    # Largest absolute relative error; ``inf`` where it found nothing at some case that it did
+    # not refuse.
+    worst: float
+    middle: float  # median absolute relative error, a failure counting as infinite
+    answered: int  # number of cases at which it found a cycle
+    refused: int  # number of cases at which it was refused
+
+
+def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
+    """One summary a method, in the order of their first rows; times over those of ``base``."""
+    unit = {row.case: row.seconds for row in rows if row.method == base}
+    found = []
+    for name in dict.fromkeys(row.method for row in rows):
+        group = [row for row in rows if row.method == name]
+        used = [row for row in group if row.outcome != REFUSED]
+        errors = [abs(row.error) if math.isfinite(row.error) else math.inf for row in used]
+        ratios = [row.seconds / unit[row.case] for row in used if row.case in unit]
+        found.append(
+            Summary(
+                method=name,
+                family=group[0].family,
+                points=group[0].points,
+                seconds=median(row.seconds for row in used) if used else math.nan,
+                ratio=median(ratios) if ratios else math.nan,
+                worst=max(errors, default=math.nan),
+                middle=median(errors) if errors else math.nan,
+                answered=sum(math.isfinite(error) for error in errors),
+                refused=len(group) - len(used),
+            )
+        )
+    return found
+
+
+def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
+    """Which points no other point beats in time and error together, by rising time.
+
+    Points that are not finite take no part; errors below rounding are equal.
+    """
+    known = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]
+    usable = [i for i, is_known in enumerate(known) if is_known]
+    front: list[int] = []
+    least = math.inf
+    for i in sorted(usable, key=lambda i: (seconds[i], errors[i])):
+        if max(errors[i], _FLOOR) < least:
+            least = max(errors[i], _FLOOR)
+            front.append(i)
+    return front
+
+
+def columns(rows: Sequence[Row]) -> dict[str, list[object]]:
+    """The measurement as columns for a CSV file."""
+    return {field.name: [getattr(row, field.name) for row in rows] for field in fields(Row)}
+
+
+_PARSERS: dict[str, Callable[[str], object]] = {
+    'str': str,
+    'int': int,
+    'bool': lambda text: text == 'True',
+    'float': lambda text: float(text) if text else math.nan,
+}
+
+
+def read_rows(path: str | Path) -> list[Row]:
+    """Read a measurement back from its CSV file.
+
+    Raises:
+        ConfigurationError: The file cannot be read or is no measurement.
+    """
+    try:
+        text = read_file(path, _LARGEST).decode()
+        lines = list(csv.DictReader(io.StringIO(text, newline='')))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ConfigurationError(f'{path} cannot be read: {reason}') from error
+    if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
+        raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
+    try:
+        parsers = {field.name: _PARSERS[str(field.type)] for field in fields(Row)}
+        rows: Any = ({name: parse(line[name]) for name, parse in parsers.items()} for line in lines)
+        return [Row(**row) for row in rows]
+    except (ValueError, TypeError) as error:
+        raise ConfigurationError(f'{path} has a cell that is no number: {error}') from error
+
+
+AT_ONCE = 1000
+HARMONICS = (1, 3, 7, 15, 31, 63)
+WIDTHS = (1e-3, 1e-4, 1e-5)
+
+
+def _single_and_bulk(
+    name: str, amplitude: Callable[[int, Bearing, float, float], MethodResult]
+) -> tuple[Method, Method]:
+    """A method for one operating point, and for many in one call."""
+    bulk = Method(f'{name}, {AT_ONCE} at once', name, partial(amplitude, AT_ONCE), points=AT_ONCE)
+    return Method(name, name, partial(amplitude, 1)), bulk
+
+
+def _smoothed(width: float, tight: bool) -> Method:
+    name = f'tanh {width:.0e} m/s, {"tight" if tight else "default"}'.replace('e-0', 'e-')
+    solve = partial(smoothed, width, tight)
+    return Method(name, 'tanh friction, LSODA', solve, slow=tight and width < 5e-5)
+
+
+def _switching(name: str, tight: bool, longest: float = math.inf) -> Method:
+    return Method(f'switching, {name}', 'switching, solve_ivp', partial(switching, tight, longest))
+
+
+def _balance(harmonics: int) -> Method:
+    name, solve = f'harmonic balance, H = {harmonics}', partial(harmonic_balance, harmonics)
+    return Method(name, 'harmonic balance', solve, has_resolvent, slow=harmonics > 31)
+
+
+BASE, _AVERAGING_IN_BULK = _single_and_bulk('KBM', averaging)
+"""The first is the method whose time others are compared with."""
+METHODS = (
+    BASE,
+    _AVERAGING_IN_BULK,
+    *map(_balance, HARMONICS),
+    *(_smoothed(width, tight) for tight in (False, True) for width in WIDTHS),
+    _switching('default', False),
+    _switching('tight', True),
+    _switching('tight, bounded step', True, 0.1),
+    Method('event-driven integrator', 'event-driven integrator', event_driven),
+    *_single_and_bulk('exact cycle', exact),
+)
+"""All methods, in the order of the tables."""
+
+REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), journal_diameter=0.100)
+"""The test-bench bearing of the docs."""
+_RPM = REFERENCE.speed.factor('rpm')
+
+
+def _bench(name: str, rpm: float, load: float, reference: float, quick: bool = False, **changes: Any) -> Case:
+    return Case(name, replace(REFERENCE, **changes), rpm * _RPM, load, reference, quick)
+
+
+CASES = (
+    # eta = 0.002: almost harmonic, overtakes the belt.
+    _bench('weak friction', 30.0, 10.0, 0.0007870856429556819, damping=4.0),
+    # Near the fold at 40.7 rpm; just below the Hopf speed; in the middle of the unstable range;
+    # sticks for an eighth of the cycle; crawls, far from harmonic.
+    _bench('38 rpm', 38.0, 1000.0, 0.001000211996591925, quick=True),
+    _bench('30 rpm', 30.0, 1000.0, 0.0008048004753024688),
+    _bench('20 rpm', 20.0, 1000.0, 0.0005567552520338237, quick=True),
+    _bench('10 rpm', 10.0, 1000.0, 0.0002969526471492934, quick=True),
+    _bench('2 rpm', 2.0, 1000.0, 6.520669876360655e-05),
+    # Grazes the belt: event location misses it.
+    _bench('40 rpm', 40.0, 1000.0, 0.001048880117242072, quick=True),
+    # nu = 0.05 s/m: friction rises again.
+    _bench('viscous', 20.0, 1000.0, 0.0005525388009365229, friction=Stribeck(0.30, 0.10, 10.0, 0.05)),
+    # eta = 3: strongly damped, strongly driven.
+    _bench('zeta = 0.3', 20.0, 15000.0, 0.000978449202489445, damping=6000.0),
+    # zeta = 0.02: a relaxation oscillation, sticks for 70 % of the cycle.
+    _bench('eta = 5', 20.0, 25000.0, 0.0026514206849174407),
+)
+"""Operating points of the reference bearing, easy ones first."""
+
+TYPICAL = '20 rpm'
+"""The case that stands for common use."""

@@ -1,0 +1,474 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A calibration: what recordings tell of a bearing's boundaries, as another bearing with its uncertainty.
+
+The evidence is an operator's list, the bearing's level of vibration, or the truth in a simulated
+recording; never the verdict of the monitor itself, which would be a circle. :func:`learned`
+says in a sentence what a calibration would change, which changes nothing by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from stickslip_lab.calibration.edges import Edges, End, Reference, edges_of
+from stickslip_lab.calibration.evidence import (
+    LevelBins,
+    TelemetryBins,
+    VibrationReport,
+    course_of,
+    level_over_speed,
+    level_reports,
+    threshold_of,
+    true_reports,
+)
+from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, doubt, infer
+from stickslip_lab.scenes.truth import has_truth, read_truth
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import CalibrationError, plural
+from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.signals import Input, Status, Stream
+from stickslip_monitor.monitor.verdict import rounded
+from stickslip_monitor.offline.check import Kept
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
+from stickslip_monitor.physics.lubrication import reference_point
+from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
+
+FLOOR = 0.01
+"""Relative error of a boundary's speed that no evidence takes away: the model's own."""
+_DAMPING, _DECAY, _LOAD = 0.40, 0.30, 0.03
+"""Deviations where the configuration has none."""
+_DOUBTFUL = 0.5
+_MOST_ROWS, _ONE_LOAD = 5, 1.1
+# Ends of which the last three are compared with those before, and how far apart in deviations
+# both that difference and the trend must be.
+_FEWEST_ENDS, _LAST, _CHANGED = 5, 3, 3.0
+_LEAST_SCATTER = 0.02
+_LEAST_LEVEL, _DIGITS = 1e-20, 6
+FRAGMENT_MARK = b'Made by stickslip calibrate'
+"""Marks a fragment among the files of others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What one recording tells of a bearing."""
+
+    name: str  # of the recording
+    courses: tuple[TelemetryBins, ...]  # speed and load between two jumps of the clock
+    reports: tuple[VibrationReport, ...] = ()  # when it vibrated and when it did not
+    level: LevelBins | None = None  # what the reports are to be read from
+    knocks: tuple[VibrationReport, ...] = ()  # vibrations too short to be episodes
+
+
+def read_levels(bearing: str, found: Sequence[Evidence]) -> list[Evidence]:
+    """The evidence with the reports that its levels give, all by one threshold.
+
+    Raises:
+        CalibrationError: The levels have no two modes.
+    """
+    threshold = threshold_of([one.level for one in found if one.level is not None])
+    read = []
+    for one in found:
+        if one.level is not None:
+            reports, knocks = level_reports(bearing, one.level, threshold, one.name)
+            one = replace(one, reports=tuple(reports), knocks=tuple(knocks))
+        read.append(one)
+    return read
+
+
+def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
+    """Covariance of ``(ln r, ln q)`` by a configuration, shape (2, 2).
+
+    Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
+    ``mu_s - mu_k``.
+    """
+    known = replace(tolerance, damping=tolerance.damping or _DAMPING, decay=tolerance.decay or _DECAY)
+    without_fall = tolerance.of_fall(bearing.friction) == 0.0
+    return known.covariance(bearing.friction) + np.diag([0.0, without_fall * UNKNOWN_FALL**2])
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the evidence gives of a bearing."""
+
+    reference: Reference  # the bearing that is configured
+    prior: FloatArray  # covariance of both factors, before
+    tolerance: Tolerance  # of the configuration
+    spreads: Spreads  # what else was taken as uncertain
+    edges: Edges  # the evidence
+    posterior: Posterior  # of both factors, after
+    evidence: tuple[Evidence, ...] = ()  # the recordings
+    repeated: tuple[str, ...] = ()  # recordings that were given before, which count once
+
+    @property
+    def episodes(self) -> int:
+        """Vibrations in slow passages."""
+        return len(self.edges.ends)
+
+    @property
+    def loads(self) -> tuple[float, float]:
+        """Least and greatest load of the slow passages [N]."""
+        return self.edges.loads
+
+    @cached_property
+    def factors(self) -> tuple[float, float]:
+        """``ln r`` and ``ln q`` in the middle, by the ends."""
+        return self._middle(self.posterior.by_ends)
+
+    def _middle(self, grid: Grid) -> tuple[float, float]:
+        u, log_q = grid.middle
+        there, here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
+        return u - float(there - here), log_q
+
+    def _covariance(self, grid: Grid) -> FloatArray:
+        """Covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
+        _, log_q = grid.middle
+        by = np.array([[1.0, -self.reference.slope(grid.load + log_q)], [0.0, 1.0]])
+        found: FloatArray = by @ grid.covariance @ by.T
+        return found
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviations of :attr:`factors`, shape (2,)."""
+        return np.asarray(np.sqrt(np.diag(self._covariance(self.posterior.by_ends))))
+
+    def _moved(self, factors: tuple[float, float]) -> Bearing:
+        return moved(self.reference.bearing, *map(math.exp, factors))
+
+    @cached_property
+    def bearing(self) -> Bearing:
+        """The bearing by which alarms go: that of the ends.
+
+        When stick-slip sets in depends on how noisy the ship is. By onsets too the Hopf speed was 2 % low
+        in voyages noisier than those calibrated on, and alarms came late.
+        """
+        return self._moved(self.factors)
+
+    @property
+    def floor(self) -> float:
+        """Relative error of a boundary that no evidence takes away."""
+        return self.tolerance.model_error or FLOOR
+
+    @cached_property
+    def belief(self) -> Belief:
+        """The boundaries themselves by all evidence, without what single passages scatter."""
+        grid = self.posterior.by_all
+        middle = self._moved(self._middle(grid))
+        return Belief(middle, self._covariance(grid), self.floor, 0.0, self.loads, True)
+
+    @cached_property
+    def before(self) -> Belief:
+        """The same before the evidence."""
+        return Belief(self.reference.bearing, self.prior, self.floor)
+
+    def hopf_speeds(self, load: float) -> list[float]:
+        """The Hopf speed at a load, at :data:`QUANTILES` [m/s], of what may be skew: quiet bounds it."""
+        grid = self.posterior.by_all
+        hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
+        low, middle, high = grid.quantiles(hopf, QUANTILES)
+        more = 1.6449 * 1.5 * self.floor
+        span = math.hypot(middle - low, more), math.hypot(high - middle, more)
+        return [math.exp(middle - span[0]), math.exp(middle), math.exp(middle + span[1])]
+
+    def boundaries(self) -> list[list[float]]:
+        """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
+        fold = self.belief.fold_speed
+        return [
+            [load, *self.hopf_speeds(load), *(float(fold(load, p)) for p in QUANTILES)]
+            for load in np.unique(np.linspace(*self.loads, _MOST_ROWS)).tolist()
+        ]
+
+    @cached_property
+    def doubts(self) -> list[tuple[End, float]]:
+        """Ends and bounds that are more likely worthless than not, with that probability."""
+        log_r, log_q = self.factors
+        count, each = len(self.edges.ends), []
+        for k, end in enumerate(self.edges.ends):
+            moved_on = self.spreads.forget * math.sqrt(count - 1 - k)
+            spread = math.hypot(0.02, self.spreads.load, moved_on)
+            each.append((end, doubt(end, self.reference, log_r, log_q, spread)))
+        return [(end, p) for end, p in each if p > _DOUBTFUL]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What makes the result worth less, a sentence each."""
+        found, seen = [], self.edges.seen
+        if not self.episodes:
+            found.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
+        elif not seen:
+            found.append(
+                'no vibration was seen to end while the speed rose, so that the fold is only'
+                ' bounded: record a passage from stick-slip to faster speeds'
+            )
+        elif len(seen) == 1:
+            found.append(
+                f'all rests on one end of vibration ({seen[0].report.source}): one more episode'
+                ' would confirm it'
+            )
+        for end, p in self.doubts:
+            one = end.report
+            found.append(
+                f'{one.source}: vibration for {one.seconds:.0f} s until {one.end_ns / 1e9:.0f} s'
+                f' ({end.recording}) fits nothing else: worthless with {p:.0%}'
+            )
+        if self.has_changed:
+            found.append(
+                'the last episodes end elsewhere than those before: the bearing may have changed;'
+                ' calibrate with --forget 0.03, or with the newest recordings alone'
+            )
+        return found
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether the last ends differ from those before, or all have a trend."""
+        ends = sorted(self.edges.seen, key=lambda end: end.time)
+        if len(ends) < _FEWEST_ENDS:
+            return False
+        log_r, log_q = self.factors
+        speed, load = np.log([end.middle for end in ends]).T
+        spread = np.hypot(0.02, [end.timing for end in ends])
+        off = np.clip(speed - (log_r + self.reference.fold(load + log_q)), -4.0 * spread, 4.0 * spread)
+        least = math.hypot(_LEAST_SCATTER, self.spreads.load)
+        size = max(float(np.std(np.diff(off)) / math.sqrt(2.0)), least)
+        place = np.arange(off.size) - 0.5 * (off.size - 1)
+        trend = float(place @ off) / math.sqrt(float(place @ place)) / size
+        few = math.sqrt(1.0 / _LAST + 1.0 / (off.size - _LAST))
+        step = float(off[-_LAST:].mean() - off[:-_LAST].mean()) / (size * few)
+        return max(abs(trend), abs(step)) > _CHANGED
+
+    @property
+    def remarks(self) -> list[str]:
+        """What else is to be known, a sentence each."""
+        (low, high), found = self.loads, []
+        if off := [over_fold(end, self.reference) for end in self.edges.seen]:
+            middle = 100.0 * (float(np.median(off)) - 1.0)
+            count = '1 episode ends' if len(off) == 1 else f'{len(off)} episodes end'
+            side = 'above' if middle >= 0.0 else 'below'
+            found.append(f'{count} {abs(middle):.1f} % {side} the configured fold')
+        found += [f'{name} was given before and counts once' for name in self.repeated]
+        if knocks := [knock for one in self.evidence for knock in one.knocks]:
+            found.append(
+                f'{plural(len(knocks), "vibration")} of less than 10 s left out as knocks,'
+                f' the first at {knocks[0].start_ns / 1e9:.0f} s ({knocks[0].source})'
+            )
+        if high < _ONE_LOAD * low:
+            found.append(
+                f'all evidence is at {rounded(low, 4)} to {rounded(high, 4)} N: beyond a fifth from there the'
+                ' boundaries are known less well'
+            )
+        return found
+
+
+def over_fold(end: End, reference: Reference) -> float:
+    """Speed at an end over the configured fold speed."""
+    speed, load = end.middle
+    return speed / math.exp(float(reference.fold(np.array([math.log(load)]))[0]))
+
+
+def calibrate(
+    found: Sequence[Evidence],
+    bearing: Bearing,
+    tolerance: Tolerance,
+    forget: float = 0.0,
+    onsets: bool = True,
+) -> Calibration:
+    """Infer a bearing's boundaries.
+
+    Args:
+        found: The recordings, with their reports.
+        bearing: The bearing that is configured.
+        tolerance: What its configuration states of it.
+        forget: Standard deviation that ``ln q`` is given anew before each recording: it wears.
+        onsets: Whether the times of onsets are worth something; ``False`` for a person's list.
+
+    Raises:
+        CalibrationError: The evidence is none, or of another bearing.
+    """
+    reference = Reference(bearing)
+    pairs, repeated = _once(found)
+    edges = edges_of(pairs, reference, onsets)
+    if not edges.tracks or not edges.loads[0] > 0.0:
+        raise CalibrationError(
+            'there is no evidence: no report is about a time in which the shaft turned slowly'
+            ' enough for stick-slip; record a slow passage with a level or reports'
+        )
+    prior, spreads = prior_of(bearing, tolerance), Spreads(tolerance.load or _LOAD, forget)
+    posterior = infer(edges, reference, prior, spreads)
+    result = Calibration(reference, prior, tolerance, spreads, edges, posterior, tuple(found), repeated)
+    wrong = [end for end, _ in result.doubts if not end.is_bound]
+    if len(edges.seen) > 1 and 2 * len(wrong) > len(edges.seen):
+        over = [over_fold(end, reference) for end in wrong]
+        raise CalibrationError(
+            f'{len(wrong)} of {len(edges.seen)} episodes end at {min(over):.2g} to'
+            f' {max(over):.2g} times the configured fold speed, where the rest does not, or where'
+            ' this bearing cannot: is the level that of another bearing, or a unit wrong?'
+        )
+    return result
+
+
+def _once(
+    found: Sequence[Evidence],
+) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
+    """Each course once with its reports, and the names of recordings that repeat one."""
+    kept: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
+    repeated: dict[str, None] = {}
+    for one in found:
+        for course in one.courses:
+            contents = b''.join(x.tobytes() for x in (course.time_ns, course.speed, course.load))
+            if contents in kept:
+                repeated[course.name] = None
+            else:
+                kept[contents] = course, one.reports
+    return list(kept.values()), tuple(repeated)
+
+
+def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
+    """The damping and the law of a bearing as parameters of a configuration."""
+    law, kind = bearing.friction, 'stribeck'
+    own = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
+    if isinstance(law, Tabulated):
+        kind, own = 'tabulated', {'speed': law.speed, 'coefficient': law.values}
+    elif isinstance(law, Coulomb):
+        kind = 'coulomb'
+    written = {f'friction.{name}': _rounded(value) for name, value in own.items()}
+    return {'damping': _rounded(bearing.damping), 'friction.law': kind, **written}
+
+
+def to_document(config: BearingConfig, found: Calibration, created: str, version: str) -> dict[str, Any]:
+    """The calibration as the documented JSON object."""
+    log_r, log_q = found.factors
+    doubtful = {id(end): p for end, p in found.doubts}
+    return {
+        'schema': CALIBRATION_SCHEMA,
+        'bearing': config.name,
+        'inputs': {
+            name: dict(
+                zip(INPUT_KEYS, (own.topic, own.field_text, own.scale, own.offset, own.unit), strict=True)
+            )
+            for name, own in (('speed', config.speed), ('load', config.load))
+        },
+        'parameters': parameters_of_law(found.bearing),
+        'believed': parameters_of_law(found.belief.bearing),
+        'covariance': _rounded(found.belief.covariance),
+        'loads': _rounded(found.loads),
+        'floor': found.floor,
+        'factors': {'speeds': _rounded(math.exp(log_r)), 'loads': _rounded(math.exp(log_q))},
+        'boundaries': _rounded(found.boundaries()),
+        'ends': [
+            {
+                'recording': end.recording,
+                'source': end.report.source,
+                'time': round(end.time * 1e9),
+                'speed': _rounded(end.middle[0]),
+                'load': _rounded(end.middle[1]),
+                'bound': end.is_bound,
+                'worthless': _rounded(doubtful.get(id(end), 0.0)),
+            }
+            for end in found.edges.ends
+        ],
+        'warnings': found.warnings,
+        'remarks': found.remarks,
+        'created': created,
+        'version': version,
+    }
+
+
+def _rounded(values: Any) -> Any:
+    return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
+
+
+def fragment(config: BearingConfig, found: Calibration) -> str:
+    """The law and the damping that have the calibrated boundaries, as configuration."""
+    rows = parameters_of_law(found.bearing)
+    damping = rows.pop('damping')
+    law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())
+    return (
+        f'# {FRAGMENT_MARK.decode()}: {config.name} has these boundaries; no measurement of'
+        ' friction.\n'
+        f'damping: {damping:.6g}\n'
+        f'friction: {{{law}}}\n'
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceSource:
+    """The source of when a bearing vibrated.
+
+    Where nobody is named it is the level that is configured for the bearing, or else the truth in
+    a simulated recording.
+    """
+
+    reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
+
+    def of_recording(self, kept: Kept, config: BearingConfig) -> Evidence:
+        """The evidence of one recording.
+
+        Raises:
+            CalibrationError: It has no truth, and there is no other source.
+        """
+        bag, scan = kept.bag, kept.scan(config.name)
+        name, courses = bag.path.name, courses_of(bag.path.name, scan)
+        if self.reports is not None:
+            return Evidence(name, courses, self._reports_of(config))
+        if self._hears(config):
+            return Evidence(name, courses, level=level_of(config, kept.stream(config.name), scan))
+        if not has_truth(bag, config.name):
+            raise CalibrationError(
+                f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
+                ' give --reports, or configure its level'
+            )
+        return Evidence(name, courses, true_reports(config.name, read_truth(bag, config.name), name))
+
+    def _reports_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
+        return tuple(report for report in self.reports or () if report.bearing == config.name)
+
+    def _hears(self, config: BearingConfig) -> bool:
+        """Whether the bearing's level is the source."""
+        return config.level is not None and self.reports is None
+
+    def calibrated(
+        self, config: BearingConfig, found: Sequence[Evidence], forget: float = 0.0
+    ) -> Calibration:
+        """What all recordings together give of a bearing; see :func:`.calibrate`.
+
+        Raises:
+            CalibrationError: They give nothing; the text says why.
+        """
+        spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses]
+        for report in self._reports_of(config):
+            if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
+                raise CalibrationError(
+                    f'{report.source}: the report lies outside the recordings: give the bag that it is about'
+                )
+        if self._hears(config):
+            found = read_levels(config.name, found)
+        return calibrate(found, config.bearing, config.tolerance, forget, self.reports is None)
+
+
+def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
+    """Speed and load of a recording between two jumps of the clock, as reference points."""
+    speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load)
+    begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
+    return tuple(
+        course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b]) for a, b in pairwise(begins) if b > a
+    )
+
+
+def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
+    """The valid values of a bearing's level, over the speed."""
+    assert config.level is not None
+    rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
+    value: FloatArray = stream.value[rows]
+    if config.level.unit != 'dB':
+        value = 20.0 * np.log10(np.maximum(np.abs(value), _LEAST_LEVEL))
+    # On the monitor's clock, as the points are.
+    return level_over_speed(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)

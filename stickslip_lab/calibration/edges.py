@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the edges of vibrations tell of a bearing's boundaries.
+
+* An *end* with quiet after it, while speed over the believed fold was rising, was at the fold.
+* Any other vibration only says that the fold is not below it: a *bound*.
+* An *onset* after quiet: a disturbance of steady sliding had grown by the usual number of e-folds
+  along the passage until then; a passage without one is censored: it had not grown so far.
+
+The configured bearing is a unit of speed here, not a truth: nothing asks whether a vibration
+agrees with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stickslip_lab.calibration.evidence import EDGE, FOOT, SLOWEST_FALL, TelemetryBins, VibrationReport
+from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.physics import averaging
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.lubrication import as_measured
+
+LAGS = (-0.75, 0.0, 0.75, 1.5, 2.25)
+"""By how much the speed may be late against the vibration, of all edges alike [s]."""
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of the time for which a cycle alone outlives the fold: noise or a swell ends it sooner."""
+# V/V_F has risen by this share since its least in the vibration, and stays there for so long [s];
+# else its end is no end by speed.
+_RISEN, _GOES_ON = 0.03, 3.0
+# Bins over which speed and load at an edge are averaged, and V/V_F before it is compared.
+_NEAR, _WIDE = 1.0, 9
+# A cycle that outlives its fold is followed from so long before its end to so long after [s].
+_BEFORE, _AFTER, _STEP = 30.0, 10.0, 0.25
+# What is farther above the fold than this is no slow passage.
+_FASTEST = 3.0
+_FEWEST = 10
+# An onset while the speed changes by a factor e in less than this tells nothing: a second by which
+# a tachometer lags is 4 % of the Hopf speed then. In 20 ships with ramps of 15 to 60 s such onsets
+# made it 5.5 % too high, and its 90 % interval held in 14.
+_SLOWEST_ONSET, _ONSET = 25.0, 4.0
+# From this tolerance on half of it is taken as a deviation: nobody errs by all of it [s].
+_TIMELY = 3.0
+_NOWHERE = 50.0
+
+
+class Reference:
+    """Both boundaries of a configured bearing over the load, as units of speed and load.
+
+    Where friction depends on the load they are those of friction as measured, at reference points.
+
+    Attributes:
+        bearing: The bearing.
+        log_load: Loads with a fold, ascending, shape (n,) [ln N].
+        log_fold: Fold speed there, the higher of the averaged and the exact one [ln m/s].
+        log_hopf: Hopf speed there; far below where there is none [ln m/s].
+    """
+
+    def __init__(self, bearing: Bearing) -> None:
+        bearing = as_measured(bearing)
+        table = known_table(bearing)
+        if not (bearing.damping > 0.0 and math.isfinite(table.first)):
+            raise CalibrationError(
+                'a calibration needs a bearing with a fold: damping above 0, and a friction law'
+                ' that falls with speed'
+            )
+        self.bearing = bearing
+        self.log_load = table.first + table.step * np.arange(1, len(table.pieces[0]) + 1)
+        load = np.exp(self.log_load)
+        with np.errstate(all='ignore'):
+            fold = np.fmax(averaging.fold_speed(bearing, load), table.exact(load))
+            hopf = np.asarray(averaging.hopf_speed(bearing, load))
+        known = np.isfinite(fold) & (fold > 0.0)
+        self.log_load = self.log_load[known]
+        self.log_fold = np.log(fold[known])
+        self.log_hopf = np.log(np.where(hopf > 0.0, hopf, 1e-9))[known]
+
+    def fold(self, log_load: FloatArray) -> FloatArray:
+        """``ln V_F`` [ln m/s]; below the least load with a fold it is that of this load."""
+        return np.interp(log_load, self.log_load, self.log_fold)
+
+    def hopf(self, log_load: FloatArray) -> FloatArray:
+        """``ln V_H`` [ln m/s]."""
+        return np.interp(log_load, self.log_load, self.log_hopf)
+
+    def slope(self, log_load: float) -> float:
+        """``d ln V_F / d ln N``."""
+        above, below = self.fold(np.array([log_load + 0.02, log_load - 0.02]))
+        return float(above - below) / 0.04
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class End:
+    """A vibration at a point: the fold is there, or not below."""
+
+    report: VibrationReport  # the vibration
+    recording: str  # name of the recording
+    time: float  # when [s]
+    # Surface speed [m/s] and load [N] at the fold, for each of SHARES the LAGS, (25, 2); one
+    # row for a bound.
+    points: FloatArray
+    timing: float  # by how much ln V/V_F is uncertain as the time is
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether the fold is only known not to be below."""
+        return len(self.points) == 1
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Speed [m/s] and load [N] in the middle of what is possible."""
+        speed, load = self.points[len(self.points) // 2]
+        return float(speed), float(load)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passage:
+    """Quiet up to an onset, or to the end of what is known: n bins."""
+
+    time: float  # the end of the quiet [s]
+    speed: FloatArray  # of the surface, shape (n,) [m/s]
+    load: FloatArray  # shape (n,) [N]
+    step: FloatArray  # since the last bin, shape (n,) [s]
+    began: bool  # whether a vibration began at its end
+    tolerance: float  # of that time [s]
+    trust: float
+
+
+@dataclass(slots=True, eq=False)
+class Edges:
+    """All that the recordings tell, in order of time."""
+
+    ends: list[End] = field(default_factory=list)
+    passages: list[Passage] = field(default_factory=list)
+    tracks: list[ReportedCourse] = field(default_factory=list)
+
+    @property
+    def seen(self) -> list[End]:
+        """The ends that were at the fold."""
+        return [end for end in self.ends if not end.is_bound]
+
+    @property
+    def loads(self) -> tuple[float, float]:
+        """Least and greatest load of the slow passages [N]."""
+        slow = [one.load[one.over < _FASTEST] for one in self.tracks]
+        loads = np.concatenate([np.empty(0), *slow])
+        return (float(loads.min()), float(loads.max())) if loads.size else (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportedCourse:
+    """A course against the configured fold, with the reports about it: n bins."""
+
+    name: str  # the recording
+    reports: tuple[VibrationReport, ...]  # in order of time
+    time: FloatArray  # while there was an operating point, shape (n,) [s]
+    speed: FloatArray  # of the surface, shape (n,) [m/s]
+    load: FloatArray  # shape (n,) [N]
+    over: FloatArray  # speed over the configured fold speed, shape (n,)
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Speed and load about a time [s]."""
+        near = np.abs(self.time - time) <= _NEAR
+        if near.any():
+            return float(self.speed[near].mean()), float(self.load[near].mean())
+        return float(np.interp(time, self.time, self.speed)), float(np.interp(time, self.time, self.load))
+
+
+def track_of(
+    course: TelemetryBins, reports: Sequence[VibrationReport], reference: Reference
+) -> ReportedCourse | None:
+    """A course with the reports about it; ``None`` where nothing was reported of it."""
+    used = (course.speed > 0.0) & (course.load > 0.0)
+    if np.count_nonzero(used) < _FEWEST:
+        return None
+    time = course.time_ns[used] / 1e9
+    speed, load = course.speed[used], course.load[used]
+    # A report shorter than its two ends are uncertain is no evidence.
+    about = tuple(
+        one
+        for one in reports
+        if one.end_ns > time[0] * 1e9 and one.start_ns < time[-1] * 1e9 and one.seconds >= 2.0 * one.tolerance
+    )
+    over = speed / np.exp(reference.fold(np.log(load)))
+    return ReportedCourse(course.name, about, time, speed, load, over) if about else None
+
+
+def edges_of(
+    courses: Sequence[tuple[TelemetryBins, Sequence[VibrationReport]]],
+    reference: Reference,
+    onsets: bool = True,
+) -> Edges:
+    """What the reports about some courses tell.
+
+    Args:
+        courses: Each with the reports about it.
+        reference: The configured bearing.
+        onsets: Whether quiet counts too, up to an onset or without one: a person hears late.
+    """
+    found = Edges()
+    for course, reports in sorted(courses, key=lambda one: int(one[0].time_ns[0])):
+        track = track_of(course, reports, reference)
+        if track is not None:
+            found.tracks.append(track)
+            _read(found, track, reference, onsets)
+    return found
+
+
+def _read(found: Edges, track: ReportedCourse, reference: Reference, onsets: bool) -> None:
+    first, last = float(track.time[0]), float(track.time[-1])
+    begin = first
+    for one, after in zip(track.reports, [*track.reports[1:], None], strict=True):
+        a, b = max(one.start_ns / 1e9, first), min(one.end_ns / 1e9, last)
+        if after and (after.squeal == one.squeal or after.start_ns / 1e9 - b > one.tolerance + 1.0):
+            after = None  # they do not meet
+        if one.squeal:
+            end = _end_of(track, one, a, b, after is not None, reference)
+            found.ends += [end] if end else []
+            # Where it ended inside it is not known how far a disturbance has grown.
+            begin = b if end and not end.is_bound else math.inf
+        else:
+            passage = _passage(track, one, begin, b, after)
+            found.passages += [passage] if passage and onsets else []
+            begin = b
+
+
+def _passage(
+    track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
+) -> Passage | None:
+    """Quiet up to the onset that ends it, if any; ``None`` where it tells nothing."""
+    late = report.tolerance + LAGS[-1] if onset else 0.0
+    rows = (track.time >= begin) & (track.time <= b + late)
+    if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
+        return None
+    time, speed = track.time[rows], track.speed[rows]
+    if onset and _pace(time, speed, b) > 1.0 / _SLOWEST_ONSET:
+        return None
+    step = np.minimum(np.diff(time, prepend=time[0]), 5.0)
+    trust = min(report.trust, onset.trust) if onset else report.trust
+    return Passage(b, speed, track.load[rows], step, onset is not None, report.tolerance, trust)
+
+
+def _pace(time: FloatArray, speed: FloatArray, at: float) -> float:
+    """By how much ``ln V`` changes in a second about a time [1/s]."""
+    near = np.abs(time - at) <= _ONSET
+    if np.count_nonzero(near) < 2:
+        return 0.0
+    return float(abs(np.polyfit(time[near] - at, np.log(speed[near]), 1)[0]))
+
+
+def _end_of(
+    track: ReportedCourse, report: VibrationReport, a: float, b: float, meets: bool, reference: Reference
+) -> End | None:
+    off = report.tolerance
+    whole = outlives(track, b, reference) if meets and report.rings else 0.0
+    middle = b - 0.5 * whole
+    inside = (track.time >= a + off) & (track.time <= max(middle - off, a + off))
+    if not inside.any():
+        return None
+    if meets and _rises(track, middle, inside):
+        points = [track.at(b - share * whole + lag) for share in SHARES for lag in LAGS]
+        off /= 2.0 if off > _TIMELY else 1.0
+        (v0, n0), (v1, n1) = track.at(middle - off), track.at(middle + off)
+        slope = reference.slope(math.log(n0))
+        timing = 0.5 * abs(math.log(v1 / v0) - slope * math.log(n1 / n0))
+        return End(report, track.name, b, np.array(points), timing)
+    return End(report, track.name, *_highest(track, inside), 0.0)
+
+
+def _rises(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
+    """Whether V/V_F has risen when a vibration ends, and goes on: the shaft did not stop."""
+    wide = _averaged(track.over, _WIDE)
+    after = (track.time > time) & (track.time <= time + _GOES_ON)
+    least = (1.0 + _RISEN) * wide[inside].min()
+    return bool(
+        np.interp(time, track.time, wide) > least and after.any() and track.over[after].mean() > least
+    )
+
+
+def _highest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
+    """When a vibration was farthest out, and speed and load there, shape (1, 2)."""
+    rows = np.flatnonzero(inside)
+    time = float(track.time[rows[np.argmax(_averaged(track.over, 3)[rows])]])
+    return time, np.array([track.at(time)])
+
+
+def _averaged(values: FloatArray, width: int) -> FloatArray:
+    padded = np.pad(values, width // 2, 'edge')
+    return np.convolve(padded, np.full(width, 1.0 / width), 'valid')
+
+
+def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
+    """For how long an undisturbed cycle has outlived its fold when its level ends [s].
+
+    With ``y = a/V``, 1 inside, ``d ln y/dt = (c/2m) (N/N_b(y) - 1)``, where ``ln N_b`` goes from
+    that of the Hopf speed at ``y = 0`` to that of the fold at ``y = 1`` as ``y^2`` does. For each
+    time at which the fold may have been passed the amplitude is followed, and its level's end read
+    as that of a level is.
+    """
+    clock = np.arange(end - _BEFORE, end + _AFTER, _STEP)
+    passed = clock[(clock <= end) & (clock >= track.time[0])]
+    if not passed.size:
+        return 0.0
+    ratio = np.log(np.interp(passed, track.time, track.over))[:, None]
+    speed = np.log(np.interp(clock, track.time, track.speed)) - ratio
+    load = np.log(np.interp(clock, track.time, track.load))
+    # At the fold's own scale of speed: from which loads on is there a cycle, is it unstable?
+    fold, hopf = (
+        np.interp(speed, np.maximum.accumulate(each), reference.log_load, left=-_NOWHERE)
+        for each in (reference.log_fold, reference.log_hopf)
+    )
+    rate = reference.bearing.damping / (2.0 * reference.bearing.mass)
+    y = np.ones((passed.size, clock.size))
+    for k in range(1, clock.size):
+        square = y[:, k - 1] ** 2
+        bound = hopf[:, k] * (1.0 - square) + fold[:, k] * square
+        drive = np.exp(np.minimum(load[k] - bound, 3.0))
+        grown = np.minimum(y[:, k - 1] * np.exp((drive - 1.0) * rate * _STEP), 1.0)
+        y[:, k] = np.where(clock[k] > passed, grown, 1.0)
+    edge, foot = (_first(y < 10.0 ** (-below / 20.0), clock) for below in (EDGE, FOOT))
+    with np.errstate(invalid='ignore'):
+        rings = foot - edge <= SLOWEST_FALL
+        seen = np.where(rings, edge - (foot - edge) * EDGE / (FOOT - EDGE), edge)
+    # The last stretch of times that explain the end: those before are of the way down.
+    early = np.flatnonzero(np.maximum(seen, passed) < end)
+    first = int(early[-1]) + 1 if early.size else 0
+    return float(end - passed[first]) if first < passed.size else 0.0
+
+
+def _first(there: BoolArray, clock: FloatArray) -> FloatArray:
+    """The first time at which each row is true; ``inf`` for never."""
+    return np.where(there.any(axis=1), clock[np.argmax(there, axis=1)], np.inf)

@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration rests on: speed and load of recordings, and when the bearing vibrated.
+
+A level tells it alone, without a threshold, a rule or a believed boundary. The amplitude of a
+stick-slip cycle is in proportion to the surface speed, whatever the sensor and its gain. So a
+level in dB less ``20 lg V`` has two narrow modes, quiet and vibration, and what parts them best
+over all recordings together is the threshold between them (N. Otsu, IEEE Trans. Syst. Man Cybern.
+9 (1979) 62). The edges of a vibration are where its level is 3 dB below its own plateau; how late
+a level falls, and so rises, shows in the straight line of its fall.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from stickslip_lab.scenes.truth import TruthRecord
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.files import read_table
+
+BIN_NS = 10**9
+TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9
+LEVEL_TOLERANCE, TRUTH_TOLERANCE, OPERATOR_TOLERANCE = 1.0, 1.0, 10.0
+STATES = {'squeal': True, 'quiet': False}
+_COLUMNS = ('bearing', 'start', 'end', 'state')
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_FRACTION = re.compile(r'(:\d\d)\.(\d+)')
+_LARGEST = 16 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationReport:
+    """A report that a bearing vibrated or was quiet."""
+
+    bearing: str  # name of the bearing
+    start_ns: int  # from when [ns]
+    end_ns: int  # until when [ns]
+    squeal: bool  # whether it vibrated
+    tolerance: float  # how far the two times may be off [s]
+    trust: float  # probability that the report is not worthless
+    source: str  # where it stands, for a sentence
+    rings: bool = False  # whether it is of a level, which ends when a cycle has died away
+
+    @property
+    def seconds(self) -> float:
+        """Its length [s]."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+
+def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
+    """Read an operator's reports on some bearings.
+
+    Cells are separated by comma, semicolon or tab; blank lines and lines that start with ``#``
+    are skipped. The first other line has the headings ``bearing, start, end, state`` and, as one
+    likes, ``tolerance [s]`` and ``trust``. Times are ISO 8601 with a zone.
+
+    Raises:
+        CalibrationError: A line breaks a rule; the text names file, line, value and rule.
+    """
+    rows, _ = read_table(path, _LARGEST, CalibrationError)
+    if len(rows) < 2:
+        raise CalibrationError(f'{path} has no reports: give headings and a line for each report')
+    headings, body = rows[0].cells, rows[1:]
+    names = [re.sub(r'\s*[\[(].*', '', text).strip().lower() for text in headings]
+    missing = [name for name in _COLUMNS if name not in names]
+    if missing:
+        raise CalibrationError(
+            f'{path}, line {rows[0].line}: no column {", ".join(missing)} among the headings'
+            f' {", ".join(headings)}: there must be {", ".join(_COLUMNS)}'
+        )
+    reports = []
+    for line, cells in body:
+        where = f'{path}, line {line}'
+        if len(cells) != len(names):
+            raise CalibrationError(f'{where}: it has {len(cells)} cells and there are {len(names)} headings')
+        reports.append(_report(where, dict(zip(names, cells, strict=True)), bearings))
+    return in_order(reports)
+
+
+def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
+    if row['bearing'] not in bearings:
+        raise CalibrationError(
+            f"{where}: bearing '{row['bearing']}' is not configured; there are: {', '.join(bearings)}"
+        )
+    if row['state'].lower() not in STATES:
+        raise CalibrationError(f"{where}: state '{row['state']}' must be squeal or quiet")
+    start, end = (_time(f'{where}: {name}', row[name]) for name in ('start', 'end'))
+    if end <= start:
+        raise CalibrationError(f"{where}: end '{row['end']}' must be after start '{row['start']}'")
+    tolerance = _number(where, row, 'tolerance', OPERATOR_TOLERANCE, math.inf)
+    trust = _number(where, row, 'trust', OPERATOR_TRUST, 1.0)
+    squeal = STATES[row['state'].lower()]
+    return VibrationReport(row['bearing'], start, end, squeal, tolerance, trust, where)
+
+
+def _time(where: str, text: str) -> int:
+    """Nanoseconds of an ISO 8601 time with a zone."""
+    fraction = _FRACTION.search(text)
+    whole = _FRACTION.sub(r'\1', text)
+    try:
+        moment = datetime.fromisoformat(re.sub('[zZ]$', '+00:00', whole))
+    except ValueError:
+        raise CalibrationError(f"{where} '{text}' must be a time such as 2026-05-04T06:01:10Z") from None
+    if moment.tzinfo is None:
+        raise CalibrationError(f"{where} '{text}' has no zone: end it in Z or +02:00, say")
+    passed = moment - _EPOCH
+    digits = fraction.group(2)[:9].ljust(9, '0') if fraction else '0'
+    return (passed.days * 86400 + passed.seconds) * 10**9 + int(digits)
+
+
+def _number(where: str, row: dict[str, str], name: str, default: float, highest: float) -> float:
+    text = row.get(name, '')
+    if not text:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (0.0 <= value <= highest and math.isfinite(value)):
+        limit = '' if highest == math.inf else f' to {highest:g}'
+        raise CalibrationError(f"{where}: {name} '{text}' must be a number from 0{limit}")
+    return value
+
+
+def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
+    """Reports by bearing and time.
+
+    Raises:
+        CalibrationError: Two of them contradict each other.
+    """
+    ordered = sorted(reports, key=lambda r: (r.bearing, r.start_ns, r.end_ns))
+    for one, two in pairwise(ordered):
+        if one.bearing == two.bearing and two.start_ns < one.end_ns:
+            kind = 'contradicts' if one.squeal != two.squeal else 'overlaps'
+            raise CalibrationError(
+                f'{two.source} {kind} {one.source}: they are about the same time of {one.bearing};'
+                ' give one report for each time'
+            )
+    return ordered
+
+
+def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
+    """The truth of a simulated recording: squeal in the episodes, quiet between them."""
+    edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
+    known = TRUTH_TOLERANCE, TRUTH_TRUST
+    return tuple(
+        VibrationReport(bearing, start, end, bool(k % 2), *known, f'truth of {recording}, {k + 1}')
+        for k, (start, end) in enumerate(pairwise(edges))
+        if end > start
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TelemetryBins:
+    """Speed and load of one bearing over one recording, in bins of a second."""
+
+    name: str  # the recording, for a sentence
+    time_ns: IntArray  # middle of each bin, strictly rising, shape (n,) [ns]
+    speed: FloatArray  # magnitude of the surface speed, shape (n,) [m/s]; 0 at rest
+    load: FloatArray  # shape (n,) [N]
+
+
+def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
+    """Averages over bins of a second; times do not fall [ns], shapes are (n,) [m/s, N]."""
+    bins, inverse = np.unique(time_ns // BIN_NS, return_inverse=True)
+    count = np.bincount(inverse)
+    size = np.abs(speed)
+    mean_speed, mean_load = (np.bincount(inverse, weights=x) / count for x in (size, load))
+    resting = np.bincount(inverse, weights=size == 0.0) > 0
+    return TelemetryBins(name, bins * BIN_NS + BIN_NS // 2, np.where(resting, 0.0, mean_speed), mean_load)
+
+
+BIN = 0.25
+"""Width of the bins in which a level is averaged [s]."""
+APART = 6.0
+"""Least distance of the two modes [dB]."""
+# A vibration shorter than this is a knock; a rest shorter than this does not end one; a level that
+# is older says nothing [s].
+_SHORTEST, _REST, _GAP = 10.0, 3.0, 5.0
+# What varies less is stuck, and how far the modes must be apart without the speed, too [dB].
+_STUCK, _LOUDER = 0.1, 3.0
+# Values in the middle half between the modes, as a share of those in the smaller mode.
+_BETWEEN = 0.4
+# Distances below the plateau at which a fall is timed [dB], and the slowest fall that is the
+# level's own and not the lining's [s].
+EDGE, FOOT, SLOWEST_FALL = 3.0, 9.0, 6.0
+# Seconds at either end of a vibration of which its plateau is the median.
+_PLATEAU = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelBins:
+    """A level of vibration over a recording, in bins while the shaft turned."""
+
+    time: FloatArray  # strictly rising, shape (n,) [s]
+    value: FloatArray  # 20 lg of the level over the surface speed, shape (n,) [dB]
+    by_speed: FloatArray  # 20 lg of the surface speed, shape (n,) [dB]
+
+
+def level_over_speed(
+    time: FloatArray, decibels: FloatArray, speed_time: FloatArray, speed: FloatArray
+) -> LevelBins:
+    """A level in bins, less ``20 lg V``, while the shaft turned.
+
+    Args:
+        time: Times of the level, shape (n,) [s].
+        decibels: The level, shape (n,) [dB].
+        speed_time: Times of the speed, rising, shape (m,) [s].
+        speed: Surface speed, shape (m,) [m/s].
+    """
+    known = np.isfinite(decibels)
+    if not known.any() or not speed_time.size:
+        return LevelBins(np.empty(0), np.empty(0), np.empty(0))
+    bins, inverse = np.unique(np.floor(time[known] / BIN), return_inverse=True)
+    value = np.bincount(inverse, decibels[known]) / np.bincount(inverse)
+    middle = (bins + 0.5) * BIN
+    size = np.interp(middle, speed_time, np.abs(speed), left=0.0, right=0.0)
+    turns = size > 0.0
+    by_speed = 20.0 * np.log10(size[turns])
+    return LevelBins(middle[turns], value[turns] - by_speed, by_speed)
+
+
+class NoTwoModes(CalibrationError):
+    """A level in which quiet and vibration cannot be told apart.
+
+    Attributes:
+        levels: That level, of each recording.
+    """
+
+    def __init__(self, text: str, levels: tuple[LevelBins, ...]) -> None:
+        super().__init__(text)
+        self.levels = levels
+
+
+def threshold_of(levels: Sequence[LevelBins]) -> float:
+    """What parts the two modes of a level over all recordings [dB].
+
+    Raises:
+        NoTwoModes: The text says what it has.
+    """
+    value, by_speed = (
+        np.concatenate([np.empty(0), *(getattr(level, name) for level in levels)])
+        for name in ('value', 'by_speed')
+    )
+    order = np.argsort(value)
+    x, raw = value[order], (value + by_speed)[order]
+    if x.size < 2 or np.ptp(raw) < _STUCK:
+        has = f'it stays at {raw[0]:.1f} dB' if x.size else 'no valid value came while the shaft turned'
+        text = f'the level has no two modes: {has}; is its sensor connected, and its unit right?'
+        raise NoTwoModes(text, tuple(levels))
+    n = np.arange(1, x.size)
+    below, total = np.cumsum(x)[:-1], float(x.sum())
+    k = int(np.argmax((below * x.size - total * n) ** 2 / (n * (x.size - n)))) + 1
+    low, high = float(np.median(x[:k])), float(np.median(x[k:]))
+    quarter = 0.25 * (high - low)
+    lost = int(np.count_nonzero((x > low + quarter) & (x < high - quarter)))
+    # What is as loud at every speed parts by the speed alone.
+    same = abs(float(np.median(raw[:k]) - np.median(raw[k:]))) < _LOUDER
+    if high - low < APART or same or lost > _BETWEEN * min(k, x.size - k):
+        raise NoTwoModes(
+            f'the level has no two modes: {low:.1f} and {high:.1f} dB over the speed, and'
+            f' {lost / x.size:.0%} of the values between them; give recordings in which the'
+            " bearing vibrates and is quiet, or an operator's --reports (--picture shows the"
+            ' values)',
+            tuple(levels),
+        )
+    return 0.5 * (low + high)
+
+
+def level_reports(
+    bearing: str, level: LevelBins, threshold: float, source: str
+) -> tuple[list[VibrationReport], list[VibrationReport]]:
+    """Vibration and quiet in the order of time, and the knocks, which are neither.
+
+    Args:
+        bearing: Name of the bearing.
+        level: Its level.
+        threshold: Between the two modes [dB].
+        source: Where the level stands, for a sentence.
+    """
+    found: list[VibrationReport] = []
+    knocks: list[VibrationReport] = []
+    lags: list[float] = []
+
+    def report(a: float, b: float, squeal: bool) -> VibrationReport:
+        times = round(a * 1e9), round(b * 1e9)
+        return VibrationReport(bearing, *times, squeal, LEVEL_TOLERANCE, TRUST, source, True)
+
+    for part in np.split(np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > _GAP) + 1):
+        t, x = level.time[part], level.value[part]
+        if t.size < 3:
+            continue
+        quiet, last = float(t[0]), 0
+        for a, b in _spells(t, x >= threshold):
+            if t[b - 1] - t[a] < _SHORTEST:
+                knocks.append(report(t[a], t[b - 1], True))
+                continue
+            on, off, late = _on_and_off(t, x, a, b)
+            lags += late
+            found += [report(quiet, on, False)] if a and on > quiet else []
+            found.append(report(on, off if b < t.size else float(t[-1]), True))
+            quiet, last = off, b
+        if last < t.size and t[-1] - quiet > _REST:
+            found.append(report(quiet, float(t[-1]), False))
+    lag = round(1e9 * float(np.median(lags))) if lags else 0
+    for i, (before, one) in enumerate(pairwise(found)):  # the rise lags as the fall does
+        start = one.start_ns - lag
+        if one.squeal and not before.squeal and start > before.start_ns:
+            found[i : i + 2] = replace(found[i], end_ns=start), replace(one, start_ns=start)
+    return [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(found)], knocks
+
+
+def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
+    """When a spell of vibration, of rows ``a`` to before ``b``, begins and ends, and what its fall lags."""
+    # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
+    own, there = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
+    rise = float(np.median(own[t[a:b] <= there[0] + _PLATEAU]))
+    fall = float(np.median(own[(t[a:b] >= there[-1] - _PLATEAU) & (t[a:b] <= there[-1])]))
+    on = float(t[a + int(np.argmax(own >= rise - EDGE))]) if a else float(t[0])
+    edge = b - 1 - int(np.argmax(own[::-1] >= fall - EDGE))
+    off = float(t[edge])
+    foot = np.flatnonzero((x[edge:] < fall - FOOT) & (t[edge:] <= off + SLOWEST_FALL))
+    if not foot.size or b == t.size:
+        return on, off, []
+    # A level that lags falls along a straight line in dB, which began at the plateau.
+    lag = float(t[edge + foot[0]] - off) * EDGE / (FOOT - EDGE)
+    return on, max(off - lag, on), [lag]
+
+
+def _spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
+    """Begin and end (the first row after) of each stretch that is high but for short rests."""
+    edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
+    spells: list[list[int]] = []
+    for a, b in edges.reshape(-1, 2).tolist():
+        if spells and t[a] - t[spells[-1][1] - 1] < _REST:
+            spells[-1][1] = b
+        else:
+            spells.append([a, b])
+    return spells

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Show what accuracy costs in time: every method for the stick-slip amplitude on a set of cases.
+
+Each method, from averaging to the exact cycle, solves operating points from easy to hard. Errors
+are against references of 40 digits; times are medians of repeated, warm calls. For steady times
+keep the machine quiet and set OMP_NUM_THREADS=1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+
+from stickslip_lab.accuracy.accuracy import (
+    BASE,
+    CASES,
+    METHODS,
+    QUICK,
+    TYPICAL,
+    Effort,
+    Row,
+    Summary,
+    columns,
+    measure,
+    pareto,
+    read_rows,
+    summarise,
+)
+from stickslip_lab.drawing.studies import MethodMark, draw_pareto
+from stickslip_monitor.commands import options, output
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.bearing_records import number
+
+SCHEMA = 'stickslip_monitor/accuracy/1'
+_WIDEST = 220
+_WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('--quick', action='store_true', help='a few cases, done in seconds')
+    options.add_file(
+        parser, '--from', dest='source', metavar='FILE', help='show an earlier result (.csv); measure nothing'
+    )
+    text = '.csv: one row for each method and case'
+    options.add_file(parser, '--output', '-o', marks=options.TABLE, help=text)
+    options.add_picture(parser, 'error over time')
+    parser.add_argument('--markdown', action='store_true', help='print the table in Markdown')
+    options.add_shared(parser, '--force', '--json')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    if args.source and args.quick:
+        raise ConfigurationError('--from shows what was measured: it does not go with --quick')
+    rows = read_rows(args.source) if args.source else measured(quick=args.quick)
+    output.write_outputs(
+        args, output=lambda: columns(rows), picture=lambda: draw_pareto(panels(rows), footnote(rows))
+    )
+    if args.json:
+        output.print_json(to_json(rows))
+    elif args.markdown:
+        sys.stdout.write(markdown(rows))
+    else:
+        _print(output.console(), rows)
+    return 0
+
+
+def measured(*, quick: bool) -> list[Row]:
+    """Measure, with a progress bar on the error stream."""
+    cases = [case for case in CASES if case.quick or not quick]
+    steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
+    rows = []
+    with output.ProgressBar() as bar:
+        for done, (method, case) in enumerate(steps):
+            bar.show(f'{method.name}, {case.name}', done, len(steps))
+            rows.append(measure(method, case, QUICK if quick else Effort()))
+    return rows
+
+
+def to_json(rows: Sequence[Row]) -> dict[str, Any]:
+    """The measurement as the documented JSON object."""
+    return {
+        'schema': SCHEMA,
+        'base': BASE.name,
+        'rows': [_plain(row) for row in rows],
+        'methods': [_plain(summary) for summary in summarise(rows, BASE.name)],
+    }
+
+
+def _plain(record: Row | Summary) -> dict[str, object]:
+    return {k: number(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
+
+
+def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
+    """The typical case, and the worst of all cases."""
+    typical = [row for row in rows if row.case == TYPICAL and row.outcome != 'refused']
+    one = [(row.family, row.points, row.seconds, abs(row.error)) for row in typical]
+    every = [
+        (s.family, s.points, s.seconds, s.worst)
+        for s in summarise(rows, BASE.name)
+        if s.answered and s.refused <= 1
+    ]
+    count = len({row.case for row in rows if row.method == BASE.name})
+    return {
+        f'{TYPICAL}: the middle of the unstable range': _marks(one),
+        f'worst of {count} cases, median time': _marks(every),
+    }
+
+
+def _marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
+    errors = [e if math.isfinite(e) else math.inf for *_, e in points]
+    front = pareto([t if count == 1 else math.nan for _, count, t, _ in points], errors)
+    return [
+        MethodMark(family, seconds, errors[i], i in front, count > 1)
+        for i, (family, count, seconds, _) in enumerate(points)
+    ]
+
+
+def footnote(rows: Sequence[Row]) -> str:
+    """What the picture should be read with."""
+    disturbed = sum(row.disturbed for row in rows)
+    text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
+    return text + (f'; {disturbed} of {len(rows)} times disturbed' if disturbed else '')
+
+
+def error_text(row: Row | None) -> str:
+    """An error in a table's cell."""
+    if row is None:
+        return ''
+    if row.outcome in _WORDS:
+        return _WORDS[row.outcome]
+    text = f'{abs(row.error):.0e}'.replace('e-0', 'e-').replace('e+0', 'e')
+    return text if row.error else '0'
+
+
+def time_text(seconds: float) -> str:
+    """A time in a table's cell."""
+    for unit, factor in (('s', 1.0), ('ms', 1e3)):
+        if seconds * factor >= 1.0:
+            return f'{seconds * factor:.3g} {unit}'
+    return f'{seconds * 1e6:.3g} us' if math.isfinite(seconds) else '-'
+
+
+def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Headings and cells of the table method x case."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    at = {(row.method, row.case): row for row in rows}
+    lines = [
+        [
+            s.method,
+            *(error_text(at.get((s.method, case))) for case in cases),
+            time_text(s.seconds),
+            f'{s.ratio:.3g}' if math.isfinite(s.ratio) else '-',
+        ]
+        for s in summarise(rows, BASE.name)
+    ]
+    return ['method', *cases, 'time', '/ KBM'], lines
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """The table in Markdown."""
+    headings, lines = table_cells(rows)
+    rule = ['---', *['--:'] * (len(headings) - 1)]
+    return ''.join(f'| {" | ".join(line)} |\n' for line in [headings, rule, *lines])
+
+
+def _print(out: Console, rows: Sequence[Row]) -> None:
+    headings, lines = table_cells(rows)
+    caption = (
+        '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'
+    )
+    title = 'Relative error of the stick-slip amplitude'
+    table = output.table_of(title, '; '.join(headings), caption=caption)
+    for line in lines:
+        table.add_row(*line)
+    if output.line_width() is None:
+        out.width = _WIDEST
+    out.print(table)
+    disturbed = sum(row.disturbed for row in rows)
+    if disturbed:
+        out.print(
+            f'[yellow]warning:[/] {disturbed} of {len(rows)} times were disturbed by other'
+            ' processes; process time is given for them'
+        )

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Infer a bearing's stability boundaries from recordings and reports of vibration.
+
+The evidence is an operator's CSV file (--reports: bearing, start, end, state, optionally
+tolerance [s] and trust); without one, the level configured for the bearing; without a level, the
+truth in simulated bags. Name the resulting file under `calibration:` in the bearing's
+configuration. It is valid for readings of the same sensors and does not measure friction. Exits 1
+if a warning lowers the value of the result (no episode, a doubtful report, a surprise), 2 for bad
+input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from stickslip_lab.calibration.calibration import (
+    FRAGMENT_MARK,
+    Calibration,
+    Evidence,
+    EvidenceSource,
+    fragment,
+    to_document,
+)
+from stickslip_lab.calibration.evidence import NoTwoModes, read_reports
+from stickslip_lab.drawing.studies import draw_calibration, draw_levels
+from stickslip_monitor import __version__
+from stickslip_monitor.commands import options, output
+from stickslip_monitor.errors import plural
+from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.verdict import rounded
+from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.physics.probability import QUANTILES
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    options.add_file(parser, 'bags', nargs='+', metavar='BAG', help='recording or log')
+    options.add_config(parser)
+    options.add_shared(parser, '--bearing', help=options.ONE_OF_SEVERAL)
+    text = "an operator's reports of vibration"
+    options.add_file(parser, '--reports', metavar='CSV', help=text)
+    # The result of the last calibration, of an earlier version too, may be renewed in its place.
+    result = {'': CALIBRATION_SCHEMA.rpartition('/')[0].encode()}
+    text = 'write the result, JSON'
+    options.add_file(parser, '--output', '-o', marks=result, renews=True, help=text)
+    text = 'allow a slow drift of the boundary: standard deviation of ln N, e.g. 0.03'
+    options.add_number(parser, '--forget', 0, 1, kind=float, default=0.0, metavar='S', help=text)
+    yaml = {'': FRAGMENT_MARK}
+    text = 'write damping and friction as a configuration fragment, YAML'
+    options.add_file(parser, '--fragment', marks=yaml, help=text)
+    options.add_picture(parser, 'the level with its edges, and the boundaries')
+    options.add_shared(parser, '--force', '--json')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    whole = load_config(args.config, args.node)
+    config = options.the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
+    source = source_of(args.reports, whole)
+    with output.ProgressBar() as meter:
+        evidence = _evidence(args.bags, config, source, meter)
+    try:
+        found = source.calibrated(config, evidence, args.forget)
+    except NoTwoModes as error:
+        levels = error.levels
+        output.write_outputs(args, picture=lambda: draw_levels(config, levels))
+        raise
+    now = datetime.now(timezone.utc).isoformat(timespec='seconds')
+    document = to_document(config, found, now, __version__)
+    output.write_outputs(
+        args,
+        output=lambda: output.json_text(document),
+        fragment=lambda: fragment(config, found),
+        picture=lambda: draw_calibration(config, found),
+    )
+    if args.json:
+        output.print_json(document)
+    else:
+        _print(output.console(), config, found)
+    return int(bool(found.warnings))
+
+
+def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
+    """The source of when the bearings of a configuration vibrated: an operator's file, if any."""
+    names = [bearing.name for bearing in config.bearings]
+    return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
+
+
+def _evidence(
+    bags: Sequence[str], config: BearingConfig, source: EvidenceSource, meter: output.ProgressBar
+) -> list[Evidence]:
+    found = []
+    for k, path in enumerate(bags):
+        meter.show(f'reading {Path(path).name}', k, len(bags))
+        kept = Kept()
+        check_recording(path, MonitorConfig((config,)), [kept])
+        found.append(source.of_recording(kept, config))
+    return found
+
+
+def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
+    (low, high), (log_r, log_q) = found.loads, found.factors
+    out.print(
+        f'[bold]{escape(config.name)}[/]: {plural(len(found.edges.tracks), "passage")},'
+        f' {plural(found.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
+    )
+    out.print(_boundary_table(config, found))
+    out.print(
+        f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{found.spread[0]:.0%}), loads divided'
+        f' by {math.exp(log_q):.3g} (+-{found.spread[1]:.0%}), as one known far better than either'
+    )
+    for text in found.remarks:
+        out.print(escape(text))
+    for text in found.warnings:
+        out.print(f'[yellow]warning:[/] {escape(text)}')
+    out.print('It holds for the readings of these sensors, and is no measurement of friction.')
+
+
+def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
+    table = output.table_of(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
+    rpm = config.bearing.speed.factor('rpm')
+    before = found.before.hopf_speed, found.before.fold_speed
+    for load, *now in found.boundaries():
+        for k, (name, of) in enumerate(zip(('Hopf', 'fold'), before, strict=True)):
+            past = [of(load, p) for p in QUANTILES]
+            texts = [
+                ', '.join(f'{value / rpm:.1f}' for value in values)
+                for values in (past, now[3 * k : 3 * k + 3])
+            ]
+            table.add_row('' if k else f'{rounded(load, 4)} N', name, *texts)
+    return table

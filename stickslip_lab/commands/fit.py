@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fit the Stribeck law to a measured friction-against-speed curve.
+
+The CSV file has a line of headings and one line for each point; the columns of speed and
+coefficient are recognised by their headings, as is one of standard deviations (std) or weights.
+With --config and --load the uncertainty of the fit is propagated to the Hopf and fold speed of the
+bearings; their own friction law is not used. Exits 1 if the fit has a warning, 2 if the curve
+cannot identify the law.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from stickslip_lab.drawing.studies import draw_friction_fit
+from stickslip_lab.friction.curve_file import NAMES, FrictionCurve, read_curve
+from stickslip_lab.friction.friction_fit import (
+    ASIDE,
+    UNITS,
+    VISCOUS_LEVEL,
+    StribeckFit,
+    boundary_belief,
+    unchecked,
+)
+from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
+from stickslip_monitor.commands import options, output
+from stickslip_monitor.errors import ConfigurationError, plural, require_positive
+from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.physics.bearing import SPEED_UNITS
+from stickslip_monitor.physics.lubrication import reference_point, speed_over_load
+from stickslip_monitor.physics.probability import Belief
+
+SCHEMA = 'stickslip_monitor/fit/2'
+FRAGMENT_MARK = '# Fitted to '
+_POINT = ('speed', 'coefficient', 'residual', 'weight')
+_INTERVAL = (0.025, 0.5, 0.975)
+Boundaries = dict[str, list[float]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    options.add_file(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
+    for name in NAMES:
+        parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
+    text = 'unit of the speeds, if the heading has none'
+    parser.add_argument('--speed-unit', choices=SPEED_UNITS, help=text)
+    text = 'journal diameter [m], needed if speeds are in rpm, rad/s or Hz'
+    parser.add_argument('--journal-diameter', type=float, metavar='D', help=text)
+    text = 'fit a viscous slope (default auto: if an F-test at 1 %% supports it)'
+    parser.add_argument('--viscous', choices=('auto', 'yes', 'no'), default='auto', help=text)
+    group = parser.add_argument_group('spread of the boundaries')
+    options.add_config(group, required=False)
+    options.add_shared(group, '--bearing')
+    group.add_argument('--load', help='bearing load with unit, e.g. 1000N')
+    group.add_argument('--speed', help='shaft speed with unit for the regimes, e.g. 35rpm')
+    text = '.csv: the points with fitted values and residuals'
+    options.add_file(parser, '--output', '-o', marks=options.TABLE, help=text)
+    options.add_picture(parser, 'the points and the law')
+    yaml = {'': FRAGMENT_MARK.encode()}
+    options.add_file(parser, '--fragment', marks=yaml, help='write the configuration fragment')
+    options.add_shared(parser, '--force', '--json')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    if bool(args.config) != bool(args.load):
+        given, missing = ('--config', '--load') if args.config else ('--load', '--config')
+        raise ConfigurationError(f'{given} needs {missing}: the boundaries follow from both')
+    for name in ('bearing', 'speed'):
+        if getattr(args, name) and not args.config:
+            raise ConfigurationError(f'--{name} needs --config and --load')
+    bearings = options.chosen(args).bearings if args.config else ()
+    fit = fit_curve(_read(args, bearings), args.viscous)
+    load = options.parse_loaded(args.load) if args.load else 0.0
+    beliefs = [(item, _belief(fit, item, load)) for item in bearings]
+    found = [(item, boundaries(belief, load), _regimes(args, belief, load)) for item, belief in beliefs]
+    if args.json:
+        output.print_json(to_json(fit, args, load, found))
+    else:
+        print_fit(output.console(), args, fit, found)
+    drawn = found[0][1] if len(found) == 1 else None
+    output.write_outputs(
+        args,
+        fragment=lambda: fragment(args.curve, fit),
+        output=lambda: point_columns(fit),
+        picture=lambda: draw_friction_fit(fit, _footnote(args, fit, found), drawn),
+    )
+    return int(bool(fit.warnings))
+
+
+Found = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
+
+
+def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
+    columns = {name: getattr(args, f'{name}_column') for name in NAMES}
+    diameters = {item.bearing.journal_diameter for item in bearings}
+    diameter = args.journal_diameter
+    if diameter is None and len(diameters) == 1:
+        diameter = diameters.pop()
+    return read_curve(args.curve, columns, args.speed_unit, diameter)
+
+
+def _belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belief:
+    require_positive('damping', item.bearing.damping, 'N s/m')
+    return boundary_belief(fit, item.bearing, load)
+
+
+def boundaries(belief: Belief, load: float) -> Boundaries:
+    """Both boundary speeds at a load: the 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
+    both = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
+    return {
+        name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in _INTERVAL]
+        for name, of in both.items()
+    }
+
+
+def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
+    """The probability of each regime at ``--speed``."""
+    if not args.speed:
+        return None
+    speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
+    require_positive('speed', speed, 'm/s')
+    point = reference_point(belief.bearing, speed, load)[:2]
+    can, will = (float(p) for p in belief.probabilities(*point))
+    return {'unstable': will, 'bistable': can - will, 'stable': 1.0 - can}
+
+
+def point_columns(fit: StribeckFit) -> dict[str, Any]:
+    """The points with what the fit says of each, for a CSV file in SI units."""
+    curve = fit.points
+    return {
+        'line': curve.line,
+        'speed': curve.speed,
+        'coefficient': curve.coefficient,
+        'fitted': curve.coefficient - fit.residual,
+        'band': fit.band(fit.curve.speed),
+        'residual': fit.residual,
+        'weight': fit.weight,
+        'leverage': fit.leverage,
+    }
+
+
+def _summary(source: str, fit: StribeckFit) -> str:
+    name, outliers = ' '.join(Path(source).name.split()), plural(fit.outliers.size, 'outlier')
+    return f'{name}: {fit.weight.size} points, {outliers}'
+
+
+def _footnote(args: argparse.Namespace, fit: StribeckFit, found: Found) -> str:
+    if len(found) != 1:
+        return _summary(args.curve, fit)
+    return f'{_summary(args.curve, fit)}; boundaries of {found[0][0].name} at {args.load}, 95 % intervals'
+
+
+def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Found) -> dict[str, Any]:
+    """The fit as the documented JSON object."""
+    points, test = point_columns(fit), fit.viscous_test
+    return {
+        'schema': SCHEMA,
+        'path': args.curve,
+        'points': int(fit.weight.size),
+        'speed_unit': fit.curve.unit,
+        'friction': {'law': 'stribeck', **{name: getattr(fit.law, name) for name in UNITS}},
+        'estimated': list(fit.names),
+        'standard_error': dict(zip(fit.names, fit.standard_error.tolist(), strict=True)),
+        'interval': dict(zip(fit.names, fit.intervals.tolist(), strict=True)),
+        'correlation': fit.correlation.tolist(),
+        'covariance': fit.covariance.tolist(),
+        'scale': fit.scale,
+        'degrees_of_freedom': fit.degrees_of_freedom,
+        'viscous': {
+            'asked': args.viscous,
+            'used': 'viscous' in fit.names,
+            **{
+                name: number(getattr(test, name)) if test else None
+                for name in ('slope', 'f_value', 'p_value')
+            },
+            'sentence': viscous_sentence(fit, args.viscous),
+        },
+        'outliers': [
+            {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
+            for k in fit.outliers
+        ],
+        'conditions': _conditions(fit),
+        'warnings': list(fit.warnings),
+        'unchecked': unchecked(fit) or None,
+        'fragment': fragment(args.curve, fit),
+        'bearings': [
+            {'bearing': item.name, 'load': load, **speeds, 'regimes': regimes}
+            for item, speeds, regimes in found
+        ],
+    }
+
+
+def _conditions(fit: StribeckFit) -> dict[str, Any] | None:
+    """The load and the water of the reference points, and the exponent; ``None`` without columns of them."""
+    if not isinstance(fit, PooledFit):
+        return None
+    return {
+        'at_load': number(fit.load),
+        'at_temperature': number(fit.temperature),
+        'load_exponent': fit.exponent if fit.has_exponent else None,
+        'standard_error': fit.exponent_error if fit.has_exponent else None,
+        'interval': list(fit.exponent_interval) if fit.has_exponent else None,
+        'sentence': fit.sentence,
+    }
+
+
+def fragment(source: str, fit: StribeckFit) -> str:
+    """The law as a bearing's entry in the parameter file."""
+    written = [name for name in UNITS if name != 'viscous' or name in fit.names]
+    values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
+    both = zip(fit.names, fit.standard_error, strict=True)
+    errors = ', '.join(f'{name} {error:.2g}' for name, error in both)
+    if isinstance(fit, PooledFit):
+        known = {'at_load': fit.load, 'at_temperature': fit.temperature}
+        values += ''.join(f', {name}: {value:.6g}' for name, value in known.items() if value == value)
+        if fit.lubrication is not None:
+            values += f', load_exponent: {fit.lubrication.load_exponent:.4g}'
+            errors += f', load_exponent {fit.exponent_error:.2g}'
+    return (
+        f'{FRAGMENT_MARK}{_summary(source, fit)}.\n'
+        f'# Standard errors: {errors}.\n'
+        f'friction: {{law: stribeck, {values}}}\n'
+    )
+
+
+def viscous_sentence(fit: StribeckFit, asked: str) -> str:
+    """Why the law has a viscous slope or not."""
+    used, test = 'viscous' in fit.names, fit.viscous_test
+    if test is None:
+        return 'no viscous slope: too few points to test one'
+    numbers = f'slope {test.slope:.3g} s/m, F = {test.f_value:.3g}, p = {test.p_value:.2g}'
+    rule = f'rule: slope > 0 and p < {VISCOUS_LEVEL:g}'
+    asked_for = '' if asked == 'auto' else f', as asked for by --viscous {asked}'
+    if asked == 'yes' and not used:
+        asked_for = ': it would be negative and is held at 0'
+    return f'{"with" if used else "no"} viscous slope{asked_for} ({numbers}; {rule})'
+
+
+def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: Found) -> None:
+    """Print the fit and what its uncertainty means for the bearings."""
+    curve, names = fit.points, fit.names
+    out.print(
+        f'[bold]{escape(args.curve)}[/]: {fit.weight.size} points, speeds in {curve.unit}'
+        f' ({escape(curve.unit_source)}), from {curve.speed.min():.4g} to'
+        f' {curve.speed.max():.4g} m/s'
+    )
+    table = output.table_of('Stribeck law', 'coefficient; value; standard error; 95 % interval; unit', (0, 4))
+    columns = zip(names, fit.estimate, fit.standard_error, fit.intervals, strict=True)
+    for name, value, error, (low, high) in columns:
+        table.add_row(name, f'{value:.5g}', f'{error:.2g}', f'{low:.5g} to {high:.5g}', UNITS[name])
+    if isinstance(fit, PooledFit) and fit.has_exponent:
+        low, high = fit.exponent_interval
+        interval = f'{low:.3g} to {high:.3g}'
+        table.add_row('load exponent', f'{fit.exponent:.3g}', f'{fit.exponent_error:.2g}', interval, '')
+    out.print(table)
+    if isinstance(fit, PooledFit):
+        out.print(_conditions_sentence(fit))
+    pairs = [(i, j) for j in range(len(names)) for i in range(j)]
+    texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
+    out.print(f'correlation: {", ".join(texts)}')
+    out.print(f'scatter of a point: {fit.scale:.3g}; degrees of freedom: {fit.degrees_of_freedom:.1f}')
+    out.print(viscous_sentence(fit, args.viscous))
+    _print_outliers(out, fit)
+    for text in fit.warnings:
+        out.print(f'[yellow]warning:[/] {escape(text)}')
+    if note := unchecked(fit):
+        out.print(f'note: {escape(note)}')
+    for item, speeds, regimes in found:
+        out.print(_boundary_table(item, speeds, args.load))
+        if regimes:
+            shares = ', '.join(f'{name} {share:.1%}' for name, share in regimes.items())
+            out.print(f'probability at {args.speed}: {shares}')
+    out.print()
+    out.print(escape(fragment(args.curve, fit)), end='')
+
+
+def _conditions_sentence(fit: PooledFit) -> str:
+    """At which load and water the law holds as it stands."""
+    known = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
+    known += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
+    return f'the law is that at {" and ".join(known)}{f"; {fit.sentence}" if fit.sentence else ""}'
+
+
+def _print_outliers(out: Console, fit: StribeckFit) -> None:
+    aside, curve = int(np.sum(fit.weight < ASIDE)), fit.points
+    out.print(
+        f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than {ASIDE:.0%}'
+    )
+    for k in fit.outliers:
+        out.print(
+            f'  line {curve.line[k]}: {curve.coefficient[k]:.4g} at {curve.speed[k]:.4g} m/s,'
+            f' {fit.residual[k]:+.3g} off the curve, weight {fit.weight[k]:.2f}'
+        )
+
+
+def _boundary_table(item: BearingConfig, speeds: Boundaries, load: str) -> Table:
+    title = f'{item.name} with this law at {load}'
+    table = output.table_of(title, 'boundary; speed; 95 % interval; unit', (0, 3))
+    for name, three in speeds.items():
+        low, middle, high = (value / item.bearing.speed.factor('rpm') for value in three)
+        label = name.replace('_', ' ').replace('hopf', 'Hopf')
+        table.add_row(label, f'{middle:.4g}', f'{low:.4g} to {high:.4g}', 'rpm')
+    return table

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fits one law to curves measured at several loads or water temperatures.
+
+With ``s = (N/N0)^g eta(T0)/eta(T)`` (:mod:`stickslip_monitor.physics.lubrication`) all points lie on one
+curve over ``v/s``. The exponent ``g`` is where its robust misfit is least; its variance and what it
+adds to that of the coefficients come from the gradient of the law by ``g``, as those of the coefficients do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from stickslip_lab.friction.curve_file import FrictionCurve
+from stickslip_lab.friction.friction_fit import CAUCHY, PLAIN, StribeckFit, Viscous, fit_stribeck, solve_law
+from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.errors import FitError
+from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE, Lubrication, viscosity
+
+LEAST_RATIO = 1.05
+"""Loads that differ by less than this factor are one load: cells scatter by a few per cent."""
+# Exponents that are tried before the best is looked for: beyond 0 to 1 lies what scatter makes of its ends.
+_EXPONENTS = np.linspace(-0.5, 1.5, 9)
+_EXACT = 1e-7
+# Share of the fall of friction: by a smaller scale exact points would make the misfit a spike.
+_LEAST_SCALE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class PooledFit(StribeckFit):
+    """A law fitted at reference points, with the exponent of the load where loads differ."""
+
+    measured: FrictionCurve = field(kw_only=True)  # the points at their own speeds
+    load: float = field(kw_only=True)  # of the reference points, ``N0`` [N]; nan without a column
+    temperature: float = field(kw_only=True)  # likewise [C]
+    exponent: float = field(kw_only=True)  # ``g``; 0 where loads do not differ
+    has_exponent: bool = field(kw_only=True)
+
+    @property
+    def points(self) -> FrictionCurve:
+        """The points as measured."""
+        return self.measured
+
+    @property
+    def lubrication(self) -> Lubrication | None:
+        """The conditions as a bearing has them; ``None`` where only the temperature is known."""
+        if not self.has_exponent:
+            return None
+        return Lubrication(self.load, min(max(self.exponent, 0.0), 1.0), self.temperature)
+
+    @property
+    def free_count(self) -> int:
+        """How many numbers are fitted."""
+        return len(self.names) + int(self.has_exponent)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """That of the coefficients, whatever the exponent is."""
+        return self.full_covariance[: len(self.names), : len(self.names)]
+
+    @property
+    def exponent_error(self) -> float:
+        """Standard error of the exponent; 0 without one."""
+        return float(np.sqrt(self.full_covariance[-1, -1])) if self.has_exponent else 0.0
+
+    @property
+    def exponent_interval(self) -> tuple[float, float]:
+        """95 % interval of the exponent."""
+        reach = self.t_quantile * self.exponent_error
+        return self.exponent - reach, self.exponent + reach
+
+    @cached_property
+    def full_covariance(self) -> FloatArray:
+        """Covariance of the free coefficients and the exponent, which is the last."""
+        orthogonal, inverse = self.decomposed
+        known = self.scale**2 * (inverse @ inverse.T)
+        if not self.has_exponent:
+            return known
+        root = np.sqrt(self.weight) / self.curve.std
+        log_load = np.log(_known(self.measured.load) / self.load)
+        by_exponent = -log_load * self.curve.speed * self.law.slope(self.curve.speed) * root
+        along = orthogonal.T @ by_exponent
+        own = self.scale**2 / float(np.sum((by_exponent - orthogonal @ along) ** 2))
+        shift = np.append(-inverse @ along, 1.0)
+        full = np.pad(known, ((0, 1), (0, 1))) + own * np.outer(shift, shift)
+        return np.asarray(full)
+
+    @property
+    def sentence(self) -> str:
+        """What the load does to the friction."""
+        if not self.has_exponent:
+            return 'the points are of one load' if self.load == self.load else ''
+        low, high = self.exponent_interval
+        number = f'g = {self.exponent:.2f} +- {0.5 * (high - low):.2g}'
+        if low > 0.0:
+            return f'the load explains it ({number})'
+        if high < 0.0:
+            return f'friction falls with the load in another way ({number}): pool no loads'
+        return f'no effect of the load stands out of the scatter ({number})'
+
+
+def _known(column: FloatArray | None) -> FloatArray:
+    return np.ones(1) if column is None else column
+
+
+def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
+    """Fit the law to a curve, or to curves at several loads or water temperatures.
+
+    Raises:
+        FitError: The curve cannot identify the law, or a load or a temperature is not possible.
+    """
+    if curve.load is None and curve.temperature is None:
+        return fit_stribeck(curve, viscous)
+    load, temperature, ratio = np.nan, np.nan, np.ones(curve.speed.size)
+    log_load = np.zeros(curve.speed.size)
+    if curve.load is not None:
+        _require(curve, 'load', curve.load, curve.load > 0.0, 'above 0 N')
+        load = float(np.exp(np.mean(np.log(curve.load))))
+        log_load = np.log(curve.load / load)
+    if curve.temperature is not None:
+        water = curve.temperature
+        liquid = (water >= MIN_TEMPERATURE) & (water <= MAX_TEMPERATURE)
+        _require(curve, 'temperature', water, liquid, f'from {MIN_TEMPERATURE:g} to {MAX_TEMPERATURE:g} C')
+        temperature = float(np.mean(water))
+        ratio = np.asarray(viscosity(water) / viscosity(temperature))
+
+    def reduced(exponent: float) -> FrictionCurve:
+        return replace(curve, speed=curve.speed * ratio * np.exp(-exponent * log_load))
+
+    differs = bool(np.ptp(log_load) > np.log(LEAST_RATIO))
+    exponent = _exponent(reduced, PLAIN) if differs else 0.0
+    found = fit_stribeck(reduced(exponent), viscous)
+    if differs and found.names != PLAIN:
+        exponent = _exponent(reduced, found.names)
+        found = fit_stribeck(reduced(exponent), viscous)
+    own = {each.name: getattr(found, each.name) for each in fields(StribeckFit)}
+    return PooledFit(
+        **own, measured=curve, load=load, temperature=temperature, exponent=exponent, has_exponent=differs
+    )
+
+
+def _require(curve: FrictionCurve, name: str, values: FloatArray, possible: BoolArray, rule: str) -> None:
+    for k in np.flatnonzero(~possible):
+        raise FitError(f'line {curve.line[k]}: {name} = {values[k]:g} must be {rule}')
+
+
+def _exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:
+    """The exponent with the least misfit by Cauchy's loss at one scale."""
+    tried = [solve_law(reduced(float(g)), names) for g in _EXPONENTS]
+    # Nearly absolute residuals choose the start and the scale, which outliers move little.
+    best = int(np.argmin([float(np.sum(np.abs(fit.residual / fit.curve.std))) for fit in tried]))
+    scale = max(tried[best].median_scale, _LEAST_SCALE * float(np.ptp(tried[best].curve.coefficient)))
+
+    def misfit(g: float) -> float:
+        fit = solve_law(reduced(g), names, scale)
+        return float(np.sum(np.log1p((fit.residual / (CAUCHY * scale * fit.curve.std)) ** 2)))
+
+    low, high = _EXPONENTS[max(best - 1, 0)], _EXPONENTS[min(best + 1, _EXPONENTS.size - 1)]
+    return float(minimize_scalar(misfit, bounds=(low, high), method='bounded', options={'xatol': _EXACT}).x)

@@ -1,0 +1,435 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How an effect is declared, the run of a scene that effects are built into, and those on speed and load.
+
+An effect is a function with a decorator that says at which stage it acts and which settings it
+takes; its name is the function's. Within a stage effects act in the order of their definition.
+
+The sea has the JONSWAP spectrum (Hasselmann et al. 1973; DNV-RP-C205, 3.5.5): with
+``x = omega / omega_p``,
+
+    S ~ x^-5 exp(-1.25 x^-4) gamma^exp(-(x - 1)^2 / (2 s^2)),   s = 0.07 for x <= 1, else 0.09
+
+scaled to the variance ``Hs^2/16``. It is a sum of cosines of equal amplitude, each for an equal
+part of that variance, at a random frequency within its part and with a random phase. So most of
+them are where the sea has most energy, and the record does not repeat.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stickslip_lab.scenes.lining import FrictionCourse
+from stickslip_lab.scenes.settings import (
+    Profile,
+    Settings,
+    check_times,
+    random_stream,
+    read_profile,
+    read_steps,
+    suggestion,
+)
+from stickslip_lab.scenes.telemetry import Channel, Memory, Sensor, Shaft, Signal, TimeBlock
+from stickslip_logs.bags.writer import STAMPED_FIELDS
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig
+from stickslip_monitor.physics.bearing import SPEED_UNITS
+
+# Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
+UNITS: Mapping[str, Sequence[str]] = {
+    'speed': (*SPEED_UNITS, 'fold'),
+    'load': (*LOAD_UNITS, 'nominal'),
+    'level': LEVEL_UNITS,
+}
+
+
+@dataclass(slots=True)
+class SceneRun:
+    """One run of a scene: what effects may know of it while they are built, and what they add."""
+
+    duration: float  # the scene's duration [s]
+    seed: int
+    channels: tuple[Channel, ...]
+    folder: Path  # the folder of the scene file, from which the paths in it count
+    start_ns: int  # time stamp of the scene's start [ns since 1970]
+    shaft: Shaft  # speed and load, with what the effects add to them
+    # By bearing, the friction that moves in time.
+    courses: dict[str, FrictionCourse] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)  # by topic, the sensors with a memory
+    # What changes the signals block after block; blocks come in order, each once.
+    effects: list[Callable[[TimeBlock], None]] = field(default_factory=list)
+    cut: float | None = None  # when the recorder ends in mid-write [s]; None: it does not
+    _claimed: set[tuple[str, str]] = field(default_factory=set)
+
+    def claim(self, effect: str, place: str = '', part: str = '') -> None:
+        """Take an effect for a topic or a bearing, or for one part of it, once."""
+        what = f"'{effect}' with {part}" if part else f"'{effect}'"
+        if (what, place) in self._claimed:
+            raise SceneError(f'effect {what} is listed twice{place}')
+        self._claimed.add((what, place))
+
+    def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
+        """The channels of a quantity that an effect is for: of its ``bearing``, else of all."""
+        own = [b.name for b in self._asked(settings)]
+        for channel in self.channels:
+            if channel.quantity == quantity and any(map(channel.serves, own)):
+                self.claim(settings.name, f' for topic {channel.topic}')
+                yield channel
+
+    def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
+        """The bearings that an effect on the lining is for: its ``bearing``, else all.
+
+        Where it may be listed once for each part of a bearing, ``part`` names it.
+        """
+        asked = self._asked(settings)
+        for config in asked:
+            self.claim(settings.name, f' for bearing {config.name}', part)
+        return asked
+
+    def _asked(self, settings: Settings) -> list[BearingConfig]:
+        known = {b.name: b for channel in self.channels for b in channel.bearings}
+        if 'bearing' not in settings:
+            return list(known.values())
+        return [known[settings.choice('bearing', list(known))]]
+
+    def course(self, config: BearingConfig) -> FrictionCourse:
+        """The friction of a bearing over time."""
+        return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
+
+    def sense(self, channel: Channel, memory: Memory) -> None:
+        """Give the sensor of a channel a memory, behind those it has already."""
+        blank = Sensor(self.shaft, channel)
+        self.sensors.setdefault(channel.topic, blank).memories.append(memory)
+
+    def random(
+        self, settings: Settings, channel: Channel | None = None, *purpose: str
+    ) -> np.random.Generator:
+        """The random stream of an effect, its own whatever else the scene lists.
+
+        It is for a channel or for the whole ship; ``purpose`` separates several of one effect.
+        """
+        topic = () if channel is None else (channel.topic,)
+        effect, _, _ = settings.name.partition('.')
+        return random_stream(self.seed, effect, *topic, *purpose)
+
+
+Change = Callable[[Signal], None]
+"""Changes the signal of the next block."""
+Builder = Callable[[Settings, SceneRun], None]
+ChannelEffect = Callable[[Settings, Channel, SceneRun], Change | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a scene file may ask for by a name."""
+
+    stage: str  # when it acts: see ``scene.STAGES``
+    keys: tuple[str, ...]  # the settings it takes
+    build: Builder  # adds it to a run of a scene
+
+
+DECLARED: dict[str, Effect] = {}
+"""The effects of the modules that have been imported, by name."""
+
+
+def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
+    """Declare an effect that sees to its channels or bearings itself."""
+
+    def declare(function: Builder) -> Builder:
+        DECLARED[function.__name__] = Effect(stage, keys, function)
+        return function
+
+    return declare
+
+
+def channel_effect(
+    stage: str, quantities: Sequence[str], *keys: str, section: str = ''
+) -> Callable[[ChannelEffect], ChannelEffect]:
+    """Declare an effect on each channel of some quantities of its ``bearing``, else of all.
+
+    The function returns what changes the signal of each next block, if it is of that kind. With a
+    ``section`` the keys are those of a section for each quantity, of which one is there at least;
+    what is said of it stands in the sentence where it is wrong.
+    """
+
+    def declare(function: ChannelEffect) -> ChannelEffect:
+        def build(settings: Settings, run: SceneRun) -> None:
+            named = [q for q in quantities if not section or q in settings]
+            if not named:
+                raise SceneError(f'{settings.name} must name speed, load or both')
+            for quantity in named:
+                own = settings.section(quantity, keys, section) if section else settings
+                for channel in run.pick(settings, quantity):
+                    if change := function(own, channel, run):
+                        run.effects.append(_on_signal(channel.topic, change))
+
+        known = ('bearing', *(quantities if section else keys))
+        DECLARED[function.__name__] = Effect(stage, known, build)
+        return function
+
+    return declare
+
+
+def _on_signal(topic: str, change: Change) -> Callable[[TimeBlock], None]:
+    return lambda block: change(block.signals[topic])
+
+
+def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
+    """The ``unit`` of an effect's settings, and the SI value of one on a channel."""
+    unit = settings.choice('unit', UNITS[channel.quantity])
+    return unit, channel.factor(unit)
+
+
+def require_header(channel: Channel, otherwise: str) -> None:
+    """Refuse a channel whose messages have no time stamp, and say what could not be otherwise."""
+    if not channel.is_stamped:
+        known = ' or '.join(STAMPED_FIELDS)
+        raise SceneError(
+            f'topic {channel.topic} is {channel.input.type}, without a time stamp: {otherwise};'
+            f' use {known} in the configuration'
+        )
+
+
+# Exponential and cosine with the same bits on every machine: the last bits of numpy's depend on
+# the processor's vector instructions, and a scene must give the same recording everywhere. These
+# use only additions, multiplications and scaling by powers of two, which IEEE 754 rounds in one
+# way and numpy does not fuse.
+
+# exp(r) for |r| <= ln(2)/2, and cos(x) in powers of x^2 for |x| <= pi/2: Taylor's series, until
+# the next term is below half a unit in the last place.
+_EXP = [1.0 / math.factorial(k) for k in range(14)]
+_COS = [(-1.0) ** k / math.factorial(2 * k) for k in range(11)]
+# ln(2) in two parts; the first has so few digits that its multiples are exact.
+_LN2_HIGH, _LN2_LOW = float.fromhex('0x1.62e42feep-1'), float.fromhex('0x1.a39ef35793c76p-33')
+
+
+def exp(x: FloatArray) -> FloatArray:
+    """``e^x`` of numbers from -700 to 700, of any shape; below that range it is that of -700."""
+    x = np.maximum(x, -700.0)
+    twos = np.rint(x * (1.0 / math.log(2.0)))
+    rest = (x - twos * _LN2_HIGH) - twos * _LN2_LOW
+    return np.ldexp(_polynomial(_EXP, rest), twos.astype(np.int32))
+
+
+def cos_turns(turns: FloatArray) -> FloatArray:
+    """``cos(2 pi x)`` of numbers of turns, of any shape."""
+    away = np.abs(turns - np.rint(turns))
+    folded = np.minimum(away, 0.5 - away)
+    angle = (2.0 * math.pi) * np.abs(folded)
+    return np.where(away > 0.25, -1.0, 1.0) * _polynomial(_COS, angle * angle)
+
+
+def _polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
+    total = np.full_like(x, coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        np.multiply(total, x, out=total)
+        np.add(total, coefficient, out=total)
+    return total
+
+
+def _add(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
+    """Add a course in a unit of which one is so many in SI; the integral of a speed turns."""
+
+    def way(time: FloatArray) -> FloatArray:
+        return course.integral(time) * factor
+
+    turns = way if channel.quantity == 'speed' else None
+    run.shaft.add(channel.topic, lambda time: course.at(time) * factor, turns)
+
+
+def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    unit, factor = unit_of(settings, channel)
+    _add(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
+
+
+def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    unit, factor = unit_of(settings, channel)
+    _add(channel, run, read_steps(settings, unit, run.duration), factor)
+
+
+@channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
+def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds a profile to the speed."""
+    _add_profile(settings, channel, run)
+
+
+@channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
+def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds steps to the speed."""
+    _add_steps(settings, channel, run)
+
+
+STEPS = ('dead slow', 'slow', 'half', 'full')
+
+
+@channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
+def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Lets the speed follow telegraph orders."""
+    unit, factor = unit_of(settings, channel)
+    time_constant = settings.number('time_constant', 's', above=0.0)
+    times, targets = _orders(settings, _speeds(settings, unit), run.duration)
+    _add(channel, run, Response.to(times, targets * factor, time_constant), 1.0)
+
+
+def _speeds(settings: Settings, unit: str) -> dict[str, float]:
+    """The speed of each order the telegraph has."""
+    speeds = {'stop': 0.0}
+    for way, sign in (('ahead', 1.0), ('astern', -1.0)):
+        if way in settings:
+            table = settings.section(way, STEPS, 'the speed of each step of the telegraph')
+            least = 0.0
+            for step in (step for step in STEPS if step in table):
+                least = table.number(step, unit, above=least)
+                speeds[f'{step} {way}'] = sign * least
+    return speeds
+
+
+def _orders(settings: Settings, speeds: dict[str, float], duration: float) -> tuple[FloatArray, FloatArray]:
+    """When each order is given, and the speed it asks for."""
+    rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
+    for name, order in rows:
+        if not isinstance(order, list) or len(order) != 2:
+            raise SceneError(f"{name} = {order!r} must be a pair, [time in s, 'slow ahead']")
+        if not isinstance(order[1], str) or order[1] not in speeds:
+            hint = suggestion(order[1], list(speeds))
+            raise SceneError(f'{name} is {order[1]!r}, which has no speed in this scene; {hint}')
+    check_times([(name, time) for name, (time, _) in rows], duration)
+    times, orders = zip(*(order for _, order in rows), strict=True)
+    return np.array(times, float), np.array([speeds[order] for order in orders])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """Follows targets: ``dV/dt = (target - V) / time_constant``."""
+
+    times: FloatArray  # when each target is set, rising, shape (n,) [s]
+    targets: FloatArray  # the targets; the first is held before it is set, shape (n,)
+    values: FloatArray  # the value when each is set, shape (n,)
+    ways: FloatArray  # the integral from 0 until then, shape (n,)
+    time_constant: float  # the lag [s]
+
+    @classmethod
+    def to(cls, times: FloatArray, targets: FloatArray, time_constant: float) -> Response:
+        """The response to targets, from rest at the first of them."""
+        values, ways = targets.copy(), times * targets
+        response = cls(times, targets, values, ways, time_constant)
+        for k in range(1, times.size):
+            before = response._piece(times[k : k + 1], k - 1)
+            values[k], ways[k] = before[0][0], before[1][0]
+        return response
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Values at some times, shape (n,)."""
+        return self._piece(time, self._last(time))[0]
+
+    def integral(self, time: FloatArray) -> FloatArray:
+        """Integral from 0 to some times, shape (n,)."""
+        return self._piece(time, self._last(time))[1]
+
+    def _last(self, time: FloatArray) -> Any:
+        return np.maximum(np.searchsorted(self.times, time, side='right') - 1, 0)
+
+    def _piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
+        """Value and integral where target ``k`` is the last."""
+        since, off = time - self.times[k], self.values[k] - self.targets[k]
+        # Before the first target there is nothing off.
+        left = exp(-np.maximum(since, 0.0) / self.time_constant)
+        way = self.targets[k] * since + off * (self.time_constant * (1.0 - left))
+        return self.targets[k] + off * left, self.ways[k] + way
+
+
+@channel_effect('shaft', ['load'], 'unit', 'points', 'table')
+def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds a profile to the load."""
+    _add_profile(settings, channel, run)
+
+
+@channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
+def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds steps to the load."""
+    _add_steps(settings, channel, run)
+
+
+COMPONENTS = 200
+# Period of the shortest waves at sea that are not ripples [s].
+_SHORTEST = 0.1
+# The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
+_RANGE = np.linspace(0.25, 5.0, 20_000)
+
+
+@channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
+def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds the load of a sea, the same for all bearings."""
+    unit, factor = unit_of(settings, channel)
+    per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
+    sea = Sea.of(
+        settings.number('significant_height', 'm', least=0.0),
+        settings.number('peak_period', 's', least=_SHORTEST),
+        settings.number('gamma', '-', least=1.0, most=10.0),
+        run.random(settings),
+    )
+    run.shaft.add(channel.topic, lambda time: sea.elevation(time) * per_metre)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sea:
+    """A sum of cosines."""
+
+    amplitude: float  # amplitude of each [m]
+    frequency: FloatArray  # frequencies, shape (n,) [Hz]
+    phase: FloatArray  # phases at the scene's start, shape (n,) [turns]
+
+    @classmethod
+    def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:
+        """A sea of a significant height [m], peak period [s] and peakedness [-]."""
+        part = (np.arange(COMPONENTS) + random.random(COMPONENTS)) / COMPONENTS
+        frequency = np.interp(part, _energy_below(gamma), _RANGE) / period
+        phase = random.random(COMPONENTS)
+        return cls(height / 4.0 * math.sqrt(2.0 / COMPONENTS), frequency, phase)
+
+    def elevation(self, time: FloatArray) -> FloatArray:
+        """Elevation at some times [s], shape (n,) [m]; added up one by one, in one order."""
+        total = np.zeros_like(time)
+        for frequency, phase in zip(self.frequency, self.phase, strict=True):
+            total += cos_turns(frequency * time + phase)
+        return total * self.amplitude
+
+
+def _energy_below(gamma: float) -> FloatArray:
+    """The share of the variance below each frequency of the range."""
+    x = _RANGE
+    width = np.where(x <= 1.0, 0.07, 0.09)
+    peak = exp(math.log(gamma) * exp(-(((x - 1.0) / width) ** 2) / 2.0))
+    square = x * x
+    density = exp(-1.25 / (square * square)) * peak / (square * square * x)
+    below = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return below / below[-1]
+
+
+@channel_effect('turning', ['speed'], 'blades', 'amplitude')
+def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds ripple at the rate of the blades, a share of the speed."""
+    blades = settings.whole('blades', 'the number of blades', 1, 20)
+    amplitude = settings.number('amplitude', '-', least=0.0, most=1.0)
+    shaft, bearing = run.shaft, channel.bearings[0].name
+
+    def ripple(time: FloatArray) -> FloatArray:
+        turns = shaft.turns(bearing, time)
+        return shaft.mean(channel.topic, time) * (amplitude * cos_turns(blades * turns))
+
+    shaft.add_ripple(channel.topic, ripple)
+
+
+@channel_effect('turning', ['load'], 'amplitude', 'unit')
+def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Adds ripple once a turn to the load."""
+    unit, factor = unit_of(settings, channel)
+    amplitude = settings.number('amplitude', unit, least=0.0) * factor
+    shaft, bearing = run.shaft, channel.bearings[0].name
+    shaft.add_ripple(channel.topic, lambda time: amplitude * cos_turns(shaft.turns(bearing, time)))

@@ -1,0 +1,393 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lining of one bearing, followed through a scene by the event-driven integrator.
+
+Also here: its friction as it moves in time, the episodes of stick-slip that follow from its
+sticks, and its sampled amplitude.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stickslip_lab.scenes import telemetry
+from stickslip_lab.scenes.settings import Profile
+from stickslip_lab.scenes.telemetry import Shaft
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
+from stickslip_monitor.physics.integrator import (
+    FAST,
+    Drive,
+    Motion,
+    MotionOutcome,
+    MotionState,
+    Phase,
+    integrate,
+)
+
+FACTOR = 'factor'
+# Of the parameters of all laws, those that a common factor multiplies.
+_COEFFICIENTS = ('static', 'kinetic', 'viscous')
+STEP = 1.0
+# Friction that depends on the load is that of the load at each begin of so long: a wave takes 5 s [s].
+_LOAD_STEP = 0.1
+
+
+def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
+    """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    # The protocol does not say that a law is a dataclass; those a configuration can name are.
+    own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    return (*own, FACTOR)
+
+
+def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
+    """A law with some parameters replaced, and then multiplied by the factor."""
+    own = {name: value for name, value in values.items() if name != FACTOR}
+    # A dataclass, as above.
+    changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
+    factor = values.get(FACTOR, 1.0)
+    if isinstance(changed, Tabulated):
+        return Tabulated(changed.speed, [factor * value for value in changed.values])
+    names = [f.name for f in fields(changed) if f.name in _COEFFICIENTS]
+    scaled: FrictionLaw = replace(changed, **{n: factor * getattr(changed, n) for n in names})
+    return scaled
+
+
+@dataclass(slots=True)
+class FrictionCourse:
+    """The friction law of one bearing over time.
+
+    It moves in steps of one second, each with the values at its start, so that the integrator has
+    one law at a time; the steps are too small to affect the motion.
+    """
+
+    law: FrictionLaw  # the law of the configuration
+    drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
+
+    def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
+        """The law at a time since the scene's start [s], with or without its common factor."""
+        step = np.array([time // STEP * STEP])
+        moved = {name: own for name, own in self.drifts.items() if scaled or name != FACTOR}
+        values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
+        return with_parameters(self.law, values) if values else self.law
+
+    def factor(self, time: FloatArray) -> FloatArray:
+        """The common factor at some times [s], of their shape: as much as one on the load."""
+        drift = self.drifts.get(FACTOR)
+        return np.ones_like(time) if drift is None else drift.at(time // STEP * STEP)
+
+
+# A single stick, after a knock or as the shaft breaks away, is no oscillation.
+LEAST_STICKS = 2
+# Decimals of instants and durations [s]: beyond them digits may differ between processors, as exp() does.
+INSTANTS = 8
+
+Change = tuple[float, bool, bool]
+"""When the lining began to stick (True) or ceased to (False), and, before those of the same time,
+when the shaft came to rest (True) or began to turn (False): time [s], whether it is the lining's,
+and which."""
+
+
+class EpisodeEvent(NamedTuple):
+    """The start or the end of an episode."""
+
+    known: float  # when it could be known [s]
+    name: str  # ``'first_stick'`` or ``'last_stick'``
+    time: float  # when it was [s]
+    # Of an end the stretches of sticking and the time of sticking in them [s].
+    more: dict[str, float]
+
+
+class Episodes:
+    """Joins sticks to episodes; times must not fall.
+
+    An episode is at least two sticks, each of which begins within ``gap`` [s] of the end of the
+    one before. A stick counts from where it begins, while the shaft turns, to the release or to
+    where the shaft comes to rest; one that begins at rest does not count.
+    """
+
+    def __init__(self, gap: float) -> None:
+        self.gap = gap
+        self.since: float | None = None  # since when the lining sticks [s]; None: it does not
+        self._resting = False
+        self._first = self._last = 0.0
+        self._sticks = 0
+        self._sticking = 0.0
+        self._open: float | None = None
+
+    def see(
+        self, changes: Sequence[Change], end: float
+    ) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
+        """Ends and durations [s] of the sticks that ended in a stretch, and its events."""
+        ended: list[tuple[float, float]] = []
+        events: list[EpisodeEvent] = []
+        for time, is_stick, now in changes:
+            if is_stick and now:
+                self.since = time
+                events += [] if self._resting else self.stick(time)
+            elif is_stick:
+                ended.append((time, time - (time if self.since is None else self.since)))
+                self.since = None
+                self.release(time)
+            else:
+                self._resting = now
+                if now:
+                    self.release(time)
+        return ended, events + self.passed(end)
+
+    def stick(self, time: float) -> list[EpisodeEvent]:
+        """A stick begins while the shaft turns."""
+        events = self.passed(time)
+        if self._sticks == 0:
+            self._first = time
+        elif self._sticks == LEAST_STICKS - 1:
+            events.append(EpisodeEvent(time, 'first_stick', self._first, {}))
+        self._sticks += 1
+        self._open = time
+        return events
+
+    def release(self, time: float) -> None:
+        """The stick ends, or the shaft comes to rest while it lasts."""
+        if self._open is not None:
+            self._sticking += time - self._open
+            self._last, self._open = time, None
+
+    def passed(self, time: float) -> list[EpisodeEvent]:
+        """Time passes."""
+        if not self._sticks or self._open is not None or time <= self._last + self.gap:
+            return []
+        more: dict[str, float] = {'sticks': self._sticks, 'sticking': round(self._sticking, INSTANTS)}
+        self._sticks, self._sticking = 0, 0.0
+        if more['sticks'] < LEAST_STICKS:
+            return []
+        return [EpisodeEvent(self._last + self.gap, 'last_stick', self._last, more)]
+
+
+PERIODS = 4
+"""Natural periods in a window that an amplitude is taken from."""
+PER_PERIOD = 16
+"""Samples of the motion in each of them."""
+
+
+class Samples:
+    """The motion at the instants ``k / rate`` of a scene of some duration [s], in order.
+
+    With a natural period [s], it is the motion in a window of :data:`PERIODS` before each of them
+    but the first, which must not overlap.
+    """
+
+    def __init__(self, rate: float, duration: float, period: float = 0.0) -> None:
+        self._rate, self._count = rate, telemetry.count(rate, duration)
+        steps = PERIODS * PER_PERIOD if period else 0
+        self._before = np.arange(steps, -1, -1) * (period / PER_PERIOD)
+        # A window before the scene's start is not there.
+        self._next = 1 if period else 0
+        self._asked = self._next * self._before.size
+        self._kept = np.empty((4, 0))
+
+    def until(self, end: float) -> FloatArray:
+        """The next times to sample the motion at, up to and with ``end`` [s]."""
+        size = self._before.size
+        last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
+        number, place = np.divmod(np.arange(self._asked, max(last * size, self._asked)), size)
+        time = number / self._rate - self._before[place]
+        time = time[: np.searchsorted(time, end, 'right')]
+        self._asked += time.size
+        return time
+
+    def add(self, motion: FloatArray) -> None:
+        """Add the motion at the times handed out last, as of :meth:`Lining.follow`."""
+        self._kept = np.concatenate([self._kept, motion], axis=1)
+
+    def due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
+        """Take what is complete before ``end`` [s]: m instants [s], and the motion at each.
+
+        The motion is of shape (4, m, samples in a window).
+        """
+        size = self._before.size
+        time = (self._next + np.arange(self._kept.shape[1] // size)) / self._rate
+        time = time[: np.searchsorted(time, end, 'left')]
+        taken, self._kept = np.split(self._kept, [time.size * size], axis=1)
+        self._next += time.size
+        return time, taken.reshape(4, time.size, size)
+
+
+def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
+    """Half of the largest less the smallest displacement of m sampled motions, shape (m,) [m].
+
+    Between two samples, ``step`` [s] apart, a motion is interpolated by the cubic through their
+    displacements ``x`` and velocities ``v``, shape (m, n); with sixteen samples in a period of a
+    harmonic motion the error is 6e-5.
+    """
+    before, after = step * v[:, :-1], step * v[:, 1:]
+    rise = np.diff(x, axis=1)
+    turns = before * after < 0.0
+    # The cubic's derivative is a s^2 + b s + c, with s from 0 to 1.
+    a = 3.0 * (before + after - 2.0 * rise)
+    b = 2.0 * (3.0 * rise - 2.0 * before - after)
+    q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * before, 0.0)), b))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        first, second = before / q, q / a
+    s = np.where(turns, np.where((first >= 0.0) & (first <= 1.0), first, second), 0.0)
+    turning = x[:, :-1] + s * (before + s * (b / 2.0 + s * a / 3.0))
+    highest = np.maximum(x.max(axis=1), turning.max(axis=1))
+    lowest = np.minimum(x.min(axis=1), turning.min(axis=1))
+    amplitude: FloatArray = 0.5 * (highest - lowest)
+    return amplitude
+
+
+# The drive is linear between instants of this rate [Hz], which must resolve the ripple of a
+# propeller's blades, and a disturbance beyond the natural frequency.
+_LEAST_RATE = 100.0
+_PER_PERIOD = 4.0
+# Of the place [m] where the lining starts: the last digits of an exponential differ between
+# processors, and recordings must not.
+_PLACES = 12
+
+
+class Lining:
+    """The lining of one bearing; its state is kept from stretch to stretch.
+
+    It starts in steady sliding, or unloaded if the shaft is at rest. The result does not
+    depend on how a scene is divided into stretches: the drive is a sequence of linear pieces on a
+    fixed grid, and only whole pieces are followed.
+
+    The load fluctuates on that grid with a standard deviation >= 0 [N], by its own random stream;
+    knocks are times [s], rising, with impulses [N s].
+    """
+
+    def __init__(
+        self,
+        config: BearingConfig,
+        shaft: Shaft,
+        course: FrictionCourse,
+        deviation: float,
+        knocks: Sequence[tuple[float, float]],
+        random: np.random.Generator,
+        duration: float,
+    ) -> None:
+        self.config, self._shaft, self._course = config, shaft, course
+        self._deviation, self._knocks, self._random = deviation, dict(knocks), random
+        self._duration = duration
+        cycles = config.bearing.natural_frequency / (2.0 * math.pi)
+        self.rate = math.ceil(max(_LEAST_RATE, _PER_PERIOD * cycles))
+        self._number = 0
+        self._nodes = self._drive_at(np.zeros(1))
+        self._state = self._start()
+        self._sticking = self._resting = False
+
+    @property
+    def reached(self) -> float:
+        """How far it was followed [s]."""
+        return float(self._nodes[0, -1])
+
+    def next_end(self, end: float) -> float:
+        """Where a stretch ends that must reach ``end``: at the end of a piece [s]."""
+        return min(math.ceil(end * self.rate) / self.rate, self._duration)
+
+    def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
+        """Follow the lining to a later time, as :meth:`next_end` says [s].
+
+        It is sampled at n times that do not fall, after the last end and up to this one [s].
+
+        Returns:
+            Displacement, velocity and acceleration in SI units and whether it sticks, shape
+            (4, n), and the changes in their order.
+        """
+        nodes = self._extend(end)
+        sampled: list[FloatArray] = []
+        sticks: list[Change] = []
+        taken = 0
+        for low, high in self._stretches(nodes):
+            upto = int(np.searchsorted(times, nodes[0, high], 'right'))
+            motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
+            columns = motion.displacement, motion.velocity, motion.acceleration, motion.sticking
+            sampled.append(np.array(columns, float))
+            sticks += self._changes(motion)
+            taken = upto
+        return np.concatenate(sampled, axis=1), list(heapq.merge(self._rests(nodes), sticks))
+
+    def _start(self) -> MotionState:
+        _, speed, load = self._nodes[:, 0].tolist()
+        bearing = replace(self.config.bearing, friction=self._course.at(0.0))
+        place = float(bearing.equilibrium(speed, load)) if speed else 0.0
+        return MotionState(round(place, _PLACES), speed)
+
+    def _drive_at(self, time: FloatArray) -> FloatArray:
+        """Time, speed and load with its fluctuation, shape (3, n)."""
+        name = self.config.name
+        load = self._shaft.load(name, time)
+        if self._deviation:
+            load = load + self._deviation * self._random.standard_normal(time.size)
+        return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
+
+    def _extend(self, end: float) -> FloatArray:
+        """The grid's instants from the last end to this one, and those of knocks, (3, n)."""
+        last = math.floor(end * self.rate)
+        time = np.arange(self._number + 1, last + 1) / self.rate
+        self._number = last
+        if end > (time[-1] if time.size else self.reached):
+            time = np.append(time, end)
+        nodes = np.concatenate([self._nodes, self._drive_at(time)], axis=1)
+        self._nodes = nodes[:, -1:]
+        for knock in self._knocks:
+            if nodes[0, 0] < knock < nodes[0, -1] and knock not in nodes[0]:
+                place = int(np.searchsorted(nodes[0], knock))
+                row = [np.interp(knock, nodes[0], column) for column in nodes]
+                nodes = np.insert(nodes, place, row, axis=1)
+        return nodes
+
+    def _stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
+        """First and last node of each stretch with one law and without a knock inside."""
+        time = nodes[0]
+        inner = np.isin(time, list(self._knocks))
+        if self._course.drifts:
+            inner |= time % STEP == 0.0
+        if self.config.bearing.lubrication is not None:
+            inner |= np.diff(time // _LOAD_STEP, prepend=-1.0) != 0.0
+        inner[[0, -1]] = False
+        edges = [0, *np.flatnonzero(inner).tolist(), time.size - 1]
+        return ((low, high) for low, high in pairwise(edges) if low < high)
+
+    def _integrate(self, nodes: FloatArray, times: FloatArray) -> Motion:
+        start = float(nodes[0, 0])
+        law, own = self._course.at(start), self.config.bearing
+        bearing = own if law is own.friction else replace(own, friction=law)
+        state = self._state
+        if impulse := self._knocks.get(start):
+            relative = state.relative_speed - impulse / bearing.mass
+            state = MotionState(state.displacement, relative)
+        motion = integrate(bearing, Drive.sampled(*nodes), state, times, accuracy=FAST)
+        if motion.outcome is not MotionOutcome.COMPLETE:
+            raise SceneError(
+                f'lining_motion of {self.config.name}: after {motion.span[1]:g} s, {motion.outcome.value}'
+            )
+        self._state = motion.final
+        return motion
+
+    def _changes(self, motion: Motion) -> list[Change]:
+        """Where sticking begins and ends, at knocks and changes of the law too."""
+        found = []
+        starts = motion.start.phase is Phase.STICK
+        if starts != self._sticking:
+            found.append((motion.span[0], True, starts))
+        change = motion.transitions
+        own = (change.before == Phase.STICK) | (change.after == Phase.STICK)
+        now = (change.after[own] == Phase.STICK).tolist()
+        found += [(t, True, sticks) for t, sticks in zip(change.time[own].tolist(), now, strict=True)]
+        self._sticking = motion.final.phase is Phase.STICK
+        return found
+
+    def _rests(self, nodes: FloatArray) -> list[Change]:
+        resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
+        change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
+        self._resting = bool(resting[-1])
+        return [(float(nodes[0, k]), False, bool(resting[k])) for k in change]

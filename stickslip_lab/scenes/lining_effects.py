@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects on the lining: friction that drifts, and the truth about its motion.
+
+Friction drift changes a parameter of the law (``static``, ``kinetic``, ``decay``, ``viscous``) or
+a ``factor`` on the whole coefficient. Only the lining follows it; the monitor keeps its
+configuration.
+
+The motion comes from the event-driven integrator. The disturbance is a fluctuation of the contact
+force, white on the grid of the integrator's drive, that no sensor sees: without any, steady
+sliding would go on for ever below the Hopf speed. Intervals of sticking and events are always
+recorded; amplitude and motion, sampled at their own rates, on request.
+
+A level that the scene sends is the effective value of the motion: of a harmonic one with the
+amplitude of the last four periods, as displacement, velocity or acceleration.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_lab.scenes.effects import UNITS, SceneRun, effect
+from stickslip_lab.scenes.lining import (
+    FACTOR,
+    INSTANTS,
+    PER_PERIOD,
+    PERIODS,
+    STEP,
+    Episodes,
+    FrictionCourse,
+    Lining,
+    Samples,
+    half_peak_to_peak,
+    parameters_of,
+    with_parameters,
+)
+from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
+from stickslip_lab.scenes.telemetry import Channel, TimeBlock, nominal_load
+from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import PhysicsError, SceneError
+from stickslip_monitor.monitor.assessment import margin
+from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.units import factors_of, names_of
+
+# Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
+# recordings must not.
+_DIGITS, _PLACES = 9, 12
+
+
+@effect('lining', 'bearing', 'parameter', 'points', 'table')
+def friction_drift(settings: Settings, run: SceneRun) -> None:
+    """Lets a parameter of the friction law drift."""
+    drift = read_profile(settings, 'value', run.duration, run.folder)
+    for config in run.bearings(settings, settings.text('parameter', 'what moves')):
+        law = config.bearing.friction
+        name = settings.choice('parameter', parameters_of(law))
+        _check_drift(settings, config, name, drift)
+        run.courses.setdefault(config.name, FrictionCourse(law)).drifts[name] = drift
+
+
+def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:
+    """What holds at the points holds between them: every rule of a law is a bound."""
+    for time, value in zip(drift.times.tolist(), drift.values.tolist(), strict=True):
+        if value < 0.0:
+            what = f'{settings.name}: {name} = {value:g} at {time:g} s'
+            raise SceneError(f'{what} must not be negative')
+        try:
+            with_parameters(config.bearing.friction, {name: value})
+        except PhysicsError as error:
+            raise SceneError(f'{settings.name} at {time:g} s: {error}') from error
+
+
+_HIGHEST_POINT_RATE = 1000.0
+
+
+@effect('lining', 'bearing', 'rate')
+def operating_point(settings: Settings, run: SceneRun) -> None:
+    """Records the operating points, each with its friction over time."""
+    rate = settings.number('rate', 'Hz', above=0.0, most=_HIGHEST_POINT_RATE)
+    bearings = [(config, run.course(config)) for config in run.bearings(settings)]
+
+    def record(block: TimeBlock) -> None:
+        time = block.instants(rate)
+        for config, course in bearings:
+            values = _operating_point(config, course, block, time)
+            block.truth.extend(
+                Column(topic(config.name, name), FLOAT64, time, value) for name, value in values.items()
+            )
+
+    run.effects.append(record)
+
+
+def _operating_point(
+    config: BearingConfig, course: FrictionCourse, block: TimeBlock, time: FloatArray
+) -> dict[str, FloatArray]:
+    """Speed, load, and the margins with the true friction, each shape (n,)."""
+    speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
+    # A law is one of its own for each step only if its shape moves: slow where it is solved.
+    step = time // STEP if course.drifts.keys() - {FACTOR} else np.zeros(time.size)
+    hopf, fold = np.empty(time.size), np.empty(time.size)
+    carried = load * course.factor(time)
+    for own in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
+        if own.size:
+            law = course.at(float(time[own[0]]), scaled=False)
+            bearing = replace(config.bearing, friction=law)
+            hopf[own] = hopf_speed(bearing, carried[own])
+            fold[own] = fold_speed(bearing, carried[own])
+    margins = {'hopf_margin': hopf, 'fold_margin': fold}
+    return {'speed': speed, 'load': load} | {
+        name: np.round(margin(np.abs(speed), boundary), _DIGITS) for name, boundary in margins.items()
+    }
+
+
+_HIGHEST_MOTION_RATE = 100_000.0
+# Natural periods without a stick after which an episode is over: longer than a ring-down, and than
+# the ripple of the blades takes to stop sticking and to let it begin again.
+_GAP = 50.0
+_MOTION = ('displacement', 'velocity', 'acceleration')
+Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
+"""Takes what is due in a block: times [s], and the motion of :meth:`.Samples.due`."""
+LEVEL_FACTORS = {
+    name: (power, 1.0 / factor)
+    for power, quantity in enumerate(('length', 'speed', 'acceleration'))
+    for name, factor in factors_of(*names_of(quantity)).items()
+    if name in LEVEL_UNITS
+}
+"""Of each unit of a level the power of the frequency, and how many make an SI unit."""
+
+
+@effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
+def lining_motion(settings: Settings, run: SceneRun) -> None:
+    """Follows the lining: records when it sticks and what is asked for, and makes the level."""
+    what = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
+    disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], what)
+    unit = disturbance.choice('unit', UNITS['load'])
+    deviation = disturbance.number('standard_deviation', unit, least=0.0)
+    knocks = _knocks(settings, run.duration)
+    for config in run.bearings(settings):
+        factor = run.shaft.channel(config.name, 'load').factor(unit)
+        blow = _blow(settings, config)
+        own = [(time, impulse * blow) for time, impulse in knocks]
+        random = random_stream(run.seed, settings.name, config.name)
+        course = run.course(config)
+        lining = Lining(config, run.shaft, course, factor * deviation, own, random, run.duration)
+        followed = FollowedLining(lining, run)
+        # Windows of a higher rate would overlap.
+        most = 1.0 / (PERIODS * followed.period)
+        if rate := _rate(settings, 'amplitude', most):
+            followed.ask(rate, followed.record_amplitude, followed.period)
+        if rate := _rate(settings, 'motion', _HIGHEST_MOTION_RATE):
+            followed.ask(rate, followed.record_motion)
+        if channel := _level_channel(run, config, most):
+            followed.ask(channel.rate, partial(followed.send_level, channel), followed.period)
+        run.effects.append(followed.apply)
+
+
+def _knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
+    """Time [s] and impulse of each blow."""
+    if 'knocks' not in settings:
+        return []
+    rows = settings.rows('knocks', 'blow', 'a list of blows [time in s, impulse in N s]')
+    knocks = check_points(rows, duration)
+    if knocks[-1][0] == duration:
+        label = settings.label('knocks')
+        raise SceneError(f'{label}: no blow can follow at {duration:g} s, where the scene ends')
+    return knocks
+
+
+def _blow(settings: Settings, config: BearingConfig) -> float:
+    """One unit of a blow [N s]; of ``fold``, what gives the lining the nominal fold speed."""
+    if 'knock_unit' not in settings or settings.choice('knock_unit', ('N s', 'fold')) == 'N s':
+        return 1.0
+    return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
+
+
+def _rate(settings: Settings, key: str, most: float) -> float:
+    """The rate of what is asked for [Hz], 0 where it is not."""
+    if key not in settings:
+        return 0.0
+    own = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')
+    return own.number('rate', 'Hz', above=0.0, most=most)
+
+
+def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel | None:
+    """The channel of a bearing's level, if the scene sends it, at a rate up to the most [Hz]."""
+    try:
+        channel = run.shaft.channel(config.name, 'level')
+    except KeyError:
+        return None
+    if channel.input.unit not in LEVEL_FACTORS:
+        raise SceneError(
+            f'{config.name}.level.unit = {channel.input.unit} in the configuration: a scene can'
+            f' send a level in {", ".join(LEVEL_FACTORS)} only'
+        )
+    if channel.rate > most:
+        raise SceneError(
+            f'telemetry.level.rate = {channel.rate:g} Hz must not be above {most:.3g} Hz for'
+            f' bearing {config.name}: a value takes {PERIODS} natural periods'
+        )
+    return channel
+
+
+class FollowedLining:
+    """One bearing: its lining, followed block by block, and what is recorded of it."""
+
+    def __init__(self, lining: Lining, run: SceneRun) -> None:
+        self.lining, self._run = lining, run
+        self.period = 2.0 * math.pi / lining.config.bearing.natural_frequency
+        self._episodes = Episodes(_GAP * self.period)
+        # What is sampled, and what becomes of it in the block in which it is due.
+        self._asked: list[tuple[Samples, Take]] = []
+        # What is known and not yet due, by time [s].
+        self._sticks: list[tuple[float, float]] = []
+        self._events: list[tuple[float, str]] = []
+        self._event(0.0, 'start', 0.0)
+
+    def ask(self, rate: float, take: Take, period: float = 0.0) -> None:
+        """Sample the motion at a rate [Hz], with a period [s] in windows before each instant."""
+        self._asked.append((Samples(rate, self._run.duration, period), take))
+
+    def record_amplitude(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+        """Record the amplitude."""
+        block.truth.append(self._column('amplitude', FLOAT64, time, self._amplitude(motion)))
+
+    def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+        """Record the motion."""
+        for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
+            block.truth.append(self._column(name, FLOAT64, time, values))
+        block.truth.append(self._column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
+
+    def send_level(self, channel: Channel, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
+        """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
+        power, factor = LEVEL_FACTORS[channel.input.unit]
+        frequency = self.lining.config.bearing.natural_frequency
+        signal = block.signals[channel.topic]
+        own = np.zeros(signal.time.size)
+        # There is no window before the scene's start.
+        scale = frequency**power * factor * math.sqrt(0.5)
+        own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
+        signal.value[:] = np.hypot(signal.value, own)
+
+    def _amplitude(self, motion: FloatArray) -> FloatArray:
+        step = self.period / PER_PERIOD
+        return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
+
+    def apply(self, block: TimeBlock) -> None:
+        """Follow the lining through a block."""
+        last = block.end == block.duration
+        if self.lining.reached < block.end:
+            self._follow(self.lining.next_end(block.end))
+        if last:
+            self._finish(block.end)
+        due = math.inf if last else block.end
+        block.truth.append(self._column('stick', FLOAT64, *_due(self._sticks, due)))
+        block.truth.append(self._column('events', STRING, *_due(self._events, due)))
+        for samples, take in self._asked:
+            take(block, *samples.due(due))
+
+    def _follow(self, end: float) -> None:
+        asked = [samples.until(end) for samples, _ in self._asked]
+        times = np.unique(np.concatenate([np.empty(0), *asked]))
+        motion, changes = self.lining.follow(end, times)
+        for (samples, _), own in zip(self._asked, asked, strict=True):
+            samples.add(motion[:, np.searchsorted(times, own)])
+        ended, events = self._episodes.see(changes, end)
+        self._sticks += [(round(time, INSTANTS), round(duration, INSTANTS)) for time, duration in ended]
+        for event in events:
+            self._event(*event)
+
+    def _finish(self, end: float) -> None:
+        if (since := self._episodes.since) is not None:
+            self._sticks.append((end, round(end - since, INSTANTS)))
+        self._event(end, 'end', end)
+
+    def _event(self, known: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
+        known, time = round(known, INSTANTS), round(time, INSTANTS)
+        stamp = self._run.start_ns + round(time * 1e9)
+        text = event_text(self.lining.config.name, name, stamp, **more)
+        self._events.append((known, text))
+
+    def _column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
+        return Column(topic(self.lining.config.name, name), kind, time, values)
+
+
+def _due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
+    """Take the times [s] and values of what falls before ``end`` [s]; times do not fall."""
+    count = bisect.bisect_left(pending, end, key=lambda item: item[0])
+    taken, pending[:count] = pending[:count], []
+    return np.array([time for time, _ in taken]), np.array([value for _, value in taken])

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run.
+
+It runs block by block: memory does not grow with its duration.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+# The last two are imported for the effects that they declare.
+from stickslip_lab.scenes import lining_effects, sensor_effects, telemetry  # noqa: F401
+from stickslip_lab.scenes.effects import DECLARED, Effect, SceneRun
+from stickslip_lab.scenes.settings import Settings, drawn, read_parameter_error, suggestion
+from stickslip_lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
+from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING
+from stickslip_logs.bags.writer import BagWriter, encode_bool, encode_float64s, encode_stamped, encode_string
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import ConfigurationError, SceneError
+from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
+from stickslip_monitor.monitor.parameters import MonitorConfig
+
+SCHEMA = 'stickslip_monitor/scene/1'
+KEYS = (
+    *('scene', 'description', 'duration', 'start', 'seed', 'config'),
+    *('telemetry', 'sensors', 'parameter_error', 'effects'),
+)
+SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
+SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
+_EPOCHS = (10**18, 4 * 10**18)  # 2001 to 2096: no time of a recording in a smaller unit is nanoseconds
+_LATEST_NS = (1 << 63) - 1
+_EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
+STAGES: Mapping[str, tuple[str, ...]] = {
+    stage: tuple(name for name, effect in DECLARED.items() if effect.stage == stage)
+    for stage in ('shaft', 'turning', 'lining', 'sensing', 'sensor', 'recording', 'file')
+}
+"""The effects of each stage. Stages act in this order, and so do the effects of a stage, whatever
+the order in the file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it
+between the samples; the others change block after block."""
+EFFECTS: Mapping[str, Effect] = {name: DECLARED[name] for names in STAGES.values() for name in names}
+SENSOR_EFFECTS = (*STAGES['sensing'], *STAGES['sensor'], *STAGES['recording'])
+"""What happens to a measurement, not to the ship."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A validated scene."""
+
+    description: str  # what it shows
+    duration: float  # its duration, > 0 [s]
+    start_ns: int  # time stamp of its start [ns since 1970]
+    seed: int  # seed of all random streams
+    folder: Path  # folder of the scene file
+    config_path: Path  # file of the configuration
+    config: MonitorConfig  # the configuration of the bearings
+    channels: tuple[Channel, ...]  # the channels of telemetry
+    effects: tuple[Settings, ...]  # the settings of each effect, in the order in which they act
+    # By parameter the largest relative error of what the monitor is configured with.
+    parameter_error: Mapping[str, float] = field(default_factory=dict)
+
+    def build(self) -> SceneRun:
+        """Build one run of the scene."""
+        shaft = Shaft(self.channels)
+        run = SceneRun(self.duration, self.seed, self.channels, self.folder, self.start_ns, shaft)
+        for settings in self.effects:
+            EFFECTS[settings.name].build(settings, run)
+        return run
+
+
+def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | None = None) -> Scene:
+    """Read and validate a scene file.
+
+    The seed is the file's and the sensors those that it names, unless others are given.
+
+    Raises:
+        SceneError: It cannot be read or breaks a rule; the text names the file.
+        ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
+    """
+    path = Path(path)
+    document = _document(path, 'scene', 'scene file', SCHEMA)
+    try:
+        return _build(path, document, seed, sensors)
+    except SceneError as error:
+        raise SceneError(f'{path}: {error}') from error
+
+
+def _document(path: str | Path, kind: str, what: str, schema: str) -> Any:
+    """The mapping in a file of a kind, which its first key names."""
+    try:
+        document = load_yaml(path)
+    except ConfigurationError as error:
+        raise SceneError(str(error)) from error
+    if not isinstance(document, dict) or kind not in document:
+        raise SceneError(f"{path}: not a {what}: it must begin with '{kind}: {schema}'")
+    if document[kind] != schema:
+        raise SceneError(f"{path}: {kind} = {document[kind]!r} must be '{schema}'")
+    return document
+
+
+def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
+    seed = _seed(Settings('', document, document)) if seed is None else seed
+    settings = Settings('', drawn(document, seed), KEYS)
+    given = _sensors(path.parent, settings, seed, sensors)
+    description = settings.text('description', 'what the scene shows')
+    duration = settings.number('duration', 's', above=0.0, most=_LATEST_NS * 1e-9)
+    start_ns = _start_ns(settings, duration)
+    config_path = _config_path(path.parent, settings, seed)
+    config = load_config(config_path)
+    telemetry, errors = (
+        settings if given is None or key in settings else given for key in ('telemetry', 'parameter_error')
+    )
+    what = '{speed: {rate: Hz}, load: {rate: Hz}}, or score it with --sensors'
+    rates = telemetry.value('telemetry', what)
+    channels = read_channels(config, rates)
+    for channel in channels:
+        if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
+            rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
+            raise settings.broken('start', f'must lie, with the whole scene, before that: {rule}')
+    effects, wrong = _effects(settings, given), read_parameter_error(errors)
+    place = path.parent, config_path, config
+    scene = Scene(description, duration, start_ns, seed, *place, channels, effects, wrong)
+    # Built here only to find wrong settings before anything is written.
+    scene.build()
+    return scene
+
+
+def _seed(settings: Settings) -> int:
+    return settings.whole('seed', 'a whole number, from which all random numbers follow', 0)
+
+
+def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
+    """The configuration's file; of a folder of them each seed takes the next."""
+    path = folder / settings.text('config', 'the path of a configuration file')
+    if not path.is_dir():
+        return path
+    found = sorted(path.glob('*.yaml'))
+    if not found:
+        raise settings.broken('config', 'is a folder without a .yaml file')
+    return found[seed % len(found)]
+
+
+def _sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
+    """The file of sensors that was asked for, else that which the scene names, if any."""
+    if path is None:
+        if 'sensors' not in settings:
+            return None
+        path = folder / settings.text('sensors', 'the path of a file of sensors')
+    document = _document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
+    try:
+        return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
+    except SceneError as error:
+        raise SceneError(f'{path}: {error}') from error
+
+
+def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
+    """What happens, and what the sensors make of it; where both name an effect the scene's."""
+    own = read_effects(settings.value('effects', 'the list of what happens'))
+    if sensors is None or 'effects' not in sensors:
+        return own
+    named = {effect.name for effect in own}
+    given = read_effects(sensors.value('effects', 'what the sensors do'))
+    for name in (effect.name for effect in given):
+        if name not in SENSOR_EFFECTS:
+            raise SceneError(f"effect '{name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}")
+    return in_order([*own, *(effect for effect in given if effect.name not in named)])
+
+
+def read_effects(listed: Any) -> tuple[Settings, ...]:
+    """The settings of the listed effects, in the order in which they act.
+
+    The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
+    """
+    if not isinstance(listed, list):
+        raise SceneError(f'effects = {listed!r} must be a list')
+    return in_order(_settings(number, entry) for number, entry in enumerate(listed, 1))
+
+
+def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
+    """Effects in the order in which they act."""
+    return tuple(sorted(effects, key=lambda settings: list(EFFECTS).index(settings.name)))
+
+
+def _settings(number: int, entry: Any) -> Settings:
+    if not isinstance(entry, Mapping) or not ('effect' in entry or len(entry) == 1):
+        raise SceneError(
+            f'effects: entry {number} = {entry!r} must be {{name: {{settings}}}} or'
+            ' {effect: name, settings}'
+        )
+    if 'effect' in entry:
+        name, content = entry['effect'], {k: v for k, v in entry.items() if k != 'effect'}
+    else:
+        ((name, content),) = entry.items()
+    if not isinstance(name, str) or name not in EFFECTS:
+        hint = suggestion(name, list(EFFECTS))
+        raise SceneError(f"effects: entry {number} is unknown effect '{name}'; {hint}")
+    return Settings(name, content, EFFECTS[name].keys)
+
+
+def _start_ns(settings: Settings, duration: float) -> int:
+    """Nanoseconds since 1970 from nanoseconds or an ISO time, which is UTC if it has no zone."""
+    what = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
+    value = settings.value('start', what)
+    if isinstance(value, str):
+        try:
+            dt.date.fromisoformat(value[:10]), dt.time.fromisoformat(value[11:16])
+            time = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
+        except ValueError:
+            raise settings.broken('start', f'must be {what}') from None
+        zoned = time if time.tzinfo else time.replace(tzinfo=dt.timezone.utc)
+        value = (zoned - _EPOCH) // dt.timedelta(microseconds=1) * 1000
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise settings.broken('start', f'must be {what}')
+    for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
+        if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
+            raise settings.broken('start', f'looks like {unit}: nanoseconds since 1970 are {value * factor}')
+    if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
+        raise settings.broken('start', 'must lie, with the whole scene, between 1970 and 2262')
+    return value
+
+
+BLOCK_LENGTH = 60.0
+
+
+def simulate(
+    scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
+) -> Iterator[TimeBlock]:
+    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
+
+    Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
+    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
+    """
+    run = scene.build() if run is None else run
+    finish = scene.duration if run.cut is None else run.cut
+    last = math.ceil(finish / block_length) - 1
+    for number in range(last + 1):
+        start = number * block_length
+        end = finish if number == last else (number + 1) * block_length
+        signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
+        block = TimeBlock(start, end, scene.duration, run.shaft, signals)
+        for effect in run.effects:
+            effect(block)
+        yield block
+
+
+def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
+    """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
+    span = telemetry.numbers(channel.rate, start, end, scene.duration)
+    numbers = np.array(span, np.int64)
+    time = numbers / channel.rate
+    stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
+    sensor = run.sensors.get(channel.topic)
+    value = sensor.read(span) if sensor else run.shaft.value(channel.topic, time)
+    _check_range(channel, time, value)
+    arrival_ns = stamp_ns.copy() if channel.is_stamped else None
+    return Signal(channel, time, stamp_ns, value, np.ones_like(numbers), arrival_ns)
+
+
+def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
+    """Refuse an operating point that the monitor of one of its bearings would refuse."""
+    for bearing in channel.bearings:
+        size = np.abs(value) * channel.ratio(bearing.name)
+        most = bearing.inputs[channel.quantity].maximum
+        beyond = np.flatnonzero(size > most)
+        if beyond.size:
+            unit = 'm/s' if channel.quantity == 'speed' else 'N'
+            raise SceneError(
+                f'{channel.quantity} = {size[beyond[0]]:g} {unit} at {time[beyond[0]]:g} s is more'
+                f' than topic {channel.topic} can carry: {bearing.name}.{channel.quantity}.maximum'
+                f' = {most:g} {unit} in the configuration'
+            )
+
+
+_ENCODERS: Mapping[str, Callable[[Any], Iterable[bytes]]] = {
+    BOOL: partial(map, encode_bool),
+    FLOAT64: encode_float64s,
+    STRING: partial(map, encode_string),
+}
+
+
+def write_bag(
+    scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
+) -> dict[str, int]:
+    """Write a scene's telemetry; the bag appears under its name when it is complete.
+
+    The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is given the
+    seconds simulated so far after each block. The messages written are returned by topic.
+
+    Raises:
+        BagError: The bag exists already or cannot be written.
+        SceneError: A speed or load leaves what the telemetry can carry.
+    """
+    run = scene.build()
+    with BagWriter(path) as writer:
+        for channel in scene.channels:
+            writer.add_topic(channel.topic, channel.input.type)
+        for block in simulate(scene, run=run):
+            messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
+            for column in block.truth:
+                if block.start == 0.0:
+                    writer.add_topic(column.topic, column.type)
+                data = list(_ENCODERS[column.type](column.values))
+                messages[column.topic] = column.stamps(scene.start_ns), data
+            writer.write_columns((topic, *own) for topic, own in messages.items())
+            if progress:
+                progress(block.end)
+        if run.cut is not None:
+            writer.break_off()
+        return writer.message_counts
+
+
+def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:
+    """Log times and messages of a signal."""
+    (log_time_ns, stamp_ns, raw), source = signal.messages(), signal.channel.input
+    if stamp_ns is None:
+        return log_time_ns, encode_float64s(raw)
+    return log_time_ns, encode_stamped(source.type, '.'.join(map(str, source.field)), stamp_ns, raw)

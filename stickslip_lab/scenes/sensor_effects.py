@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors, their clocks and the recorder: what becomes of a measurement.
+
+The filter ``dy/dt = (x - y) / time_constant`` is solved exactly for an input that is linear
+between the instants of the sensor's grid. The mean is of the shaft itself, evaluated between the
+samples, so ripple is averaged and not aliased.
+
+A jump of a clock shifts all later stamps; several add up. Without a header a message's stamp is
+the recorder's own time, by which readers sort: such a topic can jump forward only, and cannot be
+out of order. After a cut nothing is written: the file ends within its last chunk, without its
+index, and a folder has no metadata.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from stickslip_lab.scenes.effects import Change, SceneRun, channel_effect, effect, require_header, unit_of
+from stickslip_lab.scenes.settings import Settings, check_points, read_sample_mask, read_windows
+from stickslip_lab.scenes.telemetry import Channel, Memory, Signal, Term, TimeBlock
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
+
+# Time constants and windows that a sensor's grid can resolve and hold [s].
+_SHORTEST, _LONGEST = 1e-3, 600.0
+# After that many time constants the initial state counts 2e-9.
+_TIME_CONSTANTS = 20.0
+_HOUR = 3600.0
+
+
+# A level is made of its samples already, so memories are for the other quantities.
+@channel_effect('sensing', QUANTITIES, 'time_constant', section='the filter')
+def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Gives a sensor a first-order lag."""
+    lag = settings.number('time_constant', 's', least=_SHORTEST, most=_LONGEST)
+    run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
+
+
+def low_pass(time_constant: float, step: float, value: float) -> Term:
+    """A filter that has settled on a value; samples are ``step`` [s] apart."""
+    from scipy.signal import lfilter
+
+    left = math.exp(-step / time_constant)
+    lag = -math.expm1(-step / time_constant) * time_constant / step
+    forward, back = np.array([1.0 - lag, lag - left]), np.array([1.0, -left])
+    state = np.array([lag * value])
+
+    def following(values: FloatArray) -> FloatArray:
+        nonlocal state
+        filtered, state = lfilter(forward, back, values, zi=state)
+        return np.asarray(filtered, float)
+
+    return following
+
+
+@channel_effect('sensing', QUANTITIES, 'window', section='the averaging')
+def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Lets a sensor average over the last seconds."""
+    window = settings.number('window', 's', least=_SHORTEST, most=_LONGEST)
+    run.sense(channel, Memory(window, window, partial(moving_mean, window)))
+
+
+def moving_mean(window: float, step: float, value: float) -> Term:
+    """``y(t) = (1/window) * integral of x from t - window to t``, by trapezia of the grid.
+
+    It has settled on a value; samples are ``step`` [s] apart.
+    """
+    steps = window / step
+    whole, rest = int(steps), steps - int(steps)
+    # Of the running integral, in steps, as many as the window needs.
+    integral = value * np.arange(-whole - 1.0, 1.0)
+    last = value
+
+    def following(values: FloatArray) -> FloatArray:
+        nonlocal integral, last
+        pieces = 0.5 * (values + np.concatenate([[last], values[:-1]]))
+        # One running sum through all blocks: their length does not change its rounding.
+        total = np.concatenate([integral, np.cumsum(np.concatenate([integral[-1:], pieces]))[1:]])
+        now, then = total[whole + 2 :], total[2 : total.size - whole]
+        before = total[1 : total.size - whole - 1]
+        integral, last = total[-whole - 2 :], float(values[-1])
+        return (now - then + rest * (then - before)) / steps
+
+    return following
+
+
+@channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
+def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Adds to a level what is not the lining.
+
+    The floor of the sensor, and the engine, given at the fold speed and growing with the square
+    of the speed, rise and fall by a share with the sea; each value scatters.
+    """
+    unit, _ = unit_of(settings, channel)
+    bearing = channel.bearings[0].name
+    fold = run.shaft.channel(bearing, 'speed').factor('fold')
+    floor = settings.number('floor', unit, above=0.0)
+    engine = settings.number('engine', unit, least=0.0)
+    sea = settings.number('sea', '-', least=0.0, most=1.0) if 'sea' in settings else 0.0
+    period = settings.number('period', 's', above=0.0) if sea else 1.0
+    scatter = settings.number('scatter', '-', least=0.0, most=0.3)
+    random = run.random(settings, channel)
+
+    def add(signal: Signal) -> None:
+        ratio = run.shaft.speed(bearing, signal.time) / fold
+        swell = 1.0 + sea * np.sin(2.0 * np.pi / period * signal.time)
+        total = np.hypot(signal.value, (floor + engine * ratio**2) * swell)
+        total *= 1.0 + scatter * random.standard_normal(total.size)
+        signal.value[:] = np.maximum(total, 0.0)
+
+    return add
+
+
+@channel_effect('sensor', INPUTS, 'bias', 'drift', 'unit', section='the error')
+def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Adds an error that is constant or drifts."""
+    unit, factor = unit_of(settings, channel)
+    drift = settings.number('drift', f'{unit} per hour') / _HOUR if 'drift' in settings else 0.0
+    constant, rate = settings.number('bias', unit) * factor, drift * factor
+
+    def add(signal: Signal) -> None:
+        signal.value += constant + rate * signal.time
+
+    return add
+
+
+@channel_effect('sensor', INPUTS, 'standard_deviation', 'unit', section='the noise')
+def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Adds white normal noise."""
+    unit, factor = unit_of(settings, channel)
+    deviation = settings.number('standard_deviation', unit, least=0.0) * factor
+    random = run.random(settings, channel)
+
+    def add(signal: Signal) -> None:
+        signal.value += deviation * random.standard_normal(signal.value.size)
+
+    return add
+
+
+@channel_effect('sensor', INPUTS, 'size', 'unit', 'windows', 'share', section='the spikes')
+def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Puts single samples off by a size, up or down."""
+    unit, factor = unit_of(settings, channel)
+    size = settings.number('size', unit) * factor
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    random = run.random(settings, channel, 'sign')
+
+    def add(signal: Signal) -> None:
+        off = hit(signal.time)
+        signs = np.where(random.random(signal.time.size) < 0.5, -1.0, 1.0)
+        signal.value[off] += size * signs[off]
+
+    return add
+
+
+@channel_effect('sensor', INPUTS, 'step', 'unit', section='the step')
+def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Rounds to the nearest multiple of a step."""
+    unit, factor = unit_of(settings, channel)
+    step = settings.number('step', unit, least=1e-9) * factor
+
+    def round_off(signal: Signal) -> None:
+        signal.value[:] = np.rint(signal.value / step) * step
+
+    return round_off
+
+
+@channel_effect('sensor', INPUTS, 'windows', section='when it is stuck')
+def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Repeats in a window the last value before it, or else the first within."""
+    held = read_windows(settings, run.duration)
+    last: float | None = None
+
+    def hold(signal: Signal) -> None:
+        nonlocal last
+        value = signal.value
+        if not value.size:
+            return
+        place = np.where(held(signal.time), -1, np.arange(value.size))
+        source = np.maximum.accumulate(place)
+        first = value[0] if last is None else last
+        value[:] = np.where(source < 0, first, value[np.maximum(source, 0)])
+        last = float(value[-1])
+
+    return hold
+
+
+@channel_effect('sensor', INPUTS, 'windows', 'share', section='when it sends NaN')
+def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Sends NaN in the place of some samples."""
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+
+    def spoil(signal: Signal) -> None:
+        signal.value[hit(signal.time)] = np.nan
+
+    return spoil
+
+
+# Jitter beyond this is none any more; a jump is not beyond ten years [s].
+_MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
+
+
+@channel_effect('recording', INPUTS, 'standard_deviation', section='the jitter')
+def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Scatters the stamps; none comes to lie before 1970."""
+    deviation = settings.number('standard_deviation', 's', least=0.0, most=_MOST_JITTER)
+    random = run.random(settings, channel)
+
+    def shift(signal: Signal) -> None:
+        off = random.standard_normal(signal.stamp_ns.size) * (deviation * 1e9)
+        signal.stamp_ns += np.rint(off).astype(np.int64)
+        np.maximum(signal.stamp_ns, 0, out=signal.stamp_ns)
+
+    return shift
+
+
+@channel_effect('recording', INPUTS, 'jumps')
+def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Shifts all stamps after each jump."""
+    jumps = _jumps(settings, run.duration)
+    if any(by < 0.0 for _, by in jumps):
+        require_header(channel, 'its clock can only jump forward')
+    times = np.array([time for time, _ in jumps])
+    shifts_ns = np.cumsum([0, *(round(by * 1e9) for _, by in jumps)])
+    edges = [*times.tolist(), run.duration]
+    for number, (begin, end) in enumerate(pairwise(edges), 1):
+        first, last = (run.start_ns + int(shifts_ns[number]) + round(time * 1e9) for time in (begin, end))
+        if first < 0 or last >= channel.stamps_end_ns:
+            raise SceneError(
+                f'{settings.label("jumps")}: jump {number} takes the clock out of the range of'
+                ' time stamps: from 1970, in headers to 2038, else to 2262'
+            )
+
+    def shift_stamps(signal: Signal) -> None:
+        signal.stamp_ns += shifts_ns[np.searchsorted(times, signal.time, side='right')]
+
+    return shift_stamps
+
+
+def _jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
+    """When the clock jumps [s], and by how much [s]."""
+    rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
+    jumps = check_points(rows, duration)
+    for (name, _), (_, by) in zip(rows, jumps, strict=True):
+        if not 0.0 < abs(by) <= _LONGEST_JUMP:
+            rule = f'which must not be 0 nor beyond {_LONGEST_JUMP:g} s'
+            raise SceneError(f'{name} is by {by:g} s, {rule}')
+    return jumps
+
+
+@channel_effect('recording', INPUTS, 'delay', 'windows', 'share', section='which messages are late')
+def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Delays some messages."""
+    require_header(channel, 'none of its messages can be out of order')
+    # A shorter delay overtakes nothing.
+    delay = settings.number('delay', 's', above=1.0 / channel.rate, most=60.0)
+    delay_ns = round(delay * 1e9)
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+
+    def hold_up(signal: Signal) -> None:
+        assert signal.arrival_ns is not None  # it has a header
+        signal.arrival_ns[hit(signal.time)] += delay_ns
+
+    return hold_up
+
+
+@channel_effect('recording', INPUTS, 'windows', 'share', section='which messages come twice')
+def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Records some messages twice."""
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+
+    def repeat(signal: Signal) -> None:
+        signal.copies[hit(signal.time)] *= 2
+
+    return repeat
+
+
+@channel_effect('recording', INPUTS, 'windows', 'share', section='which messages are lost')
+def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
+    """Loses some messages."""
+    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+
+    def lose(signal: Signal) -> None:
+        signal.copies[hit(signal.time)] = 0
+
+    return lose
+
+
+@channel_effect('recording', INPUTS, 'value', 'unit', 'rate', section='what it sends')
+def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Sends a constant value on the same topic, between the regular instants of its rate."""
+    unit, factor = unit_of(settings, channel)
+    value = settings.number('value', unit) * factor
+    rate = settings.number('rate', 'Hz', above=0.0, most=1000.0)
+
+    def join(block: TimeBlock) -> None:
+        halves = block.instants(2.0 * rate)
+        time = halves[np.rint(halves * (2.0 * rate)).astype(np.int64) % 2 == 1]
+        stamp = run.start_ns + np.rint(time * 1e9).astype(np.int64)
+        more = {'time': time, 'stamp_ns': stamp, 'arrival_ns': stamp}
+        more |= {'value': np.full(time.size, value), 'copies': np.ones_like(stamp)}
+        signal = block.signals[channel.topic]
+        order = np.argsort(np.concatenate([signal.time, time]), kind='stable')
+        for name, own in more.items():
+            if (known := getattr(signal, name)) is not None:
+                setattr(signal, name, np.concatenate([known, own])[order])
+
+    run.effects.append(join)
+
+
+@effect('file', 'time')
+def cut_off(settings: Settings, run: SceneRun) -> None:
+    """Ends the recorder in mid-write."""
+    run.claim(settings.name)
+    run.cut = settings.number('time', 's', above=0.0, most=run.duration)

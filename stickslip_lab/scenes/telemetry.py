@@ -1,0 +1,376 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The true operating point over time, and the channels of telemetry that sample it.
+
+The shaft is not sampled. Telemetry, a sensor that averages between its samples, the lining's
+integrator and the recorded truth each evaluate it at their own instants and get identical values
+at the same instant, however time is divided into blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stickslip_lab.scenes.settings import Settings
+from stickslip_lab.scenes.truth import Column
+from stickslip_logs.bags.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import SceneError
+from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
+from stickslip_monitor.physics.averaging import fold_speed, hopf_load
+from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
+from stickslip_monitor.physics.friction import speed_scales
+from stickslip_monitor.physics.lubrication import as_measured
+
+
+def count(rate: float, duration: float) -> int:
+    """Instants from 0 to ``duration`` [s], both inclusive, at ``rate`` [Hz]."""
+    return math.floor(duration * rate * (1.0 + 1e-12)) + 1
+
+
+def numbers(rate: float, start: float, end: float, duration: float) -> range:
+    """The ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
+
+    Stretches that join cover every instant of the scene once, and the last one, which ends at
+    ``duration``, has the instant at its end too.
+    """
+    whole = count(rate, duration)
+    stop = whole if end == duration else min(whole, math.ceil(end * rate))
+    return range(min(stop, math.ceil(start * rate)), stop)
+
+
+# The reference bearing's 1 kN: 200 N is the least load at which its sliding can be unstable.
+_NOMINAL = 5.0
+
+
+def nominal_load(config: BearingConfig) -> float:
+    """Five times the least load at which any speed of a bearing is unstable [N]."""
+    law = config.bearing.friction
+    # Not every law falls fastest at once: a Gaussian one and a table may begin flat.
+    speeds = equilibrium_table(law)[0] if speed_scales(law) else np.empty(0)
+    loads = hopf_load(as_measured(config.bearing), np.append(0.0, speeds))
+    load = _NOMINAL * float(np.fmin.reduce(loads))
+    if not 0.0 < load < math.inf:
+        raise SceneError(
+            f'units nominal and fold say nothing about bearing {config.name}: its sliding is'
+            ' unstable at no load; use N and rpm'
+        )
+    return load
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One sensor: a topic, and the bearings that read it.
+
+    Several bearings of one shaft read one speed topic; SI values are then those of the first.
+    """
+
+    quantity: str  # ``'speed'``, ``'load'`` or ``'level'``
+    bearings: tuple[BearingConfig, ...]  # the bearings that read it, at least one
+    rate: float  # samples per second [Hz]
+
+    @property
+    def input(self) -> InputConfig:
+        """Topic, scale and offset."""
+        return self.bearings[0].inputs[self.quantity]
+
+    @property
+    def topic(self) -> str:
+        """Its topic."""
+        return self.input.topic
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether its messages have a header with a time stamp."""
+        return self.input.type in STAMPED_FIELDS
+
+    def serves(self, bearing: str) -> bool:
+        """Whether a bearing reads it."""
+        return bearing in [b.name for b in self.bearings]
+
+    @property
+    def stamps_end_ns(self) -> int:
+        """Where its time stamps end: in 2038 in a header, in 2262 by the recorder [ns]."""
+        return STAMP_END if self.is_stamped else 1 << 63
+
+    def factor(self, unit: str) -> float:
+        """SI value (surface speed [m/s] or load [N], a level in its own unit) of one unit.
+
+        ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
+        """
+        if self.quantity == 'level':
+            if unit != self.input.unit:
+                raise SceneError(
+                    f'unit {unit} of the level on {self.topic} must be that of the configuration,'
+                    f' {self.input.unit}'
+                )
+            return 1.0
+        if unit in ('nominal', 'fold'):
+            config = self.bearings[0]
+            load = nominal_load(config)
+            return load if unit == 'nominal' else float(fold_speed(config.bearing, load))
+        if self.quantity == 'load':
+            return LOAD_UNITS[unit]
+        if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:
+            names = ', '.join(b.name for b in self.bearings)
+            raise SceneError(
+                f'unit m/s says nothing about topic {self.topic}: it serves {names}, whose'
+                ' journals differ in diameter; use rpm, rad/s or Hz'
+            )
+        return self.bearings[0].bearing.speed.factor(unit)
+
+    def ratio(self, bearing: str) -> float:
+        """A bearing's own SI value of one of the channel's: journals may differ in diameter."""
+        if self.quantity != 'speed':
+            return 1.0
+        diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
+        return diameter[bearing] / self.bearings[0].bearing.journal_diameter
+
+
+@dataclass(slots=True, eq=False)
+class Signal:
+    """The samples of one channel over a stretch of time; effects change them."""
+
+    channel: Channel
+    time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
+    stamp_ns: IntArray  # time stamps by the sensor's clock, shape (n,) [ns]
+    value: FloatArray  # surface speed [m/s] or load [N], shape (n,)
+    copies: IntArray  # how often each is recorded, shape (n,)
+    # When the recorder gets each message, by its own clock, shape (n,) [ns]; None where
+    # messages have no stamp of their own, and the recorder's is all there is.
+    arrival_ns: IntArray | None = None
+
+    def messages(self) -> Messages:
+        """What the recorder writes: of SI values the numbers that the monitor will take for them."""
+        source = self.channel.input
+        raw = np.repeat((self.value / source.factor - source.offset) / source.scale, self.copies)
+        stamp = np.repeat(self.stamp_ns, self.copies)
+        if self.arrival_ns is None:
+            return Messages(stamp, None, raw)
+        return Messages(np.repeat(self.arrival_ns, self.copies), stamp, raw)
+
+
+class Messages(NamedTuple):
+    """The messages of one channel over a stretch of time."""
+
+    log_time_ns: IntArray  # when each was recorded, shape (n,) [ns]
+    stamp_ns: IntArray | None  # the stamps in their headers, shape (n,) [ns]; None: they have none
+    raw: FloatArray  # the numbers in them, shape (n,)
+
+
+_LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
+
+
+def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
+    """The channels of a scene, one for each topic, in the configuration's order.
+
+    The scene's section ``telemetry`` is ``{speed: {rate: Hz}, load: {rate: Hz}}``, or one such
+    mapping for each bearing.
+    """
+    channels: dict[str, Channel] = {}
+    for bearing in config.bearings:
+        own = _section(telemetry, bearing.name, [b.name for b in config.bearings])
+        for quantity in QUANTITIES if 'level' not in own else INPUTS:
+            if quantity not in bearing.inputs:
+                raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
+            sampling = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
+            rate = sampling.number('rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE)
+            channel = Channel(quantity, (bearing,), rate)
+            _check_input(f'{bearing.name}.{quantity}', channel.input)
+            known = channels.get(channel.topic)
+            channels[channel.topic] = channel if known is None else _shared(known, channel)
+    return tuple(channels.values())
+
+
+def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
+    """The telemetry of one bearing: its own section, or the common one."""
+    names = set(telemetry) if isinstance(telemetry, dict) else set()
+    if names.isdisjoint(bearings) or not names.isdisjoint(INPUTS):
+        return Settings('telemetry', telemetry, INPUTS)
+    rates = 'the rates of its speed and load'
+    return Settings('telemetry', telemetry, bearings).section(bearing, INPUTS, rates)
+
+
+def _check_input(name: str, settings: InputConfig) -> None:
+    fields = NUMBER_FIELDS.get(settings.type)
+    if fields is None:
+        raise SceneError(
+            f'{name} is of type {settings.type} in the configuration: a scene can write'
+            f' {", ".join(NUMBER_FIELDS)} only'
+        )
+    if '.'.join(map(str, settings.field)) not in fields:
+        raise SceneError(
+            f"{name} is field '{settings.field_text}' of {settings.type} in the configuration: a"
+            f' scene can write {", ".join(fields)} only'
+        )
+
+
+def _shared(known: Channel, other: Channel) -> Channel:
+    """One channel for two bearings, which must take its numbers to mean the same."""
+    first, second = known.bearings[0], other.bearings[0]
+    where = f'topic {known.topic} serves {first.name} and {second.name}'
+    if known.quantity != other.quantity:
+        raise SceneError(f'{where}, as {known.quantity} and as {other.quantity}: use two topics')
+    if (known.input.type, known.input.field) != (other.input.type, other.input.field):
+        raise SceneError(f'{where} with different types or fields: they must agree')
+    if known.rate != other.rate:
+        raise SceneError(f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz')
+    if not all(map(math.isclose, _meaning(known, first), _meaning(other, second))):
+        raise SceneError(f'{where} with different units, scales or offsets: they must agree')
+    return replace(known, bearings=(*known.bearings, second))
+
+
+def _meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
+    """Scale, offset and unit of a channel's numbers, speeds by the turning of the shaft."""
+    turning = bearing.bearing.speed.factor('Hz') if channel.quantity == 'speed' else 1.0
+    return channel.input.scale, channel.input.offset, channel.input.factor / turning
+
+
+Term = Callable[[FloatArray], FloatArray]
+"""A contribution to a speed [m/s] or a load [N] at some times since the scene's start, shape (n,)
+[s]. An element must not depend on its neighbours; times may lie before the start."""
+
+
+class Shaft:
+    """Speed and load of every bearing, the sum of the terms that effects have added.
+
+    Speeds are those of a channel's first bearing.
+    """
+
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        self._channels = {channel.topic: channel for channel in channels}
+        self._means: dict[str, list[Term]] = defaultdict(list)
+        self._ways: dict[str, list[Term]] = defaultdict(list)
+        self._ripples: dict[str, list[Term]] = defaultdict(list)
+
+    def add(self, topic: str, term: Term, way: Term | None = None) -> None:
+        """Add to the speed or load of a channel; ``way`` [m], a speed's integral, turns it."""
+        self._means[topic].append(term)
+        if way is not None:
+            self._ways[topic].append(way)
+
+    def add_ripple(self, topic: str, term: Term) -> None:
+        """Add what follows from the turning of the shaft and does not turn it."""
+        self._ripples[topic].append(term)
+
+    def mean(self, topic: str, time: FloatArray) -> FloatArray:
+        """Speed [m/s] or load [N] of a channel without ripple, shape (n,)."""
+        return _sum(self._means[topic], time)
+
+    def value(self, topic: str, time: FloatArray) -> FloatArray:
+        """Speed [m/s] or load [N] of a channel at some times [s], both of shape (n,).
+
+        A load is never negative: a journal that lifts off has no load.
+        """
+        total = _sum([*self._means[topic], *self._ripples[topic]], time)
+        return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
+
+    def turns(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Turns of a bearing's journal since the start, shape (n,)."""
+        channel = self.channel(bearing, 'speed')
+        way = _sum(self._ways[channel.topic], time)
+        return way / (math.pi * channel.bearings[0].bearing.journal_diameter)
+
+    def speed(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Surface speed of a bearing's journal, shape (n,) [m/s]."""
+        channel = self.channel(bearing, 'speed')
+        return self.value(channel.topic, time) * channel.ratio(bearing)
+
+    def load(self, bearing: str, time: FloatArray) -> FloatArray:
+        """Load of a bearing, shape (n,) [N]."""
+        return self.value(self.channel(bearing, 'load').topic, time)
+
+    def channel(self, bearing: str, quantity: str) -> Channel:
+        """The channel of a quantity of a bearing.
+
+        Raises:
+            KeyError: The scene has none.
+        """
+        for channel in self._channels.values():
+            if channel.quantity == quantity and channel.serves(bearing):
+                return channel
+        raise KeyError(f'{bearing}.{quantity}')
+
+
+def _sum(terms: Iterable[Term], time: FloatArray) -> FloatArray:
+    total = np.zeros_like(time)
+    for term in terms:
+        total += term(time)
+    return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeBlock:
+    """A stretch of a scene; effects change its signals."""
+
+    start: float  # its start, from the scene's start [s]
+    end: float  # its end [s]
+    duration: float  # duration of the scene [s]
+    shaft: Shaft  # the true operating point, at any instant
+    signals: dict[str, Signal]  # what the sensor of each topic sends
+    # What no sensor measures; a channel is there even if it has no messages.
+    truth: list[Column] = field(default_factory=list)
+
+    def instants(self, rate: float) -> FloatArray:
+        """The regular instants of this block at a rate [Hz], shape (n,) [s].
+
+        Those of all blocks together are ``k / rate`` from 0 to the scene's end, each once.
+        """
+        return np.array(numbers(rate, self.start, self.end, self.duration)) / rate
+
+
+# The ripple of a propeller's blades reaches some 30 Hz.
+_LEAST_RATE = 100.0
+_STEPS_IN_SCALE = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """One transformation of a sensor's signal that depends on its past."""
+
+    length: float  # time after which the past is negligible [s]
+    scale: float  # time over which it resolves the past [s]
+    # Given the time between samples [s] and the value that was constant until now, returns
+    # what transforms the next samples, shape (n,), again and again.
+    start: Callable[[float, float], Term]
+
+
+class Sensor:
+    """A chain of memories between the shaft and the samples of one channel.
+
+    It follows the shaft between its samples, on a finer regular grid.
+    """
+
+    def __init__(self, shaft: Shaft, channel: Channel) -> None:
+        self._shaft, self._channel = shaft, channel
+        self.memories: list[Memory] = []
+        self._chain: list[Term] = []
+        self._next = 0
+
+    def read(self, numbers: range) -> FloatArray:
+        """Its readings at instants ``k / rate`` of the channel, which follow on the last ones."""
+        if not numbers:
+            return np.empty(0)
+        shortest = min(memory.scale for memory in self.memories)
+        finer = math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / self._channel.rate)
+        rate = self._channel.rate * finer
+        if not self._chain:
+            self._settle(numbers.start * finer, rate)
+        start, self._next = self._next, numbers[-1] * finer + 1
+        value = self._shaft.value(self._channel.topic, np.arange(start, self._next) / rate)
+        for follow in self._chain:
+            value = follow(value)
+        return value[numbers.start * finer - start :: finer]
+
+    def _settle(self, first: int, rate: float) -> None:
+        """Start so long before the first sample that the initial state is negligible."""
+        begin = first - math.ceil(sum(memory.length for memory in self.memories) * rate)
+        value = float(self._shaft.value(self._channel.topic, np.array([begin / rate]))[0])
+        self._chain = [memory.start(1.0 / rate, value) for memory in self.memories]
+        self._next = begin + 1

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The truth of a scene: what no sensor of a ship measures, on topics that no monitor reads.
+
+Its clock is the recorder's, as is the monitor's.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stickslip_logs.bags.recording import Recording, Request, Series
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import BagError
+
+EVENT_SCHEMA = 'stickslip_monitor/truth/1'
+ROOT = '/truth'
+FLOAT64 = 'std_msgs/msg/Float64'
+BOOL = 'std_msgs/msg/Bool'
+STRING = 'std_msgs/msg/String'
+_NUMBERS = ('hopf_margin', 'fold_margin', 'amplitude')
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthNumbers:
+    """One number over time; empty where it was not recorded."""
+
+    time_ns: IntArray  # shape (n,)
+    value: FloatArray  # shape (n,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthRecord:
+    """The truth about one bearing, from start to end.
+
+    An episode is the first and the last instant of sticking [ns]; one that was going on at the end
+    ends with the recording.
+    """
+
+    start_ns: int
+    end_ns: int
+    episodes: tuple[tuple[int, int], ...]
+    hopf_margin: TruthNumbers
+    fold_margin: TruthNumbers  # taken at the same times
+    amplitude: TruthNumbers  # half the peak to peak of the lining's displacement [m]
+
+
+def has_truth(bag: Recording, bearing: str) -> bool:
+    """Whether a recording holds the truth about a bearing."""
+    return topic(bearing, 'events') in bag.topics
+
+
+def read_truth(bag: Recording, bearing: str) -> TruthRecord:
+    """Read the truth about a bearing whose lining was followed.
+
+    Raises:
+        BagError: The recording holds none, or it is not of the kind this version knows.
+    """
+    name = topic(bearing, 'events')
+    if not has_truth(bag, bearing):
+        known = ', '.join(each for each in _bearings(bag) if has_truth(bag, each))
+        have = 'only simulated recordings of a scene with the effect lining_motion have it'
+        raise BagError(
+            f"bag '{bag.path}' holds no truth about {bearing}: topic '{name}' is not in it; "
+            + (f'it is about {known}' if known else have)
+        )
+    if bag.topics[name].type != STRING:
+        raise BagError(f"topic '{name}' of bag '{bag.path}' is no {STRING}")
+    return known_truth(bag, bearing)
+
+
+def known_truth(bag: Recording, bearing: str) -> TruthRecord:
+    """What a recording holds of the truth about a bearing: no episodes if no lining was followed.
+
+    Raises:
+        BagError: It is not of the kind this version knows.
+    """
+    name = topic(bearing, 'events')
+    messages = bag.messages([name]) if has_truth(bag, bearing) else ()
+    events = [_event(bag, message.data, name) for message in messages]
+    times = [time for _, time in events] or [0]
+    start = bag.start_ns if bag.start_ns is not None else times[0]
+    over = bool(events) and events[-1][0] == 'end'
+    end = times[-1] if over or bag.end_ns is None else bag.end_ns
+    requests = {each: Request(topic(bearing, each), 'data', FLOAT64) for each in _NUMBERS}
+    series = bag.read(r for r in requests.values() if r.topic in bag.topics)
+    numbers = {each: _numbers(series.get(request)) for each, request in requests.items()}
+    return TruthRecord(start, end, tuple(_episodes(events, end)), **numbers)
+
+
+def _bearings(bag: Recording) -> list[str]:
+    parts = [topic.split('/') for topic in bag.topics]
+    return sorted({part[2] for part in parts if part[:2] == ['', 'truth'] and len(part) == 4})
+
+
+def _event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
+    """Name and time of an event [ns]."""
+    try:
+        (size,) = struct.unpack_from('<I', data, 4)
+        record: Any = json.loads(data[8 : 8 + size].rstrip(b'\0'))
+        if record['schema'] == EVENT_SCHEMA:
+            return str(record['event']), int(record['time'])
+    except (struct.error, ValueError, LookupError, TypeError, OverflowError, RecursionError):
+        pass
+    raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
+
+
+def _episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
+    """First and last stick of each episode [ns], of events by name and time in their order.
+
+    One that is going on at the end ends there.
+    """
+    first: int | None = None
+    for name, time in events:
+        if name == 'first_stick':
+            first = time
+        elif name == 'last_stick' and first is not None:
+            yield first, time
+            first = None
+    if first is not None:
+        yield first, end
+
+
+def _numbers(series: Series | None) -> TruthNumbers:
+    if series is None:
+        return TruthNumbers(np.empty(0, np.int64), np.empty(0))
+    return TruthNumbers(series.log_time_ns, series.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """n messages of one truth topic over a stretch of time."""
+
+    topic: str
+    type: str  # of a number, a truth value or a text
+    time: FloatArray  # not falling, shape (n,) [s since the scene's start]
+    values: Sequence[Any] | FloatArray
+
+    def stamps(self, start_ns: int) -> IntArray:
+        """Log times [ns] in a scene that starts at ``start_ns``."""
+        return start_ns + np.rint(self.time * 1e9).astype(np.int64)
+
+
+def topic(bearing: str, name: str) -> str:
+    """The truth topic of a bearing."""
+    return f'{ROOT}/{bearing}/{name}'
+
+
+def event_text(bearing: str, event: str, time_ns: int, **more: float) -> str:
+    """An event of the lining as JSON; docs/interfaces.md has the schema."""
+    record = {'schema': EVENT_SCHEMA, 'bearing': bearing, 'event': event, 'time': time_ns}
+    return json.dumps(record | more)

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writing the container of a recording: MCAP in compressed chunks with an index, by the column.
+
+Its bytes are those of ``mcap.writer.Writer``, which takes messages one by one; here the records of
+many messages are laid into one buffer by numpy. All other records are encoded by the ``mcap``
+package.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import IO
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from numpy.typing import NDArray
+
+from stickslip_logs.bags.mcap_chunks import HEAD, MAGIC, MESSAGE_HEAD
+from stickslip_monitor.arrays import IndexArray, IntArray
+
+COMPRESSORS = {'none': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
+Messages = Sequence[bytes] | NDArray[np.void]
+"""Messages of one topic: of any sizes, or of one as the rows of an array."""
+
+_HEAD = [
+    ('opcode', '<u1'),
+    ('length', '<u8'),
+    ('channel', '<u2'),
+    ('sequence', '<u4'),
+    ('log_time', '<u8'),
+    ('publish_time', '<u8'),
+]
+_INDEX = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
+
+
+class ChunkWriter:
+    """Writes chunks of messages and, at the end, the index of the file.
+
+    Args:
+        file: Where to.
+        chunk_size: Bytes after which a chunk is closed, before compression.
+        compression: One of ``COMPRESSORS``.
+    """
+
+    def __init__(self, file: IO[bytes], chunk_size: int, compression: str) -> None:
+        self._file, self._chunk_size, self._compression = file, chunk_size, compression
+        self._schemas: list[Schema] = []
+        self._channels: list[Channel] = []
+        self._metadata: list[MetadataIndex] = []
+        self._chunks: list[ChunkIndex] = []
+        self.counts: dict[int, int] = {}
+        """Messages of each channel that has some."""
+        self.span = 0, 0
+        """The least and the greatest log time [ns]."""
+        self._begin_chunk()
+
+    def start(self, profile: str, library: str) -> None:
+        """Begin the file."""
+        self._file.write(MAGIC + _encoded(Header(profile, library)))
+
+    def add_metadata(self, name: str) -> None:
+        """Add a mark without contents, before the first message."""
+        offset, data = self._file.tell(), _encoded(Metadata(name=name, metadata={}))
+        self._file.write(data)
+        self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
+
+    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Add the definition of a type; its number."""
+        self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
+        self._add_definition(self._schemas[-1])
+        return len(self._schemas)
+
+    def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
+        """Add a topic of a type; the number of its channel."""
+        number = len(self._channels) + 1
+        self._channels.append(Channel(number, topic, encoding, dict(metadata), schema))
+        self._add_definition(self._channels[-1])
+        return number
+
+    def write(self, columns: Sequence[tuple[int, IntArray, Messages]]) -> None:
+        """Write messages in the order of their log times; at one time in the order of the columns.
+
+        Args:
+            columns: A channel, log times, shape (n,) [ns], and n messages.
+        """
+        log_time = np.concatenate([time for _, time, _ in columns])
+        order = np.argsort(log_time, kind='stable')
+        channel = np.repeat([own for own, *_ in columns], [time.size for _, time, _ in columns])
+        sequence = self._counted(channel, order)
+        parts = list(_records(messages for *_, messages in columns))
+        size = np.empty(log_time.size, np.int64)
+        for rows, records in parts:
+            size[rows] = records.dtype.itemsize
+        ends = np.cumsum(size[order])
+        begins = np.empty_like(size)
+        begins[order] = ends - size[order]
+        block = np.empty(int(ends[-1]), np.uint8)
+        for rows, records in parts:
+            records['channel'], records['sequence'] = channel[rows], sequence[rows]
+            records['log_time'] = records['publish_time'] = log_time[rows]
+            _lay(records, begins[rows], block)
+        self._write_block(block, ends, channel[order], log_time[order])
+
+    def finish(self) -> None:
+        """Write what is left and the summary: definitions, counts and where each chunk lies."""
+        self._end_chunk()
+        self._file.write(_encoded(DataEnd(0)))
+        begin, summary, offsets = self._file.tell(), b'', []
+        groups: Mapping[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: self._schemas,
+            Opcode.CHANNEL: self._channels,
+            Opcode.STATISTICS: [self._statistics()],
+            Opcode.CHUNK_INDEX: self._chunks,
+            Opcode.ATTACHMENT_INDEX: [],
+            Opcode.METADATA_INDEX: self._metadata,
+        }
+        for opcode, records in groups.items():
+            data = _encoded(*records)
+            offsets.append(SummaryOffset(opcode, begin + len(summary), len(data)))
+            summary += data
+        places = begin, begin + len(summary)
+        summary += _encoded(*offsets)
+        # The checksum is that of all before it, the beginning of its own record included.
+        checksum = zlib.crc32(summary + _encoded(Footer(*places, 0))[:-4])
+        self._file.write(summary + _encoded(Footer(*places, checksum)) + MAGIC)
+
+    def _counted(self, channel: IndexArray, order: IndexArray) -> IntArray:
+        """The number of each message among those of its channel, in the order of the file."""
+        sequence = np.empty(order.size, np.int64)
+        for own, places in _by_channel(channel[order]):
+            rows = order[places]
+            before = self.counts.get(own, 0)
+            sequence[rows] = before + np.arange(rows.size)
+            self.counts[own] = before + rows.size
+        return sequence
+
+    def _write_block(
+        self, block: NDArray[np.uint8], ends: IntArray, channel: IndexArray, log_time: IntArray
+    ) -> None:
+        """Write records that lie in a block one after the other, those of a chunk at a time."""
+        least, greatest = int(log_time[0]), int(log_time[-1])
+        start, end = self.span if self._chunks or self._index else (least, greatest)
+        self.span = min(start, least), max(end, greatest)
+        row = begin = 0
+        while row < ends.size:
+            room = begin + self._chunk_size - len(self._records)
+            after = min(max(row, int(np.searchsorted(ends, room, 'right'))) + 1, ends.size)
+            rows = slice(row, after)
+            starts = np.append(begin, ends[row : after - 1]) - begin + len(self._records)
+            self._note(channel[rows], log_time[rows], starts)
+            self._records += block[begin : ends[after - 1]].data
+            row, begin = after, int(ends[after - 1])
+            self._end_full_chunk()
+
+    def _note(self, channel: IndexArray, log_time: IntArray, offset: IntArray) -> None:
+        """Note where the messages of a chunk begin in it."""
+        for own, rows in _by_channel(channel):
+            places = np.empty(rows.size, _INDEX)
+            places['log_time'], places['offset'] = log_time[rows], offset[rows]
+            self._index.setdefault(own, []).append(places)
+
+    def _add_definition(self, record: McapRecord) -> None:
+        self._records += _encoded(record)
+        self._end_full_chunk()
+
+    def _begin_chunk(self) -> None:
+        self._records = bytearray()
+        self._index: dict[int, list[NDArray[np.void]]] = {}
+
+    def _end_full_chunk(self) -> None:
+        if len(self._records) > self._chunk_size:
+            self._end_chunk()
+
+    def _end_chunk(self) -> None:
+        """Write the chunk and its index; definitions alone wait for a message."""
+        if not self._index:
+            return
+        records = bytes(self._records)
+        times = np.concatenate([each['log_time'] for own in self._index.values() for each in own])
+        data = COMPRESSORS[self._compression](records)
+        chunk = Chunk(
+            compression='' if self._compression == 'none' else self._compression,
+            data=data,
+            message_start_time=int(times.min()),
+            message_end_time=int(times.max()),
+            uncompressed_crc=zlib.crc32(records),
+            uncompressed_size=len(records),
+        )
+        begin = self._file.tell()
+        length = self._file.write(_encoded(chunk))
+        index, offsets = bytearray(), dict[int, int]()
+        for channel, places in self._index.items():
+            offsets[channel] = begin + length + len(index)
+            own = b''.join(part.tobytes() for part in places)
+            index += HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(own))
+            index += channel.to_bytes(2, 'little') + len(own).to_bytes(4, 'little') + own
+        self._file.write(index)
+        self._chunks.append(
+            ChunkIndex(
+                message_start_time=chunk.message_start_time,
+                message_end_time=chunk.message_end_time,
+                chunk_start_offset=begin,
+                chunk_length=length,
+                message_index_offsets=offsets,
+                message_index_length=len(index),
+                compression=chunk.compression,
+                compressed_size=len(data),
+                uncompressed_size=len(records),
+            )
+        )
+        self._begin_chunk()
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self.counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self.counts.values()),
+            message_end_time=self.span[1],
+            message_start_time=self.span[0],
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+
+
+def _by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:
+    """The rows of each channel, in the order in which the channels appear."""
+    known, first = np.unique(channel, return_index=True)
+    for own in known[np.argsort(first)].tolist():
+        yield own, np.flatnonzero(channel == own)
+
+
+def _encoded(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data
+
+
+def _records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
+    """The rows of messages of one size and their records, without channel, number and times."""
+    row = 0
+    for messages in columns:
+        if isinstance(messages, np.ndarray):
+            yield row + np.arange(messages.size), _framed(messages.view(f'V{messages.itemsize}'))
+        else:
+            for own, data in _by_size(messages):
+                yield row + own, _framed(data)
+        row += len(messages)
+
+
+def _by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
+    """Which messages are of one size, and these as the rows of an array."""
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    for size in np.unique(sizes).tolist():
+        own = np.flatnonzero(sizes == size)
+        joined = b''.join(messages if own.size == sizes.size else [messages[k] for k in own.tolist()])
+        yield own, np.frombuffer(joined, f'V{size}') if size else np.empty(own.size, 'V0')
+
+
+def _framed(data: NDArray[np.void]) -> NDArray[np.void]:
+    """Records of messages of one size."""
+    records = np.empty(data.size, [*_HEAD, ('data', data.dtype)])
+    records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
+    records['data'] = data
+    return records
+
+
+def _lay(records: NDArray[np.void], begins: IntArray, block: NDArray[np.uint8]) -> None:
+    """Copy records of one size to where they begin in a block of bytes."""
+    size = records.dtype.itemsize
+    # A view in which an item of their size begins at every byte.
+    at_each_byte = np.ndarray(block.size - size + 1, f'V{size}', block.data, strides=(1,))
+    at_each_byte[begins] = records.view(f'V{size}')

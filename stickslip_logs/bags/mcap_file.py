@@ -1,0 +1,508 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one MCAP file holds: channels, counts, the blocks to read, and where it is cut.
+
+The heads of all records are looked at, whatever the summary says of them. Blocks are decompressed
+here only where no summary says what is in them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Footer, Schema, Statistics
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from stickslip_logs.bags.mcap_chunks import (
+    CHUNK_HEAD,
+    HEAD,
+    MAGIC,
+    MOST,
+    PARSE_ERRORS,
+    Block,
+    DamagedBlock,
+    Piece,
+    load,
+    walk,
+)
+from stickslip_logs.bags.message_fields import LONGEST_TEXT
+from stickslip_logs.bags.recording import Cut, Findings, other_encoding
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.files import open_file
+
+DATED = 10**17
+"""Times from here on are dates, not seconds since something was switched on [ns]."""
+
+# What a file may take in one pass [bytes]: so much, and so much for each of its own.
+_FREE, _FOR_EACH = 160 << 20, 100
+# Longer runs of records outside of chunks are read in pieces of about this size [bytes].
+_RUN = 1 << 20
+# Of a summary that is used, and of a record of it or of a channel [bytes].
+_MOST_SUMMARY, _LONGEST = 32 << 20, 1 << 20
+_MOST_NAMED = 5
+_BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
+_DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
+_BEGIN = HEAD.size + CHUNK_HEAD.size
+_FOOTER = HEAD.size + 20
+# Of an entry of the index of chunks, to the end of where its chunk begins [bytes].
+_INDEXED = HEAD.size + 24
+
+
+class McapFile:
+    """What one file of some length [bytes] holds.
+
+    Channels and schemas are by number, and count as they were first defined. ``counts`` are the
+    messages of each channel; with ``is_stated`` they are those of the summary: nothing was
+    decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time but 0, which
+    ``has_zero`` holds [ns].
+    """
+
+    def __init__(self, path: Path, size: int, findings: Findings) -> None:
+        self.path, self.size, self.findings = path, size, findings
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.blocks: list[Block] = []
+        self.counts: Counter[int] = Counter()
+        self.is_stated = self.has_zero = False
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.cut: Cut | None = None
+        self._records: dict[bytes, bytes] = {}
+        # Block and byte in it from which on a channel is not read, and schemas given in two ways.
+        self._refused: dict[int, tuple[int, int]] = {}
+        self._ambiguous: set[int] = set()
+
+    def problem(self, channel: Channel) -> str:
+        """A clause on why messages cannot be decoded, as far as that is known; else empty."""
+        schema = self.schemas.get(channel.schema_id)
+        if channel.message_encoding != MessageEncoding.CDR:
+            return other_encoding('message', channel.message_encoding, 'cdr')
+        if schema is None:
+            return 'no schema'
+        if schema.encoding != SchemaEncoding.ROS2:
+            return other_encoding('schema', schema.encoding, 'ros2msg')
+        return ''
+
+    def type_of(self, channel: Channel) -> str:
+        """Type of the messages of a channel, empty if unknown."""
+        schema = self.schemas.get(channel.schema_id)
+        return schema.name if schema is not None else ''
+
+    def topics_of(self, block: Block) -> set[str]:
+        """The topics that a block has messages of, as far as that is known."""
+        held = block.channels
+        return {c.topic for key, c in self.channels.items() if held is None or held >> key & 1}
+
+    def define(self, block: Block | None, offset: int, record: bytes) -> bool:
+        """Take a definition; return whether it can be read.
+
+        Messages behind one that says otherwise than before are not read, and it is reported.
+        """
+        key = record[:1] + record[HEAD.size : HEAD.size + 2]
+        if self._records.get(key) == record:
+            return True
+        stream = ReadDataStream(BytesIO(record[HEAD.size :]))
+        is_schema = record[0] == Opcode.SCHEMA
+        if not is_schema and len(record) > _LONGEST:
+            return False
+        try:
+            what, is_same = self._schema(stream) if is_schema else self._channel(stream)
+        except PARSE_ERRORS:
+            return False
+        if is_same and len(record) <= LONGEST_TEXT:
+            self._records[key] = record
+        elif not is_same and block is not None:
+            users = [c.id for c in self.channels.values() if what == (c.schema_id if is_schema else c.id)]
+            for user in users:
+                place = block.offset, offset
+                self._refused[user] = min(self._refused.get(user, place), place)
+            self.findings.lose(
+                f'{block.place} defines {"schema" if is_schema else "channel"} {what} otherwise than'
+                f' before: messages of {self._named(users)} from there on were not read'
+            )
+        return True
+
+    def _schema(self, stream: ReadDataStream) -> tuple[int, bool]:
+        """Take a schema; its number, and whether it says what it said before."""
+        schema = Schema.read(stream)
+        # A longer definition is not used, and not kept.
+        schema.data = schema.data[: LONGEST_TEXT + 1]
+        is_same = self.schemas.setdefault(schema.id, schema) == schema
+        if not is_same:
+            self._ambiguous.add(schema.id)
+        return schema.id, is_same
+
+    def _channel(self, stream: ReadDataStream) -> tuple[int, bool]:
+        """The same of a channel."""
+        channel = Channel.read(stream)
+        channel.metadata = {}
+        is_same = self.channels.setdefault(channel.id, channel) == channel
+        return channel.id, is_same and channel.schema_id not in self._ambiguous
+
+    def allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
+        """Those messages of a channel that come before a definition that says otherwise."""
+        if key not in self._refused:
+            return rows
+        offset, place = self._refused[key]
+        end = place if block.offset == offset else piece.end if block.offset < offset else 0
+        return rows[piece.offset[rows] < end]
+
+    def _named(self, keys: list[int]) -> str:
+        names = [f"'{self.channels[key].topic}'" for key in keys[:_MOST_NAMED]]
+        more = [f'{len(keys) - _MOST_NAMED} more topics'] if len(keys) > _MOST_NAMED else []
+        return ', '.join([*names, *more]) or 'it'
+
+    def compare(self, stated: Mapping[int, int], found: Mapping[int, int], keys: Iterable[int]) -> None:
+        """Report what the statistics of the file count otherwise, of some channels."""
+        texts = [
+            f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
+            f' {found.get(key, 0)} can be read'
+            for key in sorted(keys)
+            if stated.get(key, 0) != found.get(key, 0)
+        ]
+        if texts:
+            more = len(texts) - _MOST_NAMED
+            rest = f'; so with {more} more topics' if more > 0 else ''
+            listed = '; '.join(texts[:_MOST_NAMED])
+            self.findings.lose(f"file '{self.path.name}': its statistics count {listed}{rest}")
+
+    def read_all(self, heads: _Heads) -> None:
+        """Find out what the file holds by reading it."""
+        name = self.path.name
+        if heads.strange:
+            odd = plural(heads.strange, 'record')
+            self.findings.note(f"file '{name}' has {odd} of kind 0, which is none: passed over")
+        if heads.behind:
+            self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
+        for begin, end in heads.holes:
+            self.findings.lose(
+                f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
+                ' behind was found by the index of chunks'
+            )
+        last = self._count(heads.blocks)
+        for record in heads.definitions:
+            # What only the summary defines: the definitions in the data were lost.
+            key = int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
+            if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
+                self.define(None, 0, record)
+        for key in self.counts.keys() - self.channels.keys():
+            self.findings.lose(
+                f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
+                ' is defined nowhere, were not read'
+            )
+        if heads.statistics is not None:
+            self.compare(heads.statistics.channel_message_counts, self.counts, self.channels)
+        if not heads.is_finished:
+            self.cut = self._cut(heads, last)
+        elif heads.offset < self.size:
+            rest = plural(self.size - heads.offset, 'byte')
+            self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
+
+    def _count(self, blocks: list[Block]) -> int:
+        """Read all blocks for what they hold; return the messages of the last one."""
+        count, way = 0, FilePass(self)
+        for block in blocks:
+            count, block.channels, spans = 0, 0, []
+            for piece, groups in way.groups(block):
+                spans += self._spans(piece)
+                for key, rows in groups:
+                    count += rows.size
+                    block.channels |= bool(rows.size) << key
+            if way.is_over:
+                break
+            if block.channels:
+                block.start_ns = min((start for start, _ in spans), default=0)
+                block.end_ns = max((end for _, end in spans), default=0)
+                self.blocks.append(block)
+        self.counts = way.counts
+        return count
+
+    def _spans(self, piece: Piece) -> list[tuple[int, int]]:
+        """First and last log time of a piece, if it has any; widen the span of the file."""
+        times = piece.log_time_ns
+        if (times < 0).any():
+            self.findings.lose(
+                f"file '{self.path.name}': messages with a log time of 2^63 ns or more, which is"
+                ' no time, were not used'
+            )
+        times = times[times >= 0]
+        self.has_zero = self.has_zero or not times.all()
+        good = times[times > 0]
+        if good.size:
+            start, end = int(good.min()), int(good.max())
+            self.start_ns = start if self.start_ns is None else min(start, self.start_ns)
+            self.end_ns = end if self.end_ns is None else max(end, self.end_ns)
+        return [(int(times.min()), int(times.max()))] if times.size else []
+
+    def take_summary(self, heads: _Heads) -> bool:
+        """Take channels and counts from the summary, if nothing in it is odd."""
+        counts = heads.statistics
+        is_known = all(self.define(None, 0, r) for r in heads.definitions)
+        if counts is None or not is_known or self._ambiguous:
+            return False
+        stated = counts.channel_message_counts
+        if not stated.keys() <= self.channels.keys() or counts.channel_count != len(self.channels):
+            return False
+        if any(c.schema_id and c.schema_id not in self.schemas for c in self.channels.values()):
+            return False
+        if heads.indexed and +Counter(stated) != +heads.indexed:
+            return False
+        if not heads.indexed:
+            # Then nothing says what a chunk is without.
+            for block in heads.blocks:
+                block.channels = None
+        self.blocks, self.counts, self.is_stated = heads.blocks, Counter(stated), True
+        return not counts.message_count or self._take_spans(counts)
+
+    def _take_spans(self, counts: Statistics) -> bool:
+        """Take first and last time from the chunks; whether they can be those of messages."""
+        held = [block for block in self.blocks if block.channels != 0]
+        start = min((block.start_ns for block in held), default=0)
+        end = max((block.end_ns for block in held), default=0)
+        if end >= 1 << 63 or any(block.end_ns < block.start_ns for block in held):
+            return False
+        self.has_zero = start == 0
+        if self.has_zero and end >= DATED:
+            return False
+        if (start, end) != (counts.message_start_time, counts.message_end_time):
+            self.findings.note(
+                f"file '{self.path.name}': its statistics give other times than its chunks, which count"
+            )
+        self.start_ns, self.end_ns = start, end
+        return True
+
+    def _cut(self, heads: _Heads, last: int) -> Cut:
+        total = self.counts.total()
+        messages = plural(total, 'message')
+        saved = f', and {messages} before the cut'
+        if heads.has_ended:
+            saved = f', behind the last message; all {messages}'
+        text = (
+            f"file '{self.path.name}' is cut: its last whole record ends at byte {heads.offset} of"
+            f' {self.size}{saved} {"was" if total == 1 else "were"} saved'
+        )
+        if heads.blocks and heads.blocks[-1].is_cut and last:
+            text += f', {last} of them from the chunk that is cut'
+        return Cut(self.path, heads.offset, self.size, self.end_ns, text)
+
+
+class FilePass:
+    """One pass over the blocks of a file, as far as it takes no more than it may.
+
+    ``counts`` are the messages of each channel that were met. With ``is_over`` the file was read
+    to where it had taken all that it may, and nothing more comes of it.
+    """
+
+    def __init__(self, file: McapFile) -> None:
+        self.file = file
+        self.counts: Counter[int] = Counter()
+        self.is_over = False
+        self._most = self._left = _FREE + _FOR_EACH * file.size
+
+    def spend(self, block: Block, size: int) -> None:
+        """Take memory [bytes] for a block; with what is too much the pass is over."""
+        self._left -= size
+        if self._left < 0 and not self.is_over:
+            self.is_over = True
+            self.file.findings.lose(
+                f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
+                f' more than {self._most} bytes, the limit for its size'
+            )
+
+    def groups(self, block: Block) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
+        """Walk through a block, take the definitions in it, and report what is wrong with it.
+
+        Yields:
+            The records piece by piece, and which messages of it each channel has.
+        """
+        self.spend(block, block.size if block.size <= MOST else 0)
+        if self.is_over:
+            return
+        lose = self.file.findings.lose
+        try:
+            data = load(block)
+        except DamagedBlock as damage:
+            if not block.is_cut:
+                lose(f'{block.place} is damaged ({damage}) and was skipped')
+            return
+        unread = end = 0
+        for piece in walk(data):
+            known = [self.file.define(block, at, record) for at, record in piece.definitions.items()]
+            unread, end = unread + known.count(False) + piece.odd, piece.end
+            allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()]
+            self.counts.update({key: rows.size for key, rows in allowed})
+            yield piece, allowed
+        if unread:
+            lose(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
+        if end < len(data) and not block.is_cut:
+            rest = plural(len(data) - end, 'byte')
+            lose(f'{block.place} has {rest} at its end, no record: not read')
+
+
+class _Heads:
+    """The heads of the records of a file, as far as it was walked.
+
+    To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
+    ``statistics`` and ``definitions`` are those of the summary, ``indexed`` counts the messages of
+    each channel after the message indexes.
+    """
+
+    def __init__(self, file: int, path: Path, size: int) -> None:
+        self._file, self._path, self._size = file, path, size
+        self.offset = min(len(MAGIC), size)
+        self.blocks: list[Block] = []
+        self.has_ended = self.is_finished = self.behind = False
+        self.strange = 0
+        self.holes: list[tuple[int, int]] = []
+        self._places: list[int] | None = None
+        self.statistics: Statistics | None = None
+        self.definitions: list[bytes] = []
+        self.indexed: Counter[int] = Counter()
+        self._summary_start = 0
+        self._has_bare = False
+        self._footer = b''
+
+    def walk(self) -> None:
+        """Step through the records."""
+        while len(begin := os.pread(self._file, _BEGIN, self.offset)) >= HEAD.size:
+            kind, length = HEAD.unpack_from(begin)
+            offset, length = self.offset, length + HEAD.size
+            # A crash often leaves a tail of zeros, which are no records.
+            if (kind == 0 and length == HEAD.size) or length > self._size - offset:
+                if self._leap():
+                    continue
+                break
+            self.offset += length
+            if kind == Opcode.FOOTER:
+                self._footer = os.pread(self._file, min(length, _FOOTER + 1), offset)
+                self.has_ended = True
+                self.is_finished = os.pread(self._file, len(MAGIC), self.offset) == MAGIC
+                self.offset += len(MAGIC) * self.is_finished
+                return
+            if kind == Opcode.DATA_END:
+                self.has_ended, self._summary_start = True, self.offset
+            elif self.has_ended and kind not in _DATA:
+                self._take(kind, offset, length)
+            else:
+                self.behind = self.behind or self.has_ended
+                self._group(kind, offset, length, begin)
+        if not self.has_ended and len(begin) == _BEGIN and begin[0] == Opcode.CHUNK:
+            rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
+            block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
+            self.blocks.append(block)
+
+    def _leap(self) -> bool:
+        """Go on behind damage, where the index of chunks leads on; whether it does."""
+        if self._places is None:
+            self._places = self._read_places()
+        place = next((place for place in self._places if place > self.offset), None)
+        if place is None:
+            return False
+        self.holes.append((self.offset, place))
+        self.offset = place
+        if place == self._places[-1]:
+            self.has_ended, self._summary_start = True, place
+        return True
+
+    def _read_places(self) -> list[int]:
+        """Where the chunks begin after their index, and where the summary does."""
+        end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
+        if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
+            return []
+        start = int.from_bytes(end[HEAD.size : HEAD.size + 8], 'little')
+        if not 0 < start < self._size:
+            return []
+        data, at, places = os.pread(self._file, _MOST_SUMMARY, start), 0, []
+        while at + _INDEXED <= len(data):
+            kind, length = HEAD.unpack_from(data, at)
+            if kind == Opcode.CHUNK_INDEX:
+                places.append(int.from_bytes(data[at + _INDEXED - 8 : at + _INDEXED], 'little'))
+            at += HEAD.size + length
+        return [*sorted(place for place in places if place < start), start]
+
+    def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
+        """Put a record of the data into a block: the last one, if it may join that."""
+        self.strange += kind == 0
+        self._has_bare = self._has_bare or kind == Opcode.MESSAGE
+        last = self.blocks[-1] if self.blocks else None
+        if last is not None and offset != last.offset + last.length + last.index_length:
+            last = None
+        if kind == Opcode.MESSAGE_INDEX and last is not None and last.is_chunk:
+            channel = int.from_bytes(begin[9:11], 'little')
+            last.channels = (last.channels or 0) | 1 << channel
+            last.index_length += length
+            self.indexed[channel] += int.from_bytes(begin[11:15], 'little') // 16
+        elif kind in _BARE and last is not None and not last.is_chunk and last.length < _RUN:
+            last.length += length
+            last.size = last.length
+        elif kind == Opcode.CHUNK:
+            start = end = size = 0
+            if min(len(begin), length) == _BEGIN:
+                start, end, size, _, _ = CHUNK_HEAD.unpack_from(begin, HEAD.size)
+            start = start if start < 1 << 63 else 0
+            self.blocks.append(Block(self._path, offset, length, size, True, start_ns=start, end_ns=end))
+        elif kind in _BARE:
+            self.blocks.append(Block(self._path, offset, length, length, False))
+
+    def _take(self, kind: int, offset: int, length: int) -> None:
+        """Take a record of the summary, whose definitions may be in a damaged chunk only."""
+        if length > _LONGEST or kind not in (*_BARE, Opcode.STATISTICS):
+            return
+        record = os.pread(self._file, length, offset)
+        if kind != Opcode.STATISTICS:
+            self.definitions.append(record)
+            return
+        with contextlib.suppress(*PARSE_ERRORS):
+            self.statistics = Statistics.read(ReadDataStream(BytesIO(record[HEAD.size :])))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the footer says the same of the summary as the records, with its checksum.
+
+        The summary of a file that holds what no recorder of chunks writes is not used.
+        """
+        if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
+            return False
+        if self.behind or self._has_bare or self.strange or self.holes:
+            return False
+        footer = Footer.read(ReadDataStream(BytesIO(self._footer[HEAD.size :])))
+        length = self.offset - len(MAGIC) - 4 - self._summary_start
+        if footer.summary_start != self._summary_start or not 0 < length <= _MOST_SUMMARY:
+            return False
+        data = os.pread(self._file, length, self._summary_start)
+        return not footer.summary_crc or zlib.crc32(data) == footer.summary_crc
+
+
+def scan_file(path: Path, findings: Findings) -> McapFile:
+    """Find out what a file holds, and what is wrong with it.
+
+    Raises:
+        BagError: The file cannot be read, or is not MCAP.
+    """
+    try:
+        with open_file(path) as file:
+            number = file.fileno()
+            # A recorder stopped while it created the file leaves a part of the magic, or nothing.
+            begin = os.pread(number, len(MAGIC), 0)
+            if not MAGIC.startswith(begin):
+                raise BagError(
+                    f"bag file '{path}' is not an MCAP recording: it begins with bytes {begin.hex(' ')}"
+                )
+            size = os.fstat(number).st_size
+            heads = _Heads(number, path, size)
+            heads.walk()
+            found = McapFile(path, size, findings)
+            if not (heads.is_sound and found.take_summary(heads)):
+                found = McapFile(path, size, findings)
+                found.read_all(heads)
+    except OSError as error:
+        raise BagError(f"bag file '{path}' cannot be read: {error.strerror}") from None
+    return found

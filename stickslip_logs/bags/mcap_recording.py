@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording in MCAP: one file, or the files of a rosbag2 folder in order.
+
+The blocks of a recording are taken in the order in which they begin, and what lies before the
+beginning of the next one is put in order and handed on. So memory holds the blocks that overlap
+in time and no more: as a rule two. Only a recording whose blocks all span much of it, because it
+was written in no order of time, takes memory in proportion to its length.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel
+
+from stickslip_logs.bags.log_times import BlockSteps, question_of_unit
+from stickslip_logs.bags.mcap_chunks import Block, Piece
+from stickslip_logs.bags.mcap_file import DATED, FilePass, McapFile
+from stickslip_logs.bags.message_fields import FieldReader, MessageReading, TopicNumbers
+from stickslip_logs.bags.recording import (
+    Columns,
+    Findings,
+    Message,
+    Progress,
+    Recording,
+    Request,
+    Scratch,
+    TimeSpans,
+    TopicInfo,
+    part,
+)
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.errors import BagError, plural
+
+# Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
+_OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19
+
+_LATEST_NS = (1 << 63) - 1
+# What a number takes that is kept until all before it is known [bytes].
+_ROW = 24
+_BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
+_UNSET = 'have log time 0, as of a clock that was not set, and were not used'
+_REFUSED = 'come behind a definition that does not fit, and were not used'
+
+Chosen = list[tuple[int, Channel, IntArray]]
+"""The number of a topic, one of its channels, and which messages of a piece."""
+
+
+@dataclass(slots=True, eq=False)
+class Job:
+    """A block to read, its place in the recording, the pass over its file, and when it begins."""
+
+    number: int
+    block: Block
+    way: FilePass
+    start_ns: int
+    end_ns: int
+
+
+MakeColumns = Callable[[Job, Piece, Chosen], Columns]
+
+
+class Pass:
+    """A pass over the blocks of a recording that have messages of some topics.
+
+    Args:
+        files: The recording.
+        steps: Where the clock of its recorder was set back.
+        topics: The topics, which are numbered in this order.
+        progress: Given the bytes done and the bytes to do after each block.
+        spans: The log times wanted; all when None.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[McapFile],
+        steps: BlockSteps,
+        topics: Iterable[str],
+        progress: Progress | None = None,
+        spans: TimeSpans | None = None,
+    ) -> None:
+        self._progress, self._steps = progress, steps
+        self.numbers = {topic: number for number, topic in enumerate(topics)}
+        self._ways = [FilePass(file) for file in files]
+        blocks = ((block, way) for way in self._ways for block in way.file.blocks)
+        jobs = [Job(k, block, way, *steps.span(k, block)) for k, (block, way) in enumerate(blocks)]
+        masks = {way.file.path: sum(1 << key for key in self._keys(way.file)) for way in self._ways}
+        self._jobs = sorted(
+            (
+                job
+                for job in jobs
+                if (job.block.channels is None or job.block.channels & masks[job.block.path])
+                and (spans is None or spans.overlap(job.start_ns, job.end_ns))
+            ),
+            key=operator.attrgetter('start_ns', 'number'),
+        )
+
+    def _keys(self, file: McapFile) -> list[int]:
+        """The channels of the topics in a file."""
+        return [key for key, c in file.channels.items() if c.topic in self.numbers]
+
+    def stretches(self, columns_of: MakeColumns, least: int, most: int) -> Iterator[Columns]:
+        """Yield all messages in the order of time, then of place, some at a time.
+
+        Args:
+            columns_of: Makes the columns of a piece's messages.
+            least: How many messages wait before some are handed on.
+            most: How many of them are handed on at a time.
+        """
+        waiting: list[Columns] = []
+        size, limit, handed = 0, least, -1
+        # The least number of a block that is still to come.
+        numbers = np.array([job.number for job in self._jobs] + [1 << 62])
+        rest = np.minimum.accumulate(numbers[::-1])[::-1]
+        total, done = sum(job.block.length for job in self._jobs), 0
+        for k, job in enumerate(self._jobs):
+            if job.way.is_over:
+                continue
+            own = list(self._read(job, columns_of, handed))
+            waiting += own
+            size += sum(columns[0].size for columns in own)
+            done += job.block.length
+            if self._progress is not None:
+                self._progress(done, total)
+            if not waiting or size < limit or k + 1 == len(self._jobs):
+                continue
+            handed = self._jobs[k + 1].start_ns
+            columns = _in_order(waiting)
+            cut = columns[0].searchsorted(handed)
+            if not cut and columns[1].max() < rest[k + 1]:
+                # So many of one time: it is split, rather than to wait for more.
+                cut = columns[0].searchsorted(handed, 'right')
+            yield from _some(part(columns, slice(cut)), most)
+            waiting = [part(columns, slice(cut, None))]
+            size = waiting[0][0].size
+            limit = least + 2 * size
+        if waiting:
+            yield from _some(_in_order(waiting), most)
+        if self._steps.text:
+            self._ways[0].file.findings.note(self._steps.text)
+
+    def _read(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
+        """What is made of a block, as far as it can be read.
+
+        Messages from before a time were handed on [ns], and are left out here: a block may lie
+        about its times.
+        """
+        file, late = job.way.file, 0
+        for piece, groups in job.way.groups(job.block):
+            chosen: Chosen = []
+            for key, rows in groups:
+                channel = file.channels.get(key)
+                if channel is None and file.is_stated:
+                    file.findings.lose(
+                        f'{job.block.place} has messages of channel {key}, which is defined nowhere: not read'
+                    )
+                elif channel is not None and channel.topic in self.numbers and rows.size:
+                    chosen.append((self.numbers[channel.topic], channel, rows))
+            if not chosen:
+                continue
+            piece.log_time_ns = self._steps.follow(job.number, file, piece)
+            columns = columns_of(job, piece, chosen)
+            if job.way.is_over:
+                break
+            is_late = columns[0] < handed
+            late += int(np.count_nonzero(is_late))
+            yield part(columns, ~is_late) if is_late.any() else columns
+        if late:
+            file.findings.lose(
+                f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
+                ' says: they were not used'
+            )
+
+    def compare(self) -> None:
+        """Report what a summary counts otherwise, when all was read."""
+        for way in self._ways:
+            if way.file.is_stated:
+                way.file.compare(way.file.counts, way.counts, self._keys(way.file))
+
+
+def _in_order(parts: Sequence[Columns]) -> Columns:
+    """Columns as one, in the order of time, then of blocks, then as they are."""
+    columns = tuple(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    time, number = columns[:2]
+    later, same = time[1:] > time[:-1], time[1:] == time[:-1]
+    if (later | (same & (number[1:] >= number[:-1]))).all():
+        return columns
+    return part(columns, np.lexsort((number, time)))
+
+
+def _some(columns: Columns, most: int) -> Iterator[Columns]:
+    """Some messages at a time; those of one time are split only if these are too many."""
+    while columns[0].size > most:
+        times = columns[0][:most]
+        end = int(times.searchsorted(times[-1])) or most
+        yield part(columns, slice(end))
+        columns = part(columns, slice(end, None))
+    if columns[0].size:
+        yield columns
+
+
+class McapReading(MessageReading):
+    """A pass over MCAP files for numbers of some topics.
+
+    Raises:
+        BagError: A path does not lead to a number.
+    """
+
+    def __init__(self, own: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None) -> None:
+        super().__init__(wanted)
+        self._least = own.least_ns
+        self._pass = Pass(own.contents, own.steps, [each.topic for each in wanted], progress)
+        for each in wanted:
+            known = [
+                self._reader(each, file, channel)
+                for file in own.contents
+                for channel in list(file.channels.values())
+                if channel.topic == each.topic
+            ]
+            # What does not fit beside what does is not read.
+            errors = [reader for reader in known if isinstance(reader, BagError)]
+            if errors and len(errors) == len(known):
+                raise errors[0]
+
+    def _stretches(self) -> Iterator[Columns]:
+        most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
+        for time, _, *others in self._pass.stretches(self._columns, most, most):
+            yield time, *others
+        self._pass.compare()
+
+    def _reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
+        """What reads the messages of a channel, or why nothing can."""
+        schema, problem = file.schemas.get(channel.schema_id), file.problem(channel)
+        if schema is None or problem:
+            return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
+        return wanted.reader(schema)
+
+    def _columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
+        times = stamp = piece.log_time_ns
+        topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
+        values = np.full((self._width, times.size), np.nan)
+        for number, channel, rows in chosen:
+            wanted, own_times = self._wanted[number], times[rows]
+            if own_times.min() < self._least:
+                beyond = int((own_times < 0).sum())
+                wanted.reasons[_BEYOND] += beyond
+                wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
+            reader = self._reader(wanted, job.way.file, channel)
+            if isinstance(reader, BagError):
+                job.way.file.findings.lose(f'{job.block.place} has messages of another definition: {reader}')
+                wanted.count += rows.size
+                wanted.reasons[_REFUSED] += rows.size
+                continue
+            found, stamps = reader.read(piece.data, piece.offset[rows], piece.size[rows], own_times)
+            job.way.spend(job.block, _ROW * rows.size)
+            topic[rows] = number
+            for column, own in zip(values, found, strict=False):
+                column[rows] = own
+            if stamps is not own_times:
+                stamp = stamp.copy() if stamp is times else stamp
+                stamp[rows] = stamps
+        is_wanted = (topic >= 0) & (times >= self._least)
+        columns = times, block, topic, stamp, values
+        return columns if is_wanted.all() else part(columns, is_wanted)
+
+
+class McapRecording(Recording):
+    """The files of a recording in MCAP.
+
+    Attributes:
+        contents: What the files hold.
+        least_ns: The least log time that is one: among dates, 0 is that of a clock that was not
+            set [ns].
+        steps: Where the clock of the recorder was set back.
+    """
+
+    def __init__(self, path: Path, files: Sequence[McapFile], findings: Findings, scratch: Scratch) -> None:
+        self.path, self._scratch = path, scratch
+        self._topics = _list_topics(files)
+        self.contents, self._findings = tuple(files), findings
+        self.files = tuple(file.path for file in files)
+        self._message_count = sum(file.counts.total() for file in files)
+        self.cuts = tuple(file.cut for file in files if file.cut is not None)
+        self.least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
+        starts = [file.start_ns for file in files if file.start_ns is not None]
+        if self.least_ns == 0 and any(file.has_zero for file in files):
+            starts.append(0)
+        ends = [file.end_ns for file in files if file.end_ns is not None]
+        self.start_ns = min(starts, default=None)
+        self.end_ns = max(ends, default=self.start_ns)
+        most = max((topic.count for topic in self.topics.values()), default=0)
+        if question := question_of_unit(self.start_ns, self.end_ns, most):
+            findings.note(question)
+        self.steps = BlockSteps(files, self.least_ns)
+        if self.steps.text:
+            findings.note(self.steps.text)
+
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` definition of a topic's messages."""
+        self._readable(topic)
+        definitions = (
+            file.schemas[channel.schema_id].data
+            for file in self.contents
+            for channel in file.channels.values()
+            if channel.topic == topic
+        )
+        return next(definitions).decode(errors='replace')
+
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> McapReading:
+        """Read numbers of some topics in blocks."""
+        wanted = [TopicNumbers(topic, paths) for topic, paths in self._asked(requests).items()]
+        return McapReading(self, wanted, progress)
+
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield messages by log time, then by place in the recording.
+
+        A block is in memory while its time lasts.
+        """
+        names = [(name, self._topic(name).type) for name in (self.topics if topics is None else topics)]
+        wanted = spans or TimeSpans([(self.least_ns, _LATEST_NS)])
+
+        def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
+            topic = np.full(piece.log_time_ns.size, -1)
+            for number, _, rows in chosen:
+                topic[rows] = number
+            rows = np.flatnonzero((topic >= 0) & wanted.holds(piece.log_time_ns))
+            begin, end = piece.offset[rows], piece.offset[rows] + piece.size[rows]
+            data = np.empty(rows.size, np.object_)
+            data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
+            return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
+
+        way = Pass(self.contents, self.steps, [name for name, _ in names], spans=spans)
+        return (
+            Message(names[topic][0], names[topic][1], time, data)
+            for columns in way.stretches(encoded, 1, _OF_ALL)
+            for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True)
+        )
+
+
+def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
+    """List the topics of all files, by name."""
+    found: dict[str, list[TopicInfo]] = {}
+    for file in files:
+        for key, channel in file.channels.items():
+            kind, encoding = file.type_of(channel), channel.message_encoding
+            info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.problem(channel))
+            found.setdefault(channel.topic, []).append(info)
+    return {name: _joined(found[name]) for name in sorted(found)}
+
+
+def _joined(members: Sequence[TopicInfo]) -> TopicInfo:
+    """One topic of all that bear its name."""
+    types = list(dict.fromkeys(each.type for each in members))
+    problems = [each.problem for each in members if each.problem]
+    if len(types) > 1:
+        problems.append(f'it has several types: {", ".join(types)}')
+    count = sum(each.count for each in members)
+    return replace(members[0], count=count, problem=problems[0] if problems else '')

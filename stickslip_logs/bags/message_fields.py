@@ -1,0 +1,581 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers out of CDR messages: their definitions in ``ros2msg`` text, and the way to one number.
+
+A message is a row of tokens.  A cursor steps over them: one number for all messages while nothing
+of variable length was met, an array of one per message behind it.
+Messages that this cannot follow are decoded one by one with mcap-ros2-support, which is also the
+reference for the bulk reader.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import re
+import struct
+import threading
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.records import Schema
+from mcap.well_known import MessageEncoding
+from mcap_ros2.decoder import DecoderFactory
+from numpy.typing import NDArray
+
+from stickslip_logs.bags.mcap_chunks import view
+from stickslip_logs.bags.recording import Fault, Request, Series, short_name
+from stickslip_logs.fields import NAMES, ByName, FieldPath, NumberField
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.files import read_file
+
+# numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
+# takes char as signed.
+NUMBERS: Mapping[str, str] = {
+    'bool': '?',
+    'byte': 'u1',
+    'char': 'i1',
+    'int8': 'i1',
+    'uint8': 'u1',
+    'int16': 'i2',
+    'uint16': 'u2',
+    'int32': 'i4',
+    'uint32': 'u4',
+    'int64': 'i8',
+    'uint64': 'u8',
+    'float32': 'f4',
+    'float64': 'f8',
+}
+TEXTS = ('string', 'wstring')
+
+LONGEST_TEXT = 1 << 18
+"""Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
+_MOST_DIGITS = 10
+# CDR counts items with 32 bits.
+_LONGEST_SEQUENCE = (1 << 32) - 1
+# Beyond this a message is no telemetry, and its tokens would cost more than they save.
+_MOST_TOKENS = 500
+# A type that contains itself has no end.
+_DEEPEST = 50
+
+_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<number>\d*)\])?')
+_SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
+_CONSTANT = re.compile(r'\S+\s+\w+\s*=')
+
+_ENCAPSULATION = 4
+# As the two bytes lie in the message, read little-endian.
+_CDR_LE, _CDR_BE = 0x0100, 0x0000
+_SECOND = 1_000_000_000
+_STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec'))
+
+# The standard error belongs to the process, not to one of its threads.
+_SILENCE = threading.Lock()
+# Everything the decoder raises on data that is not of the type the schema describes.
+_DECODE_ERRORS = (struct.error, ValueError, LookupError, NotImplementedError, RecursionError, MemoryError)
+
+
+class SchemaError(Exception):
+    """A definition cannot be used, or a path does not fit it; the text is a clause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field of a type.
+
+    ``base`` is a primitive or a type's name. ``array`` is how the definition writes that it is an
+    array, empty for none; ``size`` the length of a fixed one, ``most`` the largest of any.
+    """
+
+    name: str
+    base: str
+    array: str = ''
+    size: int | None = None
+    most: int = _LONGEST_SEQUENCE
+
+    @property
+    def text(self) -> str:
+        """The type as a message definition writes it."""
+        return self.base + self.array
+
+
+Definitions = Mapping[str, tuple[Field, ...]]
+
+# What the decoder assumes where the text does not define them.
+_TIME = (Field('sec', 'uint32'), Field('nanosec', 'uint32'))
+
+
+def parse_schema(name: str, data: bytes) -> Definitions:
+    """Parse a concatenated message definition to the fields of every type by short name.
+
+    Raises:
+        SchemaError: A line is not a field, or a type is used but not defined.
+    """
+    if len(data) > LONGEST_TEXT:
+        raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
+    try:
+        first, *others = _SEPARATOR.split(data.decode())
+    except UnicodeDecodeError:
+        raise SchemaError('its definition is not text') from None
+    found: dict[str, tuple[Field, ...]] = {
+        'builtin_interfaces/Time': _TIME,
+        'builtin_interfaces/Duration': _TIME,
+    }
+    found[short_name(name)] = _fields(_lines(first), name)
+    for part in others:
+        head, *lines = _lines(part) or ['']
+        if not head.startswith('MSG:'):
+            raise SchemaError('its definition has a part without a name')
+        name = head.removeprefix('MSG:').strip()
+        found[short_name(name)] = _fields(lines, name)
+    for name, members in found.items():
+        for member in members:
+            if '/' in member.base and member.base not in found:
+                raise SchemaError(f'its definition leaves {member.base}, used by {name}, undefined')
+    return found
+
+
+def _lines(text: str) -> list[str]:
+    """The lines of a definition that say something."""
+    lines = (line.partition('#')[0].strip() for line in text.splitlines())
+    return [line for line in lines if line]
+
+
+def _fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
+    """The fields of a type; a SchemaError where a line is none."""
+    package = name.split('/')[0]
+    return tuple(_field(line, package) for line in lines if not _CONSTANT.match(line))
+
+
+def _field(line: str, package: str) -> Field:
+    type_text, *rest = line.split()
+    match = _TYPE.fullmatch(type_text)
+    if match is None or not rest:
+        raise SchemaError(f"its definition has the line '{line}', which is not a field")
+    base, array, number = match['base'], match['array'] or '', match['number'] or ''
+    if base not in NUMBERS and base not in TEXTS and '/' not in base:
+        base = f'{package}/{base}'
+    if len(number) > _MOST_DIGITS or int(number or 0) > _LONGEST_SEQUENCE:
+        raise SchemaError(f"its definition has the line '{line}', an array that is too long")
+    if match['bound'] and not number:
+        raise SchemaError(f"its definition has the line '{line}', a bound without a number")
+    most = int(number) if number else _LONGEST_SEQUENCE
+    return Field(rest[0], base, array, most if number and not match['bound'] else None, most)
+
+
+def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
+    """Follow a path through the definition of a type to the primitive at its end.
+
+    Raises:
+        SchemaError: The path does not lead to a number.
+    """
+    steps = list(path)
+    current = short_name(root)
+    while steps:
+        step = steps.pop(0)
+        members = {member.name: member for member in definitions[current]}
+        if not isinstance(step, str) or step not in members:
+            names = ', '.join(members) or 'none'
+            raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
+        member = members[step]
+        if member.array:
+            _check_element(member, steps, members)
+        elif steps and not isinstance(steps[0], str):
+            raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
+        current = member.base
+        if current in TEXTS or (current in NUMBERS and steps):
+            rest = '' if current in TEXTS else f", which has no field '{steps[0]}'"
+            raise SchemaError(f"'{step}' is a {current}{rest or ', not a number'}")
+    if current not in NUMBERS:
+        names = ', '.join(member.name for member in definitions[current])
+        raise SchemaError(f'it ends at a {current}, not at a number: its fields are {names}')
+    return current
+
+
+def _check_element(member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]) -> None:
+    """Take the index of an array's element, or its name, off a path."""
+    index = steps.pop(0) if steps else None
+    name, text = member.name, member.text
+    if isinstance(index, ByName):
+        names = members.get(NAMES)
+        if names is None or names.base != 'string' or not names.array:
+            raise SchemaError(
+                f"'{name}' has no list '{NAMES}' beside it to choose [{index}] by: give a number"
+            )
+        return
+    if not isinstance(index, int):
+        raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
+    if index >= member.most:
+        raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
+
+
+class Token(NamedTuple):
+    """A stretch of CDR data: ``length`` numbers of numpy type ``code``.
+
+    Where there is no ``length``, it stands before them. A text is such a sequence of bytes.
+    """
+
+    code: str
+    length: int | None = 1
+
+
+Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
+"""Tokens of a message and, for each number wanted, its token and its place in it."""
+
+
+def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPath]) -> Layout | None:
+    """Compile the layout of a type for the numbers at some paths.
+
+    None is returned for a type whose messages must be decoded one by one.
+    """
+    if any(isinstance(step, ByName) for path in paths for step in path):
+        return None
+    tokens: list[Token] = []
+    numbers: dict[FieldPath, int] = {}
+    for path, token in _tokens(definitions, short_name(root), ()):
+        if token is None or len(tokens) >= _MOST_TOKENS:
+            return None
+        numbers[path] = len(tokens)
+        tokens.append(token)
+    elements = [path[-1] if isinstance(path[-1], int) else None for path in paths]
+    return tokens, [
+        (numbers[path], 0) if element is None else (numbers[path[:-1]], element)
+        for path, element in zip(paths, elements, strict=True)
+    ]
+
+
+def _tokens(
+    definitions: Definitions, root: str, prefix: FieldPath
+) -> Iterator[tuple[FieldPath, Token | None]]:
+    """List the tokens of a type with their paths; None for what has no layout."""
+    if len(prefix) > _DEEPEST:
+        yield prefix, None
+        return
+    if not definitions[root]:
+        # CDR has no empty structure; ROS 2 gives it one unused byte.
+        yield (*prefix, ''), Token('u1')
+    for member in definitions[root]:
+        path = (*prefix, member.name)
+        count = member.size if member.array else 1
+        if member.base in NUMBERS:
+            yield path, Token(NUMBERS[member.base], count)
+        elif member.base == 'wstring' or count is None:
+            yield path, None
+        else:
+            for own in ((*path, index) for index in range(count)) if member.array else [path]:
+                if member.base in TEXTS:
+                    yield own, Token('u1', None)
+                else:
+                    yield from _tokens(definitions, member.base, own)
+
+
+def _gather(
+    layout: Layout, data: bytes, base: IntArray, size: IntArray, order: str
+) -> tuple[list[NDArray[Any]], BoolArray]:
+    """Gather numbers from messages by stepping through all of them at once.
+
+    Args:
+        layout: Their layout.
+        data: What they lie in.
+        base: Where each message's CDR data begins in it, behind its encapsulation head.
+        size: How long it is [bytes].
+        order: Its byte order, as numpy writes it.
+
+    Returns:
+        An array for each number, and for which messages they count: only the decoder knows what
+        a message holds that has anything unusual.
+    """
+    sound = np.ones(len(base), np.bool_)
+
+    def fetch(code: str, place: int | IntArray) -> NDArray[Any]:
+        numbers = view(data, order + code)
+        np.logical_and(sound, place + numbers.itemsize <= size, out=sound)
+        spot = base + place
+        found: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
+        return found
+
+    tokens, targets = layout
+    found: dict[tuple[int, int], NDArray[Any]] = {}
+    place: int | IntArray = 0
+    for number, (code, count) in enumerate(tokens):
+        # A byte that is neither 0 nor 1 is still a bool, but not one numpy can hold.
+        stored, width = 'u1' if code == '?' else code, np.dtype(code).itemsize
+        length: int | IntArray = count or 0
+        if count is None:
+            place = _align(place, 4)
+            length = fetch('u4', place).astype(np.int64)
+            place = place + 4
+        begin = _align(place, width)
+        for target in targets:
+            if target[0] == number and target not in found:
+                sound &= target[1] < length
+                values = fetch(stored, begin + target[1] * width)
+                found[target] = values != 0 if code == '?' else values
+        end = begin + length * width
+        # Nothing is aligned for the items of a sequence that has none.
+        place = np.where(length > 0, end, place) if count is None else end
+    sound &= place <= size
+    return [found[target] for target in targets], sound
+
+
+def _align(place: int | IntArray, size: int) -> int | IntArray:
+    return (place + size - 1) // size * size if size > 1 else place
+
+
+def _decoder(schema: Schema) -> Callable[[bytes], Any]:
+    """The decoder of mcap-ros2-support; raises SchemaError where it takes no such definition."""
+    try:
+        # The parser prints what it raises.
+        with _SILENCE, contextlib.redirect_stderr(io.StringIO()):
+            decode = DecoderFactory().decoder_for(MessageEncoding.CDR, schema)
+    except Exception as error:  # The parser raises whatever its parts raise.
+        raise SchemaError(f'its definition cannot be parsed ({error})') from None
+    if decode is None:
+        raise SchemaError(f"its schema encoding '{schema.encoding}' is not ros2msg")
+    return decode
+
+
+@dataclass(slots=True)
+class TopicNumbers:
+    """The numbers wanted of one topic with the requests for each, and what was wrong with them.
+
+    ``count`` is how many messages were read, ``reasons`` counts those without numbers, ``short``
+    those whose array is too short for one.
+    """
+
+    topic: str
+    requests: Mapping[FieldPath, Sequence[Request]]
+    count: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    short: Counter[int] = field(default_factory=Counter)
+    _readers: dict[tuple[str, bytes], FieldReader | BagError] = field(default_factory=dict)
+
+    def reader(self, schema: Schema) -> FieldReader | BagError:
+        """What reads the messages of a schema, or why nothing can."""
+        key = schema.name, schema.data
+        if key not in self._readers:
+            try:
+                self._readers[key] = FieldReader(self, schema)
+            except BagError as error:
+                self._readers[key] = error
+        return self._readers[key]
+
+    def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
+        """What was wrong, for each request."""
+        for row, requests in enumerate(self.requests.values()):
+            short = f"lack the element of field '{requests[0].field}'"
+            faults = tuple(
+                Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
+                for reason, count in ({**self.reasons, short: self.short[row]}).items()
+                if count
+            )
+            yield from ((request, faults) for request in requests)
+
+
+class FieldReader:
+    """Reads the numbers wanted of a topic from messages of one definition, many at once.
+
+    Raises:
+        BagError: A path does not lead to a number, or the definition cannot be used.
+    """
+
+    def __init__(self, wanted: TopicNumbers, schema: Schema) -> None:
+        self._wanted, self._paths = wanted, tuple(wanted.requests)
+        self._fields = [NumberField(path) for path in self._paths]
+        self._undecoded = f'cannot be decoded as {schema.name}'
+        try:
+            definitions = parse_schema(schema.name, schema.data)
+            self._check(wanted.topic, schema.name, definitions)
+            self._stamped = _has_header(definitions, schema.name)
+            self._decode = _decoder(schema)
+        except SchemaError as error:
+            raise BagError(f"topic '{wanted.topic}' ({schema.name}) cannot be read: {error}") from None
+        paths = (*self._paths, *(_STAMP if self._stamped else ()))
+        self._layout = compile_layout(definitions, schema.name, paths)
+
+    def _check(self, topic: str, type_name: str, definitions: Definitions) -> None:
+        for path in self._paths:
+            try:
+                number_at(definitions, type_name, path)
+            except SchemaError as error:
+                steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
+                raise BagError(
+                    f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
+                    f' is no number: {error}'
+                ) from None
+
+    def read(
+        self, data: bytes, offset: IntArray, size: IntArray, log_time_ns: IntArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Read n messages whose data lies at some offsets of a block of records [bytes].
+
+        Returns:
+            A row of n values for each path, and the stamps [ns]: the log times where there are none.
+        """
+        count, faults = len(offset), self._wanted.reasons
+        self._wanted.count += count
+        values = np.full((len(self._paths), count), np.nan)
+        stamp_ns = log_time_ns.copy() if self._stamped else log_time_ns
+        rows = np.flatnonzero(size >= _ENCAPSULATION)
+        if len(rows) < count:
+            faults[self._undecoded] += count - len(rows)
+        # The two bytes of the representation: zero, and zero or one for plain CDR.
+        kind = view(data, '<u2')[offset[rows]]
+        for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
+            if (mine := rows[kind == code]).size:
+                # As a rule all, which are not copied.
+                own = mine if mine.size < count else slice(None)
+                for place in self._fill(values, stamp_ns, own, data, offset[own], size[own], order).tolist():
+                    begin = int(offset[place])
+                    self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
+        other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
+        for code, number in sorted(Counter(other.byteswap().tolist()).items()):
+            faults[f'are in the encapsulation 0x{code:04x}, which is not decoded'] += number
+        return values, stamp_ns
+
+    def _fill(
+        self,
+        values: FloatArray,
+        stamp_ns: IntArray,
+        rows: IntArray | slice,
+        data: bytes,
+        offset: IntArray,
+        size: IntArray,
+        order: str,
+    ) -> IntArray:
+        """Fill in messages in one byte order; which of them have to be decoded one by one."""
+        every = np.arange(len(stamp_ns))[rows]
+        if self._layout is None:
+            return every
+        found, sound = _gather(self._layout, data, offset + _ENCAPSULATION, size - _ENCAPSULATION, order)
+        for row, own in zip(values, found, strict=False):
+            row[rows] = own
+        if self._stamped:
+            sec, nanosec = (part.astype(np.int64) for part in found[-2:])
+            own_ns = sec * _SECOND + nanosec
+            stamp_ns[rows] = np.where(sound & (own_ns != 0), own_ns, stamp_ns[rows])
+        return every[~sound]
+
+    def _decode_alone(self, data: bytes, place: int, values: FloatArray, stamp_ns: IntArray) -> None:
+        """Fill in a message that is decoded by itself."""
+        values[:, place] = math.nan
+        try:
+            message = self._decode(data)
+        except _DECODE_ERRORS:
+            self._wanted.reasons[self._undecoded] += 1
+            return
+        for row, own in enumerate(self._fields):
+            try:
+                values[row, place] = own.read(message)
+            except LookupError:
+                self._wanted.short[row] += 1
+        if self._stamped:
+            stamp = message.header.stamp
+            stamp_ns[place] = stamp.sec * _SECOND + stamp.nanosec or stamp_ns[place]
+
+
+def _has_header(definitions: Definitions, root: str) -> bool:
+    first = definitions[short_name(root)][:1]
+    if [(member.name, member.text) for member in first] != [('header', 'std_msgs/Header')]:
+        return False
+    try:
+        return all(number_at(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
+    except SchemaError:
+        return False
+
+
+class MessageReading(ABC):
+    """A pass over messages for numbers of some topics."""
+
+    def __init__(self, wanted: Sequence[TopicNumbers]) -> None:
+        self._wanted, self._sequence = wanted, 0
+        self._width = max((len(each.requests) for each in wanted), default=0)
+
+    @abstractmethod
+    def _stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Stretches of n messages: log times [ns], numbers of topics, stamps [ns], values, shape (k, n)."""
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series, without faults, of one stretch of time after the other.
+
+        Raises:
+            BagError: A file cannot be read.
+        """
+        none = np.empty(0, np.int64)
+        is_empty = True
+        for stretch in self._stretches():
+            is_empty = False
+            yield self._series(*stretch)
+        if is_empty:
+            yield self._series(none, none, none, np.empty((self._width, 0)))
+
+    def _series(
+        self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
+    ) -> dict[Request, Series]:
+        result: dict[Request, Series] = {}
+        is_unstamped = np.array_equal(log_time_ns, stamp_ns)
+        for number, each in enumerate(self._wanted):
+            rows = np.flatnonzero(topic == number)
+            own = log_time_ns[rows]
+            times = own, own if is_unstamped else stamp_ns[rows], rows + self._sequence
+            for value, requests in zip(values, each.requests.values(), strict=False):
+                result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
+        self._sequence += log_time_ns.size
+        return result
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """What was wrong with the messages read."""
+        return dict(pair for each in self._wanted for pair in each.faults())
+
+
+_BUILT_IN = Path(__file__).with_name('definitions.txt')
+_RULE = '=' * 80
+
+
+def definition_of(kind: str) -> str | None:
+    """The ``ros2msg`` text of a type with all that it uses; None where it is not known."""
+    parts: dict[str, str] = {}
+    if not _collect(short_name(kind), parts):
+        return None
+    first, *others = parts.items()
+    return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in others)
+
+
+def _collect(name: str, parts: dict[str, str]) -> bool:
+    """Take up a type and those that it uses; whether all are known."""
+    text = _built_in().get(name) or _sourced(name)
+    if text is None:
+        return False
+    parts[name] = text
+    try:
+        bases = [member.base for member in _fields(_lines(text), name)]
+    except SchemaError:
+        return False
+    return all('/' not in base or base in parts or _collect(short_name(base), parts) for base in bases)
+
+
+@cache
+def _built_in() -> dict[str, str]:
+    _, *parts = re.split(r'^MSG: (.*)\n', _BUILT_IN.read_text('utf-8'), flags=re.MULTILINE)
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _sourced(name: str) -> str | None:
+    """The definition among the packages of ROS 2."""
+    if not re.fullmatch(r'\w+/\w+', name):
+        return None
+    package, own = name.split('/')
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        path = Path(prefix) / 'share' / package / 'msg' / f'{own}.msg'
+        try:
+            return read_file(path, LONGEST_TEXT).decode('utf-8', 'replace').rstrip() + '\n'
+        except OSError:
+            continue
+    return None

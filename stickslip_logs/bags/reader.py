@@ -1,0 +1,509 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opens recordings of every format, finds those of an archive, and takes one that is piped."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import gzip
+import itertools
+import os
+import re
+import tempfile
+import unicodedata
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
+
+import yaml
+import zstandard
+
+from stickslip_logs.bags.mcap_chunks import MAGIC
+from stickslip_logs.bags.mcap_file import McapFile, scan_file
+from stickslip_logs.bags.mcap_recording import McapRecording
+from stickslip_logs.bags.recording import (
+    METADATA_NAME,
+    METADATA_ROOT,
+    MOST_NAMED,
+    Findings,
+    Recording,
+    Scratch,
+)
+from stickslip_logs.bags.sqlite_recording import MAGIC as SQLITE
+from stickslip_logs.bags.sqlite_recording import SqliteRecording
+from stickslip_logs.bags.table_recording import TableRecording
+from stickslip_logs.tables.dialect import GZIP
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.files import near_name, open_file, read_file
+
+# What is often brought and not read, by its first bytes, with the remedy.
+_FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
+    (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV'),
+    (
+        b'#ROSBAG V',
+        "a recording of ROS 1: convert it with 'rosbags-convert --src {0} --dst NEW' (pip install rosbags)",
+    ),
+    (b'MDF ', 'an MDF measurement (.mf4): export it as CSV'),
+    (b'\x89HDF', 'an HDF5 file: export it as CSV or Parquet'),
+    (b'TDSm', 'a TDMS file of LabVIEW: export it as CSV'),
+    # From 7.3 it is HDF5 behind this head.
+    ((b'MATLAB 5.0', b'MATLAB 7.3'), 'a MATLAB file: write it as CSV with writetable or writematrix'),
+    (b'version https://git-lfs', "a pointer of Git LFS: bring the file itself with 'git lfs pull'"),
+    (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
+)
+_LOOK = 4096
+_ZSTD = b'\x28\xb5\x2f\xfd'
+# What a packed file may grow to [bytes]: so much, and so much for each of its own.
+_FREE, _FOR_EACH = 160 << 20, 100
+_PIECE = 1 << 20
+# Parts of one recording lap over by less than that, and are not further apart [ns].
+_OVERLAP_NS, _APART_NS = 10**9, 3600 * 10**9
+
+
+def open_bag(path: str | Path) -> Recording:
+    """Open a recording.
+
+    Args:
+        path: A file of MCAP or SQLite, a rosbag2 folder with or without its ``metadata.yaml``, or
+            a log: CSV and its kin, Parquet, NMEA 0183 or Signal K.
+
+    Returns:
+        The recording.  Files that are cut and topics that cannot be decoded are part of it, not
+        errors.
+
+    Raises:
+        BagError: There is no recording, or it is of no kind that is read.
+    """
+    path = as_it_is_kept(Path(path))
+    if not path.exists():
+        raise BagError(f"bag '{path}' does not exist{near_name(path)}")
+    findings = Findings()
+    if not path.is_dir():
+        begin = _begin(path)
+        if _is_table(path, begin):
+            return TableRecording(path)
+        if (stem := stem_of(path.name)) and _has_other_parts(path):
+            findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
+        return _opened(path, [path], '', findings)
+    metadata = folder_files(path, findings)
+    files = [path / name for name in metadata.names]
+    recording = _opened(path, files, metadata.packed, findings, metadata.is_listed)
+    if metadata.count is not None and metadata.count != recording.message_count:
+        findings.lose(
+            f"'{path / METADATA_NAME}' counts {metadata.count} messages, the files hold"
+            f' {recording.message_count}'
+        )
+    return recording
+
+
+def _opened(
+    path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
+) -> Recording:
+    """A recording of some files of one format, which stay where they are."""
+    scratch = Scratch()
+    whole = [_unpacked(file, scratch) for file in files]
+    if any(is_sqlite(file.name) or _begin(file).startswith(SQLITE) for file in whole):
+        return SqliteRecording(path, whole, packed == 'message', findings, scratch)
+    contents = [scan_file(file, findings) for file in whole]
+    if not is_one and not _follow_on(contents):
+        raise BagError(
+            f"folder '{path}' holds {len(files)} recordings that lap over in time or lie more than"
+            ' an hour apart: name one of them'
+        )
+    return McapRecording(path, contents, findings, scratch)
+
+
+def _begin(path: Path) -> bytes:
+    """The first bytes of a file.
+
+    Raises:
+        BagError: It cannot be read, or is of a kind that is not; the text has the remedy.
+    """
+    try:
+        with open_file(path) as file:
+            begin: bytes | None = file.read(_LOOK)
+        if begin is None:
+            raise OSError(errno.EAGAIN, 'it has nothing to read yet')
+    except OSError as error:
+        raise BagError(f"bag file '{path}' cannot be read: {error.strerror or error}") from None
+    for magic, what in _FOREIGN:
+        if begin.startswith(magic):
+            raise BagError(f"'{path}' is {what.format(path)}")
+    return begin
+
+
+def _is_table(path: Path, begin: bytes) -> bool:
+    """Whether a file is text with cells, packed text, or Parquet."""
+    if is_recording(path.name):
+        return False
+    if begin.startswith(GZIP):
+        with contextlib.suppress(OSError, EOFError, zlib.error), gzip.open(path) as packed:
+            if packed.read(len(SQLITE)).startswith((MAGIC, SQLITE)):
+                raise BagError(f"'{path}' is a recording packed by gzip: unpack it with gunzip")
+        return True
+    if begin.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')):
+        return True
+    # In UTF-16 without its mark every other byte is zero.
+    text = begin.replace(b'\0', b'')
+    is_text = bool(text) and not any(byte < 9 or 13 < byte < 32 for byte in text)
+    return is_text and any(mark in text for mark in (b',', b';', b'\t', b'|', b' '))
+
+
+def _unpacked(path: Path, scratch: Scratch) -> Path:
+    """A file, or what it holds where it is packed as a whole.
+
+    Raises:
+        BagError: It cannot be unpacked, or grows to more than its size allows.
+    """
+    if not _begin(path).startswith(_ZSTD):
+        return path
+    target = scratch.folder / path.stem
+    most = _FREE + _FOR_EACH * path.stat().st_size
+    try:
+        with open_file(path) as packed, target.open('wb') as file:
+            reader = zstandard.ZstdDecompressor().stream_reader(packed)
+            while piece := reader.read(_PIECE):
+                if file.tell() + len(piece) > most:
+                    raise BagError(
+                        f"bag file '{path}' grows to more than {most} bytes, the limit for its size"
+                    )
+                file.write(piece)
+            if not file.tell():
+                raise BagError(f"bag file '{path}' is cut: nothing of it can be unpacked")
+    except (OSError, zstandard.ZstdError) as error:
+        raise BagError(f"bag file '{path}' cannot be unpacked: {error}") from None
+    return target
+
+
+def _follow_on(files: Sequence[McapFile]) -> bool:
+    """Whether the spans of some files are those of parts of one recording."""
+    known = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
+    return all(
+        -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
+        for (_, end), (start, _) in itertools.pairwise(known)
+    )
+
+
+def _has_other_parts(path: Path) -> bool:
+    """Whether the folder of a file has others of its name, and nothing that lists them."""
+    try:
+        names = [each.name for each in path.parent.iterdir()]
+    except OSError:
+        return False
+    stem = stem_of(path.name)
+    return METADATA_NAME not in names and sum(stem_of(name) == stem for name in names) > 1
+
+
+def find_bags(paths: Iterable[str | Path]) -> list[Path]:
+    """Find the recordings that are meant by some paths.
+
+    Args:
+        paths: Files, rosbag2 folders, and folders that hold such at any depth. Files of a folder
+            without ``metadata.yaml`` are recordings of their own, unless all are numbered as
+            rosbag2 numbers the files of one, and follow on in time. Logs are meant where a folder
+            has nothing else.
+
+    Returns:
+        Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
+        path under which there is none, and a folder that cannot be read, stay as they are:
+        opening them says why.
+    """
+    found: dict[Path, Path] = {}
+    for path in map(as_it_is_kept, map(Path, paths)):
+        for bag in _within(path) or [path]:
+            found.setdefault(Path(os.path.realpath(bag)), bag)
+    return list(found.values())
+
+
+def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
+    """A sentence on the logs under some paths that are not among what is found; empty for none."""
+    known = {os.path.realpath(path) for path in found}
+    logs = {log for path in map(Path, paths) for log in _walk(path, is_log) if is_log(log.name)}
+    others = sorted(str(log) for log in logs if os.path.realpath(log) not in known)
+    if not others:
+        return ''
+    named = ', '.join(f"'{log}'" for log in others[:MOST_NAMED]) + ', ...' * (len(others) > MOST_NAMED)
+    return f'{plural(len(others), "log")} beside recordings not checked (name logs to check them): {named}'
+
+
+def _within(path: Path) -> list[Path]:
+    # Path.is_dir raises where a link leads through a folder that is closed.
+    if not os.path.isdir(path):  # noqa: PTH112
+        return [path]
+    found = list(_walk(path, is_recording)) or list(_walk(path, is_log))
+    return sorted(found, key=lambda bag: [natural(part) for part in bag.parts])
+
+
+def _walk(folder: Path, is_wanted: Callable[[str], bool]) -> Iterator[Path]:
+    closed: list[OSError] = []
+    for where, folders, files in os.walk(folder, onerror=closed.append):
+        # Drafts of recordings that are being written begin with a dot.
+        folders[:] = [name for name in folders if not name.startswith('.')]
+        yield from _recordings(Path(where), files, is_wanted)
+    yield from (Path(error.filename) for error in closed)
+
+
+def _recordings(folder: Path, names: Iterable[str], is_wanted: Callable[[str], bool]) -> list[Path]:
+    """The folder, if its files are parts of one recording, or else each of its files."""
+    # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
+    # stays: whoever reads it says so.
+    names = [
+        name
+        for name in names
+        if os.path.isfile(folder / name) or os.path.islink(folder / name)  # noqa: PTH113, PTH114
+    ]
+    loose = [name for name in names if is_wanted(name)]
+    stems = {stem_of(name) for name in loose}
+    if METADATA_NAME in names and is_wanted is is_recording:
+        return [folder]
+    if len(stems) == 1 and stems != {''} and (len(loose) == 1 or _are_parts(folder, loose)):
+        return [folder]
+    return [folder / name for name in loose]
+
+
+def _are_parts(folder: Path, names: Sequence[str]) -> bool:
+    """Whether numbered files follow on in time, as far as that can be known."""
+    try:
+        files = [folder / name for name in sorted(names, key=natural)]
+        if any(is_sqlite(file.name) or _begin(file).startswith(_ZSTD) for file in files):
+            return True
+        return _follow_on([scan_file(file, Findings()) for file in files])
+    except BagError:
+        return True
+
+
+@contextlib.contextmanager
+def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
+    """A recording that is piped, as a file for as long as it is needed.
+
+    A recording is read by its end, and as a rule twice; on the disk it takes no memory.
+
+    Args:
+        stream: Where it comes from; one that ends in the middle is a file that is cut.
+        show: Given what is being done, and the bytes read so far.
+
+    Raises:
+        BagError: Nothing is piped, or the disk does not take it.
+    """
+    if stream.isatty():
+        raise BagError("bag '-' is the terminal: pipe a recording into standard input")
+    with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
+        piece = stream.read(_PIECE)
+        ending = '.mcap' if MAGIC.startswith(piece[: len(MAGIC)]) else ''
+        is_recorded = bool(ending) or piece.startswith((SQLITE, _ZSTD))
+        path = Path(folder) / f'standard_input{ending}'
+        try:
+            with path.open('wb') as file:
+                while piece:
+                    file.write(piece)
+                    show('reading standard input', file.tell(), None)
+                    # What is no recording may have no end; its reader says what it is.
+                    is_known = is_recorded or file.tell() > _PIECE or _is_known(file, path)
+                    piece = stream.read(_PIECE) if is_known else b''
+        except OSError as error:
+            raise BagError(f"bag '-' cannot be read: {error.strerror or error}") from None
+        yield path
+
+
+def _is_known(file: IO[bytes], path: Path) -> bool:
+    """Whether the head of a file is that of a table."""
+    file.flush()
+    try:
+        return isinstance(open_bag(path), TableRecording)
+    except BagError:
+        return False
+
+
+# Of metadata: ten thousand topics or files [bytes].
+_LARGEST = 8 << 20
+_DEEPEST = 30
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_NOT_METADATA = (
+    yaml.YAMLError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)
+_RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
+_SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
+_TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
+_DATE = re.compile(r'\d{4}[-_]?\d\d[-_]?\d\d$')
+# As rosbag2 numbers the files of a recording.
+_PART = re.compile(r'(?P<stem>.+)_(?P<number>\d+)\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
+
+
+def is_recording(name: str) -> bool:
+    """Whether a file's name is that of a recording; hidden ones are drafts or copies of names."""
+    return not name.startswith('.') and bool(_RECORDING.fullmatch(name))
+
+
+def is_sqlite(name: str) -> bool:
+    """Whether it is that of a recording of SQLite."""
+    return bool(_SQLITE.fullmatch(name))
+
+
+def is_log(name: str) -> bool:
+    """Whether it is that of a table."""
+    return not name.startswith('.') and bool(_TABLE.fullmatch(name))
+
+
+def stem_of(name: str) -> str:
+    """The name of the recording that a file is numbered as a part of; empty for none."""
+    part = _PART.fullmatch(name)
+    return composed(part['stem']) if part else ''
+
+
+def composed(name: str) -> str:
+    """A name with composed letters: systems differ in how they keep one name."""
+    return unicodedata.normalize('NFC', name)
+
+
+def as_it_is_kept(path: Path) -> Path:
+    """The path of a file or folder whose name is kept with other letters of the same look."""
+    try:
+        if path.exists():
+            return path
+        same = [p for p in path.parent.iterdir() if composed(p.name) == composed(path.name)]
+    except OSError:
+        return path
+    return same[0] if same else path
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sort key that puts file 10 after file 9."""
+    parts = re.split(r'(\d+)', name)
+    return [(int(part), '') if part.isdecimal() else (-1, part) for part in parts]
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """The files of a folder that are one recording, in order, by its metadata as far as it has some.
+
+    ``count`` is how many messages they should hold, None where nothing tells; ``is_listed``
+    whether metadata say that they are one.
+    """
+
+    names: tuple[str, ...]
+    count: int | None = None
+    packed: str = ''  # 'message' where each message is
+    is_listed: bool = False
+
+
+def folder_files(folder: Path, findings: Findings) -> Metadata:
+    """Find the files of a folder; report what is odd.
+
+    Raises:
+        BagError: There are none, or those of several recordings.
+    """
+    try:
+        paths = sorted(p for p in folder.iterdir() if is_recording(p.name))
+        there = sorted((p.name for p in paths if p.exists()), key=natural)
+    except OSError as error:
+        raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
+    metadata = read_metadata(folder)
+    for path in paths:
+        if path.name not in there:
+            findings.lose(f"file '{path.name}' was not read{near_name(path)}")
+    if not there:
+        logs = sorted((p.name for p in folder.iterdir() if is_log(p.name)), key=natural)
+        remedy = f": name one of its logs, as '{folder / logs[0]}'" if logs else ''
+        raise BagError(f"bag '{folder}' has no .mcap and no .db3 file{remedy}")
+    if isinstance(metadata, str):
+        if len(there) > 1 and len({stem_of(name) or name for name in there}) > 1:
+            raise BagError(f"folder '{folder}' holds {len(there)} recordings: name one of them")
+        kind = '.db3' if is_sqlite(there[0]) else '.mcap'
+        findings.note(f'{metadata}: its {kind} files were read in the order of their names')
+        _report_gaps(there, findings)
+        return Metadata(tuple(there))
+    return _listed(folder, metadata, there, findings)
+
+
+def _report_gaps(names: Sequence[str], findings: Findings) -> None:
+    """Report numbers that are lacking between those of files, but not of dates.
+
+    The first ones may be gone: some recorders keep the newest files only. Hours lack more than they have.
+    """
+    parts = [part for name in names if (part := _PART.fullmatch(name))]
+    numbers = {int(part['number']) for part in parts if not _DATE.search(part[0][: part.end('number')])}
+    first, last = min(numbers, default=0), max(numbers, default=0)
+    if last - first < 2 * len(numbers):
+        lacking = sorted({*range(first, last)} - numbers)
+        for number in lacking[:MOST_NAMED]:
+            findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
+
+
+def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> Metadata:
+    """The files that metadata list, and those behind them that bear the same name."""
+    known = {composed(name): name for name in there}
+    found = [known[name] for name in map(composed, metadata.names) if name in known]
+    missing = [name for name in metadata.names if composed(name) not in known]
+    for name in missing[:MOST_NAMED]:
+        findings.lose(f"file '{name}' is listed in {METADATA_NAME} but missing")
+    if len(missing) > MOST_NAMED:
+        findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
+    if not found:
+        raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
+    count = metadata.count
+    stems = {stem_of(name) for name in found} - {''}
+    for name in there:
+        if name in found:
+            continue
+        if stem_of(name) in stems:
+            findings.note(f"file '{name}' is not listed in {METADATA_NAME}: read by its name")
+            found, count = [*found, name], None
+        else:
+            findings.lose(f"file '{name}' is not listed in {METADATA_NAME} and was not read")
+    found = found if count is not None else sorted(found, key=natural)
+    return replace(metadata, names=tuple(found), count=count)
+
+
+def read_metadata(folder: Path) -> Metadata | str:
+    """Read a rosbag2 folder's metadata.
+
+    Returns:
+        What they say, or a sentence saying why they cannot be used.
+
+    Raises:
+        BagError: They describe a recording of a kind this package cannot read.
+    """
+    path = folder / METADATA_NAME
+    try:
+        information = _load(read_file(path, _LARGEST))[METADATA_ROOT]
+        storage = information.get('storage_identifier', 'mcap')
+        mode = str(information.get('compression_mode') or 'none').lower()
+        format_ = str(information.get('compression_format') or 'zstd').lower()
+        if storage not in ('mcap', 'sqlite3'):
+            raise BagError(f"bag '{folder}' is stored as '{storage}': {CONVERT}")
+        if mode in ('file', 'message') and (format_ != 'zstd' or (storage == 'mcap' and mode == 'message')):
+            raise BagError(
+                f"bag '{folder}' has compression_mode '{mode}' of '{format_}', which is not read"
+                f' from {storage}: {CONVERT}'
+            )
+        names = (PurePosixPath(name).name for name in information['relative_file_paths'])
+        packed = mode if mode == 'message' else ''
+        return Metadata(tuple(dict.fromkeys(names)), int(information['message_count']), packed, True)
+    except FileNotFoundError:
+        return f"folder '{folder}' has no {METADATA_NAME}"
+    except OSError as error:
+        return f"'{path}' cannot be read: {error.strerror}"
+    except _NOT_METADATA:
+        return f"'{path}' is not rosbag2 metadata"
+
+
+CONVERT = "convert it with 'ros2 bag convert' first"
+
+
+def _load(data: bytes) -> Any:
+    """YAML without aliases, which rosbag2 does not write, and without much nesting."""
+    depth = 0
+    for event in yaml.parse(data, _LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError('no metadata has this')
+    return yaml.load(data, _LOADER)

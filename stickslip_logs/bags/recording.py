@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What crosses the border of the bag layer: plain values, without behaviour."""
+
+from __future__ import annotations
+
+import difflib
+import shutil
+import tempfile
+import weakref
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_logs.fields import FieldPath, parse_field
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
+
+Columns = tuple[NDArray[Any], ...]
+"""Messages: log times [ns], and what else there is of each: shape (n,) or (k, n)."""
+METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
+"""The file that describes a rosbag2 folder, and the key of all in it."""
+_MOST_TOLD = 50
+
+
+def part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
+    """Some of the messages of columns."""
+    return tuple(column[..., rows] for column in columns)
+
+
+class Scratch:
+    """A folder for what is unpacked, made when it is asked for, that goes with its recording."""
+
+    @cached_property
+    def folder(self) -> Path:
+        """The folder."""
+        path = tempfile.mkdtemp(prefix='stickslip-')
+        weakref.finalize(self, shutil.rmtree, path, ignore_errors=True)
+        return Path(path)
+
+
+class Findings:
+    """Sentences on a recording, each once, and not without end."""
+
+    def __init__(self) -> None:
+        # Whether each of them costs data.
+        self._texts: dict[str, bool] = {}
+
+    def note(self, text: str) -> None:
+        """Take up what is odd and costs no data."""
+        self._texts[text] = False
+
+    def lose(self, text: str) -> None:
+        """Take up what was not read."""
+        self._texts[text] = True
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All of them, and how many were too many."""
+        return _some(list(self._texts))
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """Those that cost data, and how many were too many."""
+        return _some([text for text, is_loss in self._texts.items() if is_loss])
+
+
+def _some(texts: list[str]) -> tuple[str, ...]:
+    more = len(texts) - _MOST_TOLD
+    return (*texts[:_MOST_TOLD], *([f'{more} more findings are not listed'] if more > 0 else []))
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """A topic of a recording.
+
+    ``problem`` is a clause on why its messages cannot be decoded, as far as that is known without
+    its definition, which is read when a field is asked for; else empty.
+    """
+
+    name: str
+    type: str
+    count: int
+    encoding: str
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Where a recording file ends too early.
+
+    The byte at which its last whole record ends, its length, and the latest log time among the
+    messages that were saved.
+    """
+
+    path: Path
+    offset: int
+    size: int
+    last_time_ns: int | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One number to read from every message of a topic; ``type`` is checked when given."""
+
+    topic: str
+    field: str
+    type: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Messages that gave no value, and why."""
+
+    count: int
+    text: str
+    is_nan: bool = False  # whether each stands as NaN among the values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """One number of every message of a topic, in order of log time, then of place in the bag.
+
+    All arrays have one length.  ``stamp_ns`` is the header's stamp where there is one and it is
+    not zero, else the log time.  ``sequence`` numbers the messages of all topics read together, so
+    that several series merge by it alone.  ``value`` is NaN where ``faults`` counts a message
+    without one.
+    """
+
+    log_time_ns: IntArray
+    stamp_ns: IntArray
+    sequence: IntArray
+    value: FloatArray
+    faults: tuple[Fault, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One recorded message, still encoded."""
+
+    topic: str
+    type: str
+    log_time_ns: int
+    data: bytes
+
+
+class TimeSpans:
+    """Stretches of time with first and last instant [ns], both included; they may overlap."""
+
+    def __init__(self, spans: Iterable[tuple[int, int]]) -> None:
+        self.spans: list[tuple[int, int]] = []
+        for start, end in sorted(spans):
+            if self.spans and start <= self.spans[-1][1]:
+                start, other = self.spans.pop()
+                end = max(end, other)
+            self.spans.append((start, end))
+        self._edges = np.array(self.spans, np.int64).reshape(-1, 2)
+
+    def holds(self, time_ns: IntArray) -> BoolArray:
+        """Whether each time is in any of them, shape (n,)."""
+        starts, ends = self._edges.T
+        number = np.searchsorted(starts, time_ns, 'right') - 1
+        inside: BoolArray = (number >= 0) & (time_ns <= np.append(ends, -1)[number])
+        return inside
+
+    def overlap(self, start_ns: int, end_ns: int) -> bool:
+        """Whether any of them has an instant of a stretch."""
+        return any(start <= end_ns and start_ns <= end for start, end in self.spans)
+
+
+Progress = Callable[[int, int], None]
+"""Given how much is done, and how much there is to do [bytes]."""
+MOST_NAMED = 10
+
+
+class Reading(Protocol):
+    """A pass over a recording for some numbers, in bounded memory.
+
+    Iterating gives a series for each request, for one stretch of time after the other.
+    """
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]: ...
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """What was wrong with the messages read so far."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A configuration as it holds for one recording.
+
+    Attributes:
+        config: The configuration, with the topics and the timeouts that hold for the recording.
+        absent: Why an input is not in the recording, by bearing and quantity.
+    """
+
+    config: MonitorConfig
+    absent: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+
+class Recording(ABC):
+    """A recording that was opened; nothing stays open between calls.
+
+    Attributes:
+        path: The file or folder.
+        files: The files in order.
+        start_ns: Earliest log time [ns], None in a recording without messages.
+        end_ns: Latest log time [ns], likewise.
+        cuts: The files that end too early.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    start_ns: int | None
+    end_ns: int | None
+    cuts: tuple[Cut, ...] = ()
+    _topics: Mapping[str, TopicInfo]
+    _message_count: int
+    _findings: Findings
+
+    @property
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """The topics by name."""
+        return self._topics
+
+    @property
+    def message_count(self) -> int:
+        """Messages on all topics."""
+        return self._message_count
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is odd about it and what was guessed, as far as it was noticed until now."""
+        return self._findings.texts
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What of it was not read: cuts, and those of the warnings that cost data."""
+        return (*(cut.text for cut in self.cuts), *self._findings.losses)
+
+    def note(self, text: str) -> None:
+        """Take up what was noticed while it was read, and costs no data."""
+        self._findings.note(text)
+
+    def lose(self, text: str) -> None:
+        """Take up what was not read, or not used."""
+        self._findings.lose(text)
+
+    def bound(self, config: MonitorConfig) -> Bound:
+        """The configuration as it holds for this recording, and which inputs are not in it.
+
+        Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
+
+        Raises:
+            BagError: It is not to be told which part of the recording an input is.
+        """
+        absent: dict[tuple[str, str], str] = {}
+        bearings = []
+        for bearing in config.bearings:
+            own: dict[str, Any] = {
+                quantity: replace(source, topic=full_name(source.topic, self.topics))
+                for quantity, source in bearing.inputs.items()
+            }
+            bearings.append(replace(bearing, **own))
+            for quantity, source in own.items():
+                if text := _absent(self.path, self.topics, source):
+                    absent[bearing.name, quantity] = text
+        return Bound(replace(config, bearings=tuple(bearings)), absent)
+
+    @abstractmethod
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
+        """Read numbers of some topics in blocks, one stretch of time after the other.
+
+        Raises:
+            BagError: A topic is not there or cannot be decoded, a field is not in its type or no
+                number, or a file cannot be read.
+            ConfigurationError: A field is not a path.
+        """
+
+    def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
+        """The same at once: a series for each request.
+
+        What cannot be read is missing, and ``losses`` names it.
+        """
+        return joined(self.reading(requests, progress))
+
+    @abstractmethod
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield messages in the order of time, then of place in the recording.
+
+        Args:
+            topics: Which topics; all when None.
+            spans: The log times that are wanted; all when None.
+
+        Raises:
+            BagError: A topic is not there, or a file cannot be read.
+        """
+
+    @abstractmethod
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` definition of a topic's messages.
+
+        Raises:
+            BagError: The topic is not there or cannot be decoded.
+        """
+
+    def _topic(self, name: str) -> TopicInfo:
+        """The topic of that name; a BagError where there is none."""
+        if name not in self.topics:
+            raise BagError(missing_topic(self.topics, name))
+        return self.topics[name]
+
+    def _readable(self, name: str) -> TopicInfo:
+        """The topic of that name; a BagError where its messages cannot be decoded."""
+        topic = self._topic(name)
+        if topic.problem:
+            raise BagError(f"topic '{name}' ({topic.type}) cannot be read: {topic.problem}")
+        return topic
+
+    def _asked(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
+        """The requests by topic and field; a BagError where a topic is not of its type."""
+        asked: dict[str, dict[FieldPath, list[Request]]] = {}
+        # They may be a set, whose order is by chance.
+        for request in sorted(requests, key=lambda own: (own.topic, own.field)):
+            path, topic = parse_field(request.field), self._readable(request.topic)
+            if request.type is not None and short_name(request.type) != short_name(topic.type):
+                raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
+            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
+        return asked
+
+
+def joined(reading: Reading) -> dict[Request, Series]:
+    """The series of a whole recording."""
+    parts = list(reading)
+    faults = reading.faults()
+
+    def whole(request: Request, name: str) -> Any:
+        return np.concatenate([getattr(part[request], name) for part in parts])
+
+    result = {}
+    for request in parts[0]:
+        log_time_ns = whole(request, 'log_time_ns')
+        is_unstamped = all(part[request].stamp_ns is part[request].log_time_ns for part in parts)
+        stamp_ns = log_time_ns if is_unstamped else whole(request, 'stamp_ns')
+        numbers = whole(request, 'sequence'), whole(request, 'value')
+        result[request] = Series(log_time_ns, stamp_ns, *numbers, faults[request])
+    return result
+
+
+def short_name(name: str) -> str:
+    """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``."""
+    parts = name.split('/')
+    return f'{parts[0]}/{parts[-1]}'
+
+
+def other_encoding(of: str, encoding: str, known: str) -> str:
+    """A clause on messages or definitions in another encoding than the known one."""
+    return f"{of} encoding '{encoding}' is not {known}: export the topic as CSV"
+
+
+def missing_topic(topics: Collection[str], name: str) -> str:
+    """The sentence on a missing topic: those that are there, the nearest first."""
+    close = difflib.get_close_matches(name, topics, MOST_NAMED, cutoff=0.5)
+    ranked = [*close, *(topic for topic in topics if topic not in close)]
+    more = len(ranked) - MOST_NAMED
+    rest = f' and {more} more' if more > 0 else ''
+    listed = f'{", ".join(ranked[:MOST_NAMED])}{rest}' if ranked else 'no topics'
+    return f"the recording has no topic '{name}': it has {listed}"
+
+
+def full_name(topic: str, topics: Collection[str]) -> str:
+    """The name in a recording of a topic that may be written without its namespace.
+
+    That of a node in the root namespace, or else the only topic of that name in any other.
+    """
+    if topic in topics or topic.startswith(('/', '~')) or not topic:
+        return topic
+    in_root = f'/{topic}'
+    others = [name for name in topics if name.endswith(in_root)]
+    return others[0] if len(others) == 1 and in_root not in topics else in_root
+
+
+def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
+    """Why a recording lacks an input, in the words of the running monitor; else empty."""
+    if not source.topic:
+        return f"its topic is missing: '{path}' has topics, and columns are of logs"
+    topic = topics.get(source.topic)
+    facts = InputFacts(source.topic, source.type, lost=True)
+    if topic is None:
+        return f'{input_fault(facts)[:-1]}: {missing_topic(topics, source.topic)}'
+    if topic.problem:
+        return f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
+    if short_name(topic.type) != short_name(source.type):
+        bags = (Publisher(f"Bag '{path.name}'", topic.type),)
+        return input_fault(replace(facts, publishers=bags))[:-1]
+    return ''

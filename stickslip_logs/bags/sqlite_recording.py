@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording that rosbag2 stored by SQLite, its default up to ROS 2 Humble.
+
+Files come in the order of their metadata; messages in the order in which they were written.
+Nothing is written to a file: one with a journal is read as a copy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import sys
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+from mcap.records import Schema
+
+from stickslip_logs.bags.log_times import LATEST_NS, Order, StepClock, no_order
+from stickslip_logs.bags.message_fields import MessageReading, TopicNumbers, definition_of
+from stickslip_logs.bags.recording import (
+    Columns,
+    Findings,
+    Message,
+    Progress,
+    Recording,
+    Request,
+    Scratch,
+    TimeSpans,
+    TopicInfo,
+    other_encoding,
+    part,
+)
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.errors import BagError, plural
+
+MAGIC = b'SQLite format 3\0'
+# Messages that are read together, and the largest one that is unpacked [bytes].
+_BATCH, _MOST_MESSAGE = 1 << 15, 128 << 20
+# Of a page whose damage makes it ask for more memory than there is, the latter.
+_ERRORS = sqlite3.Error, MemoryError
+# Messages by so much later may come first: they are put in order [ns].
+_DISORDER_NS = 10**9
+# Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
+_SKIP, _MOST_SKIPS = 64, 40
+Rows = list[tuple[Any, ...]]
+
+
+class SqliteRecording(Recording):
+    """The files of a recording in SQLite.
+
+    Args:
+        path: The file or folder.
+        files: The files in order.
+        is_packed: Whether each message is compressed.
+        findings: Takes what is wrong.
+        scratch: Where copies are made.
+    """
+
+    def __init__(
+        self, path: Path, files: Sequence[Path], is_packed: bool, findings: Findings, scratch: Scratch
+    ) -> None:
+        self.path, self.files = path, tuple(files)
+        self._is_packed, self._findings, self._scratch = is_packed, findings, scratch
+        self._texts: dict[str, str] = {}
+        self._counts: Counter[str] = Counter()
+        self._types: dict[str, tuple[str, str]] = {}
+        self._unsorted: set[Path] = set()
+        times = [time for file in files for time in self._look(file)]
+        self.start_ns = min(times, default=None)
+        self.end_ns = max(times, default=None)
+        self._topics = {name: self._info(name, *self._types[name]) for name in sorted(self._types)}
+        self._message_count = self._counts.total()
+
+    def _info(self, name: str, kind: str, encoding: str) -> TopicInfo:
+        text = self._texts.get(kind) or definition_of(kind)
+        problem = ''
+        if encoding != 'cdr':
+            problem = other_encoding('message', encoding, 'cdr')
+        elif text is None:
+            problem = (
+                f'the recording has no definition of {kind}: source the setup file of a ROS 2 that has it'
+            )
+        else:
+            self._texts[kind] = text
+        return TopicInfo(name, kind, self._counts[name], encoding, problem)
+
+    @contextlib.contextmanager
+    def _opened(self, file: Path) -> Iterator[sqlite3.Connection]:
+        """A connection that changes nothing.
+
+        Raises:
+            BagError: The file cannot be read.
+        """
+        try:
+            uri = f'{self._whole(file).absolute().as_uri()}?mode=ro&immutable=1'
+            with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
+                if sys.version_info >= (3, 11):
+                    # What a damaged length asks for is not taken.
+                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE)
+                database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
+                yield database
+        except (*_ERRORS, OSError, ValueError) as error:
+            raise BagError(f"bag file '{file}' cannot be read: {error}") from None
+
+    def _whole(self, file: Path) -> Path:
+        """The file, or its copy with what a crash has left in its journal."""
+        ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
+        if not any(end.is_file() and end.stat().st_size for end in ends):
+            return file
+        copy = self._scratch.folder / file.name
+        if not copy.exists():
+            for each in (file, *filter(Path.is_file, ends)):
+                shutil.copyfile(each, copy.with_name(each.name))
+            with contextlib.closing(sqlite3.connect(copy)) as database:
+                database.execute('SELECT count(*) FROM sqlite_master').fetchall()
+                with contextlib.suppress(sqlite3.Error):
+                    database.execute('PRAGMA journal_mode=DELETE').fetchall()
+            self._findings.note(
+                f"file '{file.name}' has a journal that its recorder left: read as a copy with it"
+            )
+        return copy
+
+    def _look(self, file: Path) -> list[int]:
+        """Take the topics, definitions and counts of a file; its first and last time [ns]."""
+        with self._opened(file) as database:
+            names: dict[int, str] = {}
+            for key, *row in database.execute('SELECT id, name, type, serialization_format FROM topics'):
+                name, kind, encoding = map(str, row)
+                if isinstance(key, int):
+                    names[key] = name
+                known = self._types.setdefault(name, (kind, encoding))
+                if known != (kind, encoding):
+                    self._findings.lose(f"topic '{name}' has several types: {known[0]}, {kind}")
+            # Not before ROS 2 Iron.
+            with contextlib.suppress(*_ERRORS):
+                for kind, encoding, text in database.execute(
+                    'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+                ):
+                    if encoding == 'ros2msg' and text and isinstance(text, str):
+                        self._texts.setdefault(kind, text)
+            return self._count(file, database, names)
+
+    def _count(self, file: Path, database: sqlite3.Connection, names: Mapping[int, str]) -> list[int]:
+        """Count the messages of a file, and judge their order; its first and last time [ns]."""
+        counts, order, ends = Counter[Any](), Order(), list[int]()
+        for rows in self._rows(file, database, 'timestamp, topic_id'):
+            counts.update(key for _, _, key in rows)
+            times = [time for _, time, _ in rows if _is_time(time)]
+            ends += [min(times), max(times)] if times else []
+            # Time 0 is that of a clock that was not set.
+            known = [(time, key) for _, time, key in rows if time and _is_time(time) and key in names]
+            order.add(*np.array(known, np.int64).reshape(-1, 2).T)
+        if order.is_none:
+            self._unsorted.add(file)
+            self._findings.note(no_order(f"file '{file.name}' is written"))
+        for key, count in counts.items():
+            if key in names:
+                self._counts[names[key]] += count
+            else:
+                self._findings.lose(
+                    f"file '{file.name}': {plural(count, 'message')} of topic {key}, which is"
+                    ' defined nowhere, were not read'
+                )
+        return ends
+
+    def _rows(
+        self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
+    ) -> Iterator[Rows]:
+        """Some columns behind the id in batches, in the order of writing; damaged pages are told.
+
+        The ids are looked for behind a damaged page in growing steps.
+        """
+        begin, step, skips = -(1 << 63), _SKIP, 0
+        while begin < 1 << 63 and skips <= _MOST_SKIPS:
+            batch: Rows = []
+            try:
+                found = database.execute(
+                    f'SELECT rowid, {columns} FROM messages NOT INDEXED'
+                    f' WHERE rowid >= ? AND {where} ORDER BY rowid',
+                    (begin,),
+                )
+                while True:
+                    # What comes before an error stays in the batch.
+                    batch.extend(islice(found, _BATCH))
+                    if not batch:
+                        return
+                    begin, step = batch[-1][0] + 1, _SKIP
+                    yield batch
+                    batch = []
+            except _ERRORS as error:
+                self._findings.lose(
+                    f"file '{file.name}' is damaged ({str(error) or 'out of memory'}): messages of the"
+                    ' damaged pages were not read'
+                )
+            if batch:
+                begin, step = batch[-1][0] + 1, _SKIP
+                yield batch
+            begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
+
+    def _by_time(self, file: Path, database: sqlite3.Connection, where: str) -> Iterator[Rows]:
+        """Messages in the order of time."""
+        try:
+            found = database.execute(
+                f'SELECT rowid, timestamp, topic_id, data FROM messages WHERE {where}'
+                ' ORDER BY timestamp, rowid'
+            )
+            while batch := list(islice(found, _BATCH)):
+                yield batch
+        except _ERRORS as error:
+            self._findings.lose(f"file '{file.name}' is damaged ({error}): not read from there on")
+
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` definition of a topic's messages."""
+        return self._texts[self._readable(topic).type]
+
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield messages in the order of time."""
+        names = [self._topic(name) for name in (self.topics if topics is None else topics)]
+        for columns in self.batches([topic.name for topic in names]):
+            for time_ns, number, data in zip(*(column.tolist() for column in columns), strict=True):
+                if spans is None or spans.overlap(time_ns, time_ns):
+                    yield Message(names[number].name, names[number].type, time_ns, data)
+
+    def batches(self, topics: Sequence[str]) -> Iterator[Columns]:
+        """Messages of some topics: times [ns], numbers of topics and data, in the order of events."""
+        clock, waiting = StepClock(0), _columns([])
+        for time_ns, *others in self._written(topics):
+            columns = clock.follow(time_ns)[0], *others
+            waiting = tuple(np.concatenate(pair) for pair in zip(waiting, columns, strict=True))
+            waiting = part(waiting, waiting[0].argsort(kind='stable'))
+            count = int(waiting[0].searchsorted(waiting[0][-1] - _DISORDER_NS))
+            if count:
+                yield part(waiting, slice(count))
+                waiting = part(waiting, slice(count, None))
+        if waiting[0].size:
+            yield waiting
+        for text in clock.notes('of the recorder'):
+            self._findings.note(text)
+
+    def _written(self, topics: Sequence[str]) -> Iterator[Columns]:
+        """The same in the order in which they were written."""
+        numbers, odd = {topic: number for number, topic in enumerate(topics)}, 0
+        unpack = self._unpacker()
+        for file in self.files:
+            with self._opened(file) as database:
+                ids = {
+                    key: numbers[str(name)]
+                    for key, name in database.execute('SELECT id, name FROM topics')
+                    if isinstance(key, int) and str(name) in numbers
+                }
+                if not ids:
+                    continue
+                where = f'topic_id IN ({",".join(map(str, ids))})'
+                found = (
+                    self._by_time(file, database, where)
+                    if file in self._unsorted
+                    else self._rows(file, database, 'timestamp, topic_id, data', where)
+                )
+                for rows in found:
+                    sound = [
+                        (time_ns, ids[key], plain)
+                        for _, time_ns, key, data in rows
+                        if _is_time(time_ns)
+                        and isinstance(data, bytes)
+                        and (plain := unpack(data)) is not None
+                    ]
+                    odd += len(rows) - len(sound)
+                    if sound:
+                        yield _columns(sound)
+        if odd:
+            self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
+
+    def _unpacker(self) -> Callable[[bytes], bytes | None]:
+        """What gives a message, or nothing of one that is damaged."""
+        if not self._is_packed:
+            return lambda data: data
+        decompress = zstandard.ZstdDecompressor().decompress
+
+        def unpack(data: bytes) -> bytes | None:
+            try:
+                return decompress(data, max_output_size=_MOST_MESSAGE)
+            except zstandard.ZstdError:
+                return None
+
+        return unpack
+
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> SqliteReading:
+        """Read numbers in blocks."""
+        wanted = [TopicNumbers(topic, paths) for topic, paths in self._asked(requests).items()]
+        return SqliteReading(self, wanted, progress)
+
+
+def _is_time(value: Any) -> bool:
+    return isinstance(value, int) and 0 <= value <= LATEST_NS
+
+
+def _columns(rows: Sequence[tuple[int, int, bytes]]) -> Columns:
+    data = np.empty(len(rows), np.object_)
+    data[:] = [own for _, _, own in rows]
+    times, topics = ([row[k] for row in rows] for k in (0, 1))
+    return np.array(times, np.int64), np.array(topics, np.int64), data
+
+
+class SqliteReading(MessageReading):
+    """A pass over the files for numbers of some topics.
+
+    Raises:
+        BagError: A path does not lead to a number.
+    """
+
+    def __init__(
+        self, recording: SqliteRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
+    ) -> None:
+        super().__init__(wanted)
+        self._recording, self._progress = recording, progress
+        self._readers = []
+        for each in wanted:
+            kind, text = recording.topics[each.topic].type, recording.definition(each.topic)
+            reader = each.reader(Schema(id=1, data=text.encode(), encoding='ros2msg', name=kind))
+            if isinstance(reader, BagError):
+                raise reader
+            self._readers.append(reader)
+
+    def _stretches(self) -> Iterator[Columns]:
+        topics = [each.topic for each in self._wanted]
+        total, done = sum(self._recording.topics[topic].count for topic in topics), 0
+        for times, topic, messages in self._recording.batches(topics):
+            yield self._numbers(times, topic, messages.tolist())
+            done += times.size
+            if self._progress is not None:
+                self._progress(done, max(total, done))
+
+    def _numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
+        size = np.fromiter(map(len, messages), np.int64, len(messages))
+        offset, data = np.cumsum(size) - size, b''.join(messages)
+        stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
+        for number, reader in enumerate(self._readers):
+            rows = np.flatnonzero(topic == number)
+            found, stamps[rows] = reader.read(data, offset[rows], size[rows], times[rows])
+            values[: len(found), rows] = found
+        return times, topic, stamps, values

@@ -1,0 +1,460 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table of numbers with times as the recording that it stands for.
+
+A column stands for the topic of an input: what the sensor would have sent is worked out from the
+unit of the column. What the file does not say is guessed, and told.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from stickslip_logs.bags.log_times import Order, StepClock, limit_of, no_order
+from stickslip_logs.bags.recording import (
+    Bound,
+    Fault,
+    Findings,
+    Message,
+    Progress,
+    Recording,
+    Request,
+    Series,
+    TimeSpans,
+    TopicInfo,
+    missing_topic,
+)
+from stickslip_logs.bags.writer import encode_float64s
+from stickslip_logs.tables.clock import Cells, begun_at
+from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
+from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
+from stickslip_monitor.arrays import FloatArray, IntArray
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.monitor.parameters import LOAD_UNITS, MonitorConfig
+from stickslip_monitor.offline.input_columns import FLOAT64, ColumnBinding, LogColumn, SourceColumn
+from stickslip_monitor.physics.bearing import TURNING_UNITS
+
+_NAME = re.compile(
+    r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
+    r'|(?:sensor|parameter|entity) ?id'
+)
+_VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
+_UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
+# Columns that say of the numbers of another whether they count, and what those say that do not.
+_STATUS = re.compile(r'q|good|(?:opc)?(?:status|qual|quality\w*|valid|validity)')
+_BAD = re.compile(
+    r'\s*(?:bad|invalid|uncertain|questionable|false|fail|fault|err|stale|not (?!run|ready)|comm|timeout)',
+    re.I,
+)
+# Codes of OPC from which a number is good.
+_OPC_GOOD, _OPC_MOST = 192, 255
+_MOST_WORDS, _MOST_KINDS = 6, 200
+# Lines that share a time so coarse [ns], or the only one: their times were rounded away. A value before
+# and one behind a change share theirs rightly.
+_MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
+# Of 1973: later times are dates, and no time since a trigger [ns].
+_DATES_FROM_NS = 10**17
+# Numbers that are handed on at a time of a table that was sorted.
+_STRETCH = 1 << 16
+
+
+class Part(NamedTuple):
+    """Numbers of some rows of a table.
+
+    ``time_ns`` are the times of n rows [ns]; ``numbers`` has for each topic which of these rows
+    have a number of it, and these, shape (m,) each.
+    """
+
+    time_ns: IntArray
+    numbers: dict[str, tuple[IntArray, FloatArray]]
+
+
+class TableRecording(Recording):
+    """A table as the recording that it stands for.
+
+    Its topics are its columns, or the names in a table of one value a line; once a configuration
+    was bound to it, they are the topics of that.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.files = path, (path,)
+        self.table = open_table(path)
+        self._findings = Findings()
+        for text in self.table.said:
+            self._findings.note(text)
+        for text in self.table.losses:
+            self._findings.lose(text)
+        self._begin_at_zero()
+        self.gap_ns = int(_usual_gap(self._timed(self.table.head)[1]))
+        """The usual time between two lines [ns]."""
+        self.names = self._long_columns()
+        """The columns of names and of values of a table of one value a line, else None."""
+        known, times = self._timed([*self.table.head, *self.table.tail])
+        self.is_ordered = self._judge_order(known, times)
+        """Whether the order of the lines is that of events."""
+        self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
+        """The columns of numbers."""
+        self.by_topic: dict[str, SourceColumn] = {}
+        """What stands for the topics of the configuration that was bound."""
+        self.counts: Counter[str] = Counter()
+        """Numbers that were read, by topic."""
+        # What a clock that was set back says of a start before the first line is none.
+        whole = StepClock(self.gap_ns).follow(times)[0] if self.is_ordered else times
+        self.start_ns = int(whole.min()) if times.size else None
+        self.end_ns = min(int(times.max()), int(whole.max())) if times.size else None
+
+    def _begin_at_zero(self) -> None:
+        """Let times that begin before zero, or before 1970, count from the first one."""
+        times = self._timed([*self.table.head, *self.table.tail])[1]
+        zero_ns = 0
+        if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
+            # A trigger's time before, and what spreadsheets make of a time of day.
+            zero_ns = int(times.min())
+            self._findings.note('times begin before 1970, or before zero: counted from the first one')
+        self.table.clock = begun_at(self.table.clock, zero_ns)
+
+    def _timed(self, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
+        """The rows that have a time, and these [ns]."""
+        most = max(self.table.clock.columns)
+        long = [row for row in rows if len(row) > most]
+        if not long:
+            return [], np.empty(0, np.int64)
+        times, is_timed = self.table.clock.read([[row[k] for row in long] for k in self.table.clock.columns])
+        return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
+
+    def _judge_order(self, rows: Sequence[Cells], times: IntArray) -> bool:
+        """Whether rows with times are in the order of events; it is said where they are in none."""
+        if times.size > 1 and (np.diff(times) <= 0).all() and times[0] > times[-1]:
+            self._findings.note('the newest line comes first: sorted by time')
+            return False
+        name = -1 if self.names is None else self.names[0]
+        names = [row[name] if 0 <= name < len(row) else '' for row in rows]
+        head = {row[name] for row in self.table.head if 0 <= name < len(row)}
+        # One name after the other: those of the middle may be in no head and no tail.
+        is_by_name = name >= 0 and (len(head) < 2 or not head >= {*names} - {''})
+        order = Order(limit_of(_usual_gap(np.sort(times))), passes_late=True)
+        order.add(times, np.unique(names, return_inverse=True)[1] if names else times)
+        if order.steps_often or (self.names is None and order.is_none):
+            self._findings.note(no_order('the lines are'))
+        return not (is_by_name or order.is_none)
+
+    def _long_columns(self) -> tuple[int, int] | None:
+        """The columns of names and of values of a table with one value a line."""
+        plain = [parse_heading(name).name for name in self.table.names]
+        name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
+        value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
+        if self.table.names == tuple(f'#{k + 1}' for k in range(len(plain))):
+            name, value = self._words_and_numbers()
+        elif {'entity id', 'state'} <= set(plain):
+            # As the historian of a home calls them; elsewhere a state is no value.
+            value = [plain.index('state')]
+        return (name[0], value[0]) if name and len(value) == 1 else None
+
+    def _words_and_numbers(self) -> tuple[list[int], list[int]]:
+        """Columns without headings that are names, each about as often as any, and those of numbers."""
+        rows, words, numbers = self.table.head, list[int](), list[int]()
+        for k in set(range(len(self.table.names))) - set(self.table.clock.columns):
+            cells = Counter(str(row[k]) for row in rows if k < len(row))
+            if any(parse_number(cell) is not None for cell in cells):
+                numbers.append(k)
+            elif len(cells) > 1 and 10 * min(cells.values()) >= max(cells.values()) > 1:
+                words.append(k)
+        return words, numbers
+
+    def _list_columns(self) -> Iterator[LogColumn]:
+        table = self.table
+        if self.names is None:
+            for k, heading in enumerate(table.names):
+                if k not in table.clock.columns:
+                    yield LogColumn(heading, k, unit=table.units[k])
+            return
+        name, value = self.names
+        units = [k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)]
+        seen: dict[str, str] = {}
+        for row in self._all_rows(name):
+            seen.setdefault(row[name], row[units[0]] if units and len(row) > units[0] else '')
+        for own, unit in seen.items():
+            heading, known = with_unit(own, unit)
+            yield LogColumn(heading, value, own, known)
+
+    def _status_of(self, column: int) -> int | None:
+        """The column that says whether the numbers of another count: called so, or so and behind it."""
+        names = [parse_heading(name).name.split() for name in self.table.names]
+        for k, words in enumerate(names):
+            rest = [word for word in words if not _STATUS.fullmatch(word)]
+            is_behind = words != ['q'] and (k == column + 1 or self.names is not None)
+            if k != column and rest != words and (rest == names[column] or (not rest and is_behind)):
+                return k if self.least_good(k) is not None else None
+        return None
+
+    def least_good(self, status: int) -> float | None:
+        """The least number by which a column says that others count; None where it is not known."""
+        codes = [parse_number(str(row[status])) for row in self.table.head if len(row) > status]
+        if any(_OPC_GOOD <= (code or 0) <= _OPC_MOST for code in codes):
+            return _OPC_GOOD
+        is_yes_or_no = re.search(r'\b(?:valid|validity|good)\b', parse_heading(self.table.names[status]).name)
+        return 1.0 if is_yes_or_no else -np.inf if None in codes else None
+
+    def _all_rows(self, name: int) -> Iterator[Cells]:
+        """Rows that have every name, with one row of each at least."""
+        yield from (row for row in (*self.table.head, *self.table.tail) if len(row) > name)
+        if not self.is_ordered:
+            blank = [''] * len(self.table.names)
+            for rows in self.table.blocks([name], _silent, _silent):
+                for text in dict.fromkeys(texts_of(rows.columns[0])):
+                    yield [*blank[:name], text, *blank[name + 1 :]]
+
+    @property
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """The topics of the configuration, or else the columns."""
+        if self.by_topic:
+            return {
+                name: TopicInfo(name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', '')
+                for name in self.by_topic
+            }
+        return {
+            column.heading: TopicInfo(column.heading, _kind(column), self.table.line_count, 'table', '')
+            for column in self.all_columns
+        }
+
+    @property
+    def message_count(self) -> int:
+        """Numbers that were read, or before that the lines."""
+        return self.counts.total() or self.table.line_count
+
+    def bound(self, config: MonitorConfig) -> Bound:
+        """Let columns stand for the topics of a configuration."""
+        binding = ColumnBinding(self.path, self.all_columns, self._interval, self.table.is_sent)
+        bound = binding.bind(config)
+        self.by_topic = {
+            topic: replace(own, status=self._status_of(own.column.place))
+            for topic, own in binding.columns.items()
+        }
+        for text in binding.said:
+            self._findings.note(text)
+        named = {(own.column.heading, own.status): None for own in self.by_topic.values()}
+        for heading, status in named:
+            if status is not None:
+                self._findings.note(
+                    f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
+                )
+        return bound
+
+    def _interval(self, column: LogColumn) -> float:
+        """The usual time between two numbers of a column [s]."""
+        most = max([column.place, *(self.names or ())])
+        rows = [row for row in self.table.head if len(row) > most]
+        if column.name is not None and self.names is not None:
+            rows = [row for row in rows if row[self.names[0]] == column.name]
+        rows = [row for row in rows if str(row[column.place]).strip()]
+        times = self._timed(rows)[1]
+        return _usual_gap(times if self.is_ordered else np.sort(times)) * 1e-9
+
+    def definition(self, topic: str) -> str:
+        """The definition of what the sensors would have sent."""
+        self._column(topic)
+        return 'float64 data\n'
+
+    def _column(self, topic: str) -> SourceColumn:
+        if topic in self.by_topic:
+            return self.by_topic[topic]
+        for column in self.all_columns:
+            if column.heading == topic:
+                return SourceColumn(column)
+        raise BagError(missing_topic(self.topics, topic))
+
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> TableReading:
+        """Read numbers in blocks."""
+        asked = list(requests)
+        columns = {request.topic: self._column(request.topic) for request in asked}
+        # Those of one line count from left to right, in whatever order they are asked for.
+        columns = dict(sorted(columns.items(), key=lambda own: (own[1].column.place, own[1].column.heading)))
+        return TableReading(self, asked, columns, progress)
+
+    def messages(
+        self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
+    ) -> Iterator[Message]:
+        """Yield what the sensors would have sent."""
+        names = list(self.by_topic if topics is None else topics)
+        for part in self.reading([Request(name, 'data') for name in names]):
+            rows: list[tuple[int, str, int, bytes]] = []
+            for request, series in part.items():
+                keep = np.full(series.value.size, True)
+                if spans is not None:
+                    keep = spans.holds(series.log_time_ns)
+                data = encode_float64s(series.value[keep])
+                numbers, times = series.sequence[keep].tolist(), series.log_time_ns[keep].tolist()
+                topic = [request.topic] * len(data)
+                rows += zip(numbers, topic, times, data, strict=True)
+            yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
+
+
+def _usual_gap(time_ns: IntArray) -> float:
+    """The usual time between two lines that differ in it, 0 where none do [ns]."""
+    gaps = np.abs(np.diff(time_ns))
+    return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
+
+
+def _silent(text: str) -> None:
+    del text
+
+
+def _kind(column: LogColumn) -> str:
+    """What a column would be taken for, by its unit."""
+    if column.unit is None:
+        return 'column, unit not known'
+    quantity = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
+    found = quantity.get(column.unit)
+    return f'column in {column.unit}' + (f', may be the {found}' if found else '')
+
+
+class TableReading:
+    """A pass over a table for numbers of some columns."""
+
+    def __init__(
+        self,
+        recording: TableRecording,
+        requests: Sequence[Request],
+        columns: Mapping[str, SourceColumn],
+        progress: Progress | None,
+    ) -> None:
+        self._recording, self._requests, self._columns = recording, requests, columns
+        self._names, self._progress = recording.names, progress
+        self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
+        places = self._names or [own.column.place for own in columns.values()]
+        statuses = {k for own in columns.values() if (k := own.status) is not None}
+        self._wanted = [*places, *statuses]
+        self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
+        self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series of one stretch of time after the other."""
+        self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
+        parts = self._parts() if self._recording.is_ordered else self._sorted()
+        clock, is_empty = StepClock(self._recording.gap_ns), True
+        for part in parts:
+            is_empty = False
+            yield self._series(part, clock)
+        if is_empty:
+            none = np.empty(0, np.int64)
+            yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock)
+        self._tell_rounded()
+        for text in clock.notes('of the lines'):
+            self._recording.note(text)
+            self._recording.end_ns = clock.latest_ns
+
+    def _tell_rounded(self) -> None:
+        """Say it of a column most of whose numbers have the time of the one before."""
+        recording = self._recording
+        span_ns = (recording.end_ns or 0) - (recording.start_ns or 0)
+        for topic, distinct in self._distinct.items():
+            count = recording.counts[topic]
+            if count > _MOST_ALIKE * distinct and span_ns >= _COARSE_NS * (distinct - 1):
+                recording.lose(
+                    f'{count} lines have {plural(distinct, "time")} between them: write the file with'
+                    ' whole times, as a spreadsheet may have rounded them'
+                )
+                return
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """The words in place of numbers."""
+        result: dict[Request, tuple[Fault, ...]] = {}
+        for request in self._requests:
+            words = self._words[request.topic]
+            listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MOST_WORDS))
+            more = ', ...' if len(words) > _MOST_WORDS else ''
+            text = f'no number: {listed}{more}'
+            result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
+        return result
+
+    def _parts(self) -> Iterator[Part]:
+        """The numbers of the columns, block by block."""
+        recording, done = self._recording, 0
+        wanted = self._wanted
+        for rows in recording.table.blocks(wanted, recording.lose, recording.note):
+            yield self._of_rows(rows)
+            done += rows.time_ns.size
+            if self._progress is not None:
+                self._progress(done, max(done, recording.table.line_count))
+
+    def _of_rows(self, rows: Rows) -> Part:
+        part = Part(rows.time_ns[rows.is_timed], {})
+        number = np.cumsum(rows.is_timed) - 1
+        for topic, own in self._columns.items():
+            cells, where = rows.columns[self._wanted.index(own.column.place)], None
+            status = own.status
+            marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
+            if own.column.name is not None:
+                names = texts_of(rows.columns[0])
+                named = np.array([text == own.column.name for text in names], np.bool_)
+                cells, where = some_cells(cells, named), np.flatnonzero(named)
+                marks = some_cells(marks, named) if marks else marks
+            found = self._recording.table.numbers(cells)
+            if status is not None:
+                self._leave_out(found, marks, self._least_good[status])
+            self._take_words(topic, found.words)
+            at = np.flatnonzero(found.is_there)
+            row = at if where is None else where[at]
+            keep = rows.is_timed[row]
+            part.numbers[topic] = number[row[keep]], own.sent(found.value[at[keep]])
+        return part
+
+    @staticmethod
+    def _leave_out(found: Numbers, marks: Sequence[str], least_good: float) -> None:
+        """Take the numbers that do not count for the words that say so."""
+        bad = set()
+        for mark in set(marks):
+            number = parse_number(mark)
+            if _BAD.match(mark) if number is None else number < least_good:
+                bad.add(mark)
+        if bad:
+            is_bad = np.array([mark in bad for mark in marks], np.bool_) & found.is_there
+            found.value[is_bad] = np.nan
+            found.words.update(marks[k].strip()[:20] for k in np.flatnonzero(is_bad).tolist())
+
+    def _take_words(self, topic: str, words: Counter[str]) -> None:
+        own = self._words[topic]
+        for word, count in words.items():
+            own[word if word in own or len(own) < _MOST_KINDS else 'others'] += count
+
+    def _sorted(self) -> Iterator[Part]:
+        """The numbers of a table in no order of time, sorted, some at a time."""
+        parts = list(self._parts())
+        if not parts:
+            return
+        begins = np.cumsum([0, *(part.time_ns.size for part in parts)])
+        times, ranks = np.unique(np.concatenate([p.time_ns for p in parts]), return_inverse=True)
+        whole = {}
+        for topic in self._columns:
+            own = [part.numbers[topic] for part in parts]
+            rows = np.concatenate([at + begin for (at, _), begin in zip(own, begins, strict=False)])
+            rank = ranks[rows]
+            order = np.argsort(rank, kind='stable')
+            whole[topic] = rank[order], np.concatenate([value for _, value in own])[order]
+        for begin in range(0, times.size, _STRETCH):
+            stretch = Part(times[begin : begin + _STRETCH], {})
+            for topic, (rank, value) in whole.items():
+                own_rows = slice(*rank.searchsorted([begin, begin + _STRETCH]).tolist())
+                stretch.numbers[topic] = rank[own_rows] - begin, value[own_rows]
+            yield stretch
+
+    def _series(self, part: Part, clock: StepClock) -> dict[Request, Series]:
+        """The series of a part, whose rows are in the order of events."""
+        stamp, arrival = clock.follow(part.time_ns)
+        found: dict[str, Series] = {}
+        for k, (topic, (at, value)) in enumerate(part.numbers.items()):
+            sequence = (at + self._rows) * len(part.numbers) + k
+            found[topic] = Series(arrival[at], stamp[at], sequence, value, ())
+            self._recording.counts[topic] += at.size
+            times = part.time_ns[at]
+            self._distinct[topic] += int(np.count_nonzero(np.diff(times, prepend=self._last_ns[topic])))
+            self._last_ns[topic] = int(times[-1]) if at.size else self._last_ns[topic]
+        self._rows += part.time_ns.size
+        return {request: found[request.topic] for request in self._requests}

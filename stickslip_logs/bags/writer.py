@@ -1,0 +1,434 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writing a rosbag2 folder or a single MCAP file, all of it or nothing; and messages in CDR."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import itertools
+import os
+import shutil
+import struct
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import yaml
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from numpy.typing import ArrayLike, NDArray
+
+from stickslip_logs.bags.chunk_writer import COMPRESSORS, ChunkWriter, Messages
+from stickslip_logs.bags.mcap_chunks import HEAD
+from stickslip_logs.bags.message_fields import definition_of
+from stickslip_logs.bags.recording import METADATA_NAME, METADATA_ROOT
+from stickslip_monitor.arrays import IntArray
+from stickslip_monitor.errors import BagError
+from stickslip_monitor.files import hold, open_file, sweep
+
+_LATEST = (1 << 63) - 1
+_SUFFIX = '.mcap'
+# Fixed, so that equal recordings are equal files whatever version wrote them.
+_LIBRARY = 'stickslip_monitor'
+# Of the types that this package writes itself (REP 2016).
+TYPE_HASHES = {
+    'diagnostic_msgs/msg/DiagnosticArray': '5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e',
+    'geometry_msgs/msg/TwistStamped': '5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64',
+    'geometry_msgs/msg/WrenchStamped': '8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
+    'std_msgs/msg/Bool': 'feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9',
+    'std_msgs/msg/Float64': '705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
+    'std_msgs/msg/String': 'df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
+}
+
+
+class BagWriter:
+    """Writes a recording, used as a context manager.
+
+    The recording appears under its name when the block ends; if the block raises, nothing stays.
+    Equal input gives equal bytes.  Messages lie in the file in the order they were written.
+
+    Args:
+        path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
+        compression: ``'zstd'``, ``'lz4'`` or ``'none'``.
+        chunk_size: Bytes after which a chunk is closed, before compression.
+        label: What the recording is, by which :func:`is_labelled` knows it again.
+
+    Raises:
+        BagError: The path exists already, or the compression is unknown.
+
+    >>> import tempfile
+    >>> from stickslip_logs.bags.reader import open_bag
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> with BagWriter(f'{folder.name}/voyage') as bag:
+    ...     bag.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
+    ...     bag.write_float64s({'/shaft/speed': ([0, 10**9], [60.0, 61.5])})
+    >>> open_bag(f'{folder.name}/voyage').message_count
+    2
+    """
+
+    def __init__(
+        self, path: str | Path, compression: str = 'zstd', chunk_size: int = 1 << 20, label: str | None = None
+    ) -> None:
+        # What a link leads to, as for every other output.
+        self.path = Path(os.path.realpath(path))
+        if compression not in COMPRESSORS:
+            known = ', '.join(COMPRESSORS)
+            raise BagError(f"compression '{compression}' is unknown: use one of {known}")
+        self._options = chunk_size, compression
+        self._is_file = self.path.suffix == _SUFFIX
+        self._file_name = f'{self.path.name}_0{_SUFFIX}'
+        self._label = label
+        self._is_broken = False
+        self._schemas: dict[str, int] = {}
+        self._hashes: dict[str, str] = {}
+        # The type and the channel of each topic.
+        self._topics: dict[str, tuple[str, int]] = {}
+        with self._trouble():
+            self._refuse_existing()
+
+    def __enter__(self) -> BagWriter:
+        """Begin to write beside the target."""
+        with self._trouble():
+            for folder in self.path.parents:
+                if folder.exists() and not folder.is_dir():
+                    raise BagError(f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder")
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._draft, self._file = self._begin_draft()
+            self._writer = _begun(self._file, self._label, *self._options)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Finish the recording, or remove what there is of it after an error."""
+        try:
+            if kind is None:
+                with self._trouble():
+                    self._finish()
+        finally:
+            # Closing a file on a full disk fails once more; the draft goes either way.
+            with contextlib.suppress(OSError):
+                self._file.close()
+            os.close(self._held)
+            if self._is_file:
+                self._draft.unlink(missing_ok=True)
+            else:
+                shutil.rmtree(self._draft, ignore_errors=True)
+
+    def add_topic(self, name: str, type: str, definition: str | None = None) -> None:  # noqa: A002
+        """Add a topic.
+
+        Args:
+            name: Its name.
+            type: Its message type, e.g. ``std_msgs/msg/Float64``.
+            definition: The concatenated ``ros2msg`` definition of a type that is not built in.
+
+        Raises:
+            BagError: The topic was added already, or the type needs a definition.
+        """
+        if name in self._topics:
+            raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
+        known = definition_of(type)
+        text = known if definition is None else definition
+        if type not in self._schemas:
+            if text is None:
+                raise BagError(f"type '{type}' needs a definition: it is not built in")
+            own = f'RIHS01_{TYPE_HASHES[type]}' if type in TYPE_HASHES and text == known else ''
+            self._hashes[type] = own
+            with self._trouble():
+                self._schemas[type] = self._writer.add_schema(type, SchemaEncoding.ROS2, text.encode())
+        with self._trouble():
+            facts = {'offered_qos_profiles': '', 'topic_type_hash': self._hashes[type]}
+            channel = self._writer.add_channel(name, MessageEncoding.CDR, self._schemas[type], facts)
+        self._topics[name] = type, channel
+
+    def write(self, topic: str, log_time_ns: int, data: bytes) -> None:
+        """Write one message.
+
+        Args:
+            topic: A topic that was added.
+            log_time_ns: Log time, also taken as the time of publication [ns].
+            data: The message in CDR.
+
+        Raises:
+            BagError: Unknown topic, a time out of range, or the disk does not take it.
+        """
+        self.write_columns([(topic, [log_time_ns], [data])])
+
+    def write_float64s(self, columns: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
+        """Write ``std_msgs/Float64`` messages of several topics, merged by their log times.
+
+        Args:
+            columns: Log times [ns] and values of each topic, two arrays of shape (n,).
+
+        Raises:
+            BagError: As for :meth:`write`, or the two arrays differ in length.
+        """
+        for name, (time, value) in columns.items():
+            if np.ndim(time) != 1 or np.shape(time) != np.shape(value):
+                raise BagError(
+                    f"topic '{name}' has {np.size(time)} log times for {np.size(value)} values:"
+                    ' write one value for each time'
+                )
+        self.write_columns((n, time, float64_rows(value)) for n, (time, value) in columns.items())
+
+    def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Messages]]) -> None:
+        """Write encoded messages of several topics, merged by their log times.
+
+        Args:
+            columns: A topic, log times, shape (n,) [ns], and n messages in CDR; a topic may have
+                several columns, one after the other.
+
+        Raises:
+            BagError: As for :meth:`write`.
+        """
+        found = []
+        for name, time, messages in columns:
+            times = np.asarray(time, np.int64)
+            channel = self._channel(name, times)
+            if len(messages) != times.size:
+                raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
+            if times.size:
+                found.append((channel, times, messages))
+        if found:
+            with self._trouble():
+                self._writer.write(found)
+
+    def _channel(self, topic: str, log_times: IntArray) -> int:
+        """The channel of a topic, for messages with some log times [ns]."""
+        if topic not in self._topics:
+            raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
+        for log_time in log_times[log_times < 0][:1].tolist():
+            raise BagError(f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}")
+        return self._topics[topic][1]
+
+    def break_off(self) -> None:
+        """Leave the recording as one that lost power in mid-write; nothing more can be written.
+
+        The record that was being written, as a rule the last chunk, ends half-way; what comes at a
+        recording's end is missing.
+        """
+        with self._trouble():
+            begin = self._file.tell()
+            self._writer.finish()
+            self._file.seek(begin)
+            head = self._file.read(HEAD.size)
+            self._file.truncate(begin + (HEAD.size + HEAD.unpack(head)[1]) // 2)
+        self._is_broken = True
+
+    def _refuse_existing(self) -> None:
+        if os.path.lexists(self.path):
+            raise BagError(f"bag '{self.path}' exists already and is not overwritten")
+
+    def _begin_draft(self) -> tuple[Path, IO[bytes]]:
+        sweep(self.path.parent, f'.{self.path.name}')
+        for number in itertools.count():
+            draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
+            with contextlib.suppress(FileExistsError):
+                if not self._is_file:
+                    draft.mkdir()
+                file = (draft if self._is_file else draft / self._file_name).open('x+b')
+                self._held = os.open(draft, os.O_RDONLY)
+                hold(self._held)
+                return draft, file
+        raise AssertionError('unreachable: the numbers do not end')
+
+    @property
+    def message_counts(self) -> dict[str, int]:
+        """Messages written so far, by topic."""
+        return {topic: self._writer.counts.get(own, 0) for topic, (_, own) in self._topics.items()}
+
+    def _finish(self) -> None:
+        if not self._is_broken:
+            self._writer.finish()
+            if not self._is_file:
+                (self._draft / METADATA_NAME).write_text(self._metadata(), 'utf-8')
+        self._file.close()
+        self._refuse_existing()
+        if self._is_file:
+            # A link, unlike a rename, never replaces what another process has put there meanwhile.
+            try:
+                os.link(self._draft, self.path)
+                return
+            except FileExistsError:
+                self._refuse_existing()
+            except OSError:
+                pass  # a file system without links
+        self._draft.rename(self.path)
+
+    @contextlib.contextmanager
+    def _trouble(self) -> Iterator[None]:
+        """Say which bag cannot be written."""
+        try:
+            yield
+        except OSError as error:
+            raise BagError(f"bag '{self.path}' cannot be written: {error.strerror or error}") from error
+
+    def _metadata(self) -> str:
+        """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
+        (start_ns, end_ns), counts = self._writer.span, self.message_counts
+
+        def span() -> dict[str, Any]:
+            # The same object twice would become a YAML alias, which rosbag2's reader need not
+            # know.
+            return {
+                'starting_time': {'nanoseconds_since_epoch': start_ns},
+                'duration': {'nanoseconds': end_ns - start_ns},
+                'message_count': sum(counts.values()),
+            }
+
+        listed = [
+            {
+                'topic_metadata': {
+                    'name': topic,
+                    'type': kind,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [],
+                    'type_description_hash': self._hashes[kind],
+                },
+                'message_count': counts[topic],
+            }
+            for topic, (kind, _) in self._topics.items()
+        ]
+        information = {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            **span(),
+            'topics_with_message_count': listed,
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self._file_name],
+            'files': [{'path': self._file_name, **span()}],
+            'custom_data': None,
+            'ros_distro': 'unknown',
+        }
+        return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
+
+
+def _begun(file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none') -> ChunkWriter:
+    """A file that has begun, with its label before the first message."""
+    writer = ChunkWriter(file, chunk_size, compression)
+    writer.start(Profile.ROS2, _LIBRARY)
+    if label is not None:
+        writer.add_metadata(label)
+    return writer
+
+
+def is_labelled(path: Path, label: str) -> bool:
+    """Whether a file is a recording that this package wrote with a label."""
+    begin = io.BytesIO()
+    _begun(begin, label)
+    try:
+        with open_file(path) as file:
+            return not path.is_symlink() and file.read(begin.tell()) == begin.getvalue()
+    except OSError:
+        return False
+
+
+# Message types that are a header and some numbers, with the paths of those.
+STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
+    f'geometry_msgs/msg/{name.title()}Stamped': tuple(
+        f'{name}.{part}.{axis}' for part in parts for axis in 'xyz'
+    )
+    for name, parts in (('twist', ('linear', 'angular')), ('wrench', ('force', 'torque')))
+}
+# All types of which numbers can be written by the column.
+NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {'std_msgs/msg/Float64': ('data',), **STAMPED_FIELDS}
+STAMP_END = (1 << 31) * 1_000_000_000
+_CDR = b'\x00\x01\x00\x00'
+_PADS = b'', bytes(3), bytes(2), bytes(1)
+
+
+def encode_float64s(values: ArrayLike) -> list[bytes]:
+    """Encode ``std_msgs/Float64`` messages of n numbers.
+
+    >>> encode_float64s([0.5])[0].hex()
+    '00010000000000000000e03f'
+    """
+    return _items(float64_rows(values))
+
+
+def float64_rows(values: ArrayLike) -> NDArray[np.void]:
+    """The same as the rows of an array, which are written faster."""
+    numbers = np.asarray(values, '<f8')
+    rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
+    rows['head'], rows['data'] = np.void(_CDR), numbers
+    return rows
+
+
+def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike) -> list[bytes]:
+    """Encode messages that are a header, with an empty frame, and some numbers.
+
+    Args:
+        type_name: The type, one of ``STAMPED_FIELDS``.
+        field: Path of the number that is written; the others are zero.
+        stamp_ns: Stamps from 1970 to 2038, shape (n,) [ns].
+        values: The numbers, shape (n,).
+
+    Raises:
+        BagError: A stamp is out of range.
+    """
+    fields = STAMPED_FIELDS[type_name]
+    stamp = np.asarray(stamp_ns, np.int64)
+    for beyond in stamp[(stamp < 0) | (stamp >= STAMP_END)][:1].tolist():
+        raise BagError(f"stamp {beyond} ns is not between 0 and {STAMP_END} ns, the range of a ROS header's")
+    # The empty frame is a length of one and a zero, then comes padding to a multiple of eight.
+    layout = [('head', 'V4'), ('sec', '<i4'), ('nanosec', '<u4'), ('frame', '<u8')]
+    rows = np.zeros(stamp.size, np.dtype([*layout, ('numbers', '<f8', len(fields))]))
+    rows['head'], rows['frame'] = np.void(_CDR), 1
+    rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
+    rows['numbers'][:, fields.index(field)] = values
+    return _items(rows)
+
+
+def _items(rows: NDArray[np.void]) -> list[bytes]:
+    items: list[bytes] = rows.view(f'V{rows.itemsize}').tolist()
+    return items
+
+
+def encode_bool(value: bool) -> bytes:
+    """Encode one ``std_msgs/Bool`` message."""
+    return _CDR + struct.pack('<?', value)
+
+
+def encode_string(text: str) -> bytes:
+    """Encode one ``std_msgs/String`` message."""
+    return _CDR + _text(text)
+
+
+@functools.lru_cache(1024)  # of diagnostics most are the same every second
+def _text(text: str) -> bytes:
+    raw = text.encode() + b'\0'
+    return struct.pack('<I', len(raw)) + raw
+
+
+@dataclass(frozen=True, slots=True)
+class StatusFields:
+    """The fields of a ``diagnostic_msgs/DiagnosticStatus``."""
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str
+    values: Mapping[str, str]
+
+
+def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
+    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame."""
+    body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
+
+    def put(item: bytes) -> None:
+        """Add a number of four bytes, or a text, which begins with one."""
+        body.extend(_PADS[len(body) % 4])
+        body.extend(item)
+
+    put(_text(''))
+    put(struct.pack('<I', len(statuses)))
+    for status in statuses:
+        body.append(status.level)
+        for text in (status.name, status.message, status.hardware_id):
+            put(_text(text))
+        put(struct.pack('<I', len(status.values)))
+        for text in itertools.chain.from_iterable(status.values.items()):
+            put(_text(text))
+    return _CDR + bytes(body)

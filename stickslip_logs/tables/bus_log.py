@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of a ship's buses as rows of one value: NMEA 0183 with times, Signal K deltas.
+
+A value's name is what a configuration calls it: ``RPM S 1``, the name of a transducer, or a path
+of Signal K.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import operator
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from stickslip_logs.fields import signalk_source
+
+_SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
+_ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
+_EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
+NAMES = 'time', 'name', 'value', 'unit'
+Row = tuple[str, str, str, str]
+"""Time, name, value and unit of a number."""
+
+
+def bus_log_of(lines: Sequence[str]) -> str:
+    """``nmea``, ``signalk`` or nothing, by the first lines of a file."""
+    first = [line for line in lines[:200] if line.strip()]
+    if sum(bool(_SENTENCE.search(line)) for line in first) > 0.4 * len(first) > 0:
+        return 'nmea'
+    return 'signalk' if sum('"updates"' in line for line in first) > 0.4 * len(first) > 0 else ''
+
+
+def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
+    """The numbers of sentences of a log; None for a damaged one, or a number without a time.
+
+    As with Signal K, a second talker of a number has a name of its own.
+    """
+    when, has_clock, first = '', False, dict[str, str]()
+    for line in lines:
+        found = _SENTENCE.search(line)
+        if found is None:
+            if line.lstrip().startswith(('$', '!')):
+                yield None
+            continue
+        talker, kind, text, checksum = found.groups()
+        total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
+        if total != int(checksum, 16):
+            yield None
+            continue
+        fields = text.split(',')
+        clock = _time_before(line[: found.start()]) or ('' if kind == 'RMC' else _own_time(kind, fields))
+        has_clock |= clock != ''
+        # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
+        when = clock or ('' if has_clock else _own_time(kind, fields)) or when
+        for number, value, unit in _numbers(kind, fields):
+            name = _name_of(number, talker, first)
+            yield (when, name, value, unit) if when else None
+
+
+def _time_before(head: str) -> str:
+    """The time that a logger wrote before a sentence: ISO 8601, or seconds or ms since 1970."""
+    if stamp := _ISO.search(head):
+        return stamp.group()
+    if epoch := _EPOCH.search(head):
+        text = epoch[1]
+        return text if len(text) != 13 else f'{text[:10]}.{text[10:]}'
+    return ''
+
+
+def _own_time(kind: str, fields: Sequence[str]) -> str:
+    """The time of a ZDA or RMC sentence, of an ISO date and time."""
+    clock = fields[0]
+    if kind == 'ZDA' and len(fields) > 3:
+        date = [field.zfill(2) for field in fields[1:4]]
+    # Without a fix it may be of 1980.
+    elif kind == 'RMC' and len(fields) > 8 and fields[1] == 'A' and len(fields[8]) == 6:
+        date = [fields[8][:2], fields[8][2:4], f'20{fields[8][4:]}']
+    else:
+        return ''
+    if not clock[:6].isdigit() or len(clock) < 6 or not all(part.isdigit() for part in date):
+        return ''
+    day, month, year = date
+    return f'{year}-{month}-{day}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z'
+
+
+def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Names, values and units of a sentence of speeds or of transducers."""
+    if kind == 'RPM' and len(fields) > 2:
+        # As the live link reads it: some ships leave the pitch out, none the status.
+        is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
+        number = fields[1].lstrip('0') or fields[1][:1]
+        yield f'RPM {fields[0]} {number}', fields[2] if is_valid else 'not valid', 'rpm'
+    elif kind == 'XDR':
+        for at in range(0, len(fields) - 3, 4):
+            kind, value, unit, name = fields[at : at + 4]
+            # A pressure in bar, or volts, is no force whatever it is called.
+            yield name, value, unit if kind == 'N' or not unit else f'{kind} {unit}'
+
+
+def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
+    """The numbers of deltas, one delta a line; None for a line that is none.
+
+    Other vessels' are passed over: the own one is that of the server's first word, or else the first
+    with more than others send by AIS. The second source of a path is a name of its own: a server may
+    hand on an engine's gateway and a simulation under one path.
+    """
+    own, first, units = '', dict[str, str](), dict[str, str]()
+    for line in lines:
+        if not line.strip():
+            continue
+        try:
+            delta = json.loads(line[line.index('{') :])
+            if 'updates' not in delta and 'self' in delta:  # the server's first word
+                own = delta['self'].removeprefix('vessels.')
+                continue
+            kind, _, name = delta.get('context', 'self').partition('.')
+            context = name if kind == 'vessels' else kind
+            own = own or (name if kind == 'vessels' and _is_own(delta) else '')
+            found = list(_delta(delta, first, units)) if context in (own, 'self') else []
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            yield None
+        else:
+            yield from found
+
+
+def _is_own(delta: Any) -> bool:
+    """Whether a vessel says of itself what none says by AIS."""
+    paths = (item['path'] for update in delta['updates'] for item in update.get('values', ()))
+    return any(not path.startswith(_BY_AIS) for path in paths if path)
+
+
+def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
+    for update in delta['updates']:
+        units.update(_meta_units(update.get('meta')))
+        source = signalk_source(update)
+        for item in update.get('values', ()):
+            value = item['value']
+            if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+                path, when = item['path'], update['timestamp']
+                if not isinstance(when, str):
+                    raise TypeError('a time is a text')
+                text = 'null' if value is None else repr(value)
+                unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
+                yield when, _name_of(path, source, first), text, unit
+
+
+def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
+    """The units by path that meta data say; what is odd in them costs no number."""
+    for item in meta if isinstance(meta, list) else ():
+        value = item.get('value') if isinstance(item, dict) else None
+        unit = value.get('units') if isinstance(value, dict) else None
+        if isinstance(unit, str):
+            yield str(item.get('path')), unit
+
+
+def _name_of(name: str, source: str, first: dict[str, str]) -> str:
+    """What a number of a source is called: that of the first by its name alone."""
+    return name if first.setdefault(name, source) == source else f'{name} from {source}'
+
+
+_BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'
+# What Signal K gives the values of some paths in.
+_UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
+BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | None]]] = {
+    'nmea': nmea_rows,
+    'signalk': signalk_rows,
+}

@@ -1,0 +1,510 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a text file of rows is written: encoding, delimiter, headings, units and numbers.
+
+Nothing of it is asked for; it is found by the head and the tail of the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import gzip
+import io
+import itertools
+import re
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
+from stickslip_logs.tables.clock import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.files import open_file
+from stickslip_monitor.units import find_unit, names_of
+
+# What is looked at of a file: its head, its tail, and lines of the head [bytes, bytes, lines].
+_HEAD, _TAIL, _MOST_LINES = 1 << 18, 1 << 14, 2000
+_PIECE = 1 << 20
+# A line without an end is given in pieces of this length, so that none takes the memory.
+_LONGEST_LINE = 1 << 20
+# More than half of so many rows in turn are numbers where those of a table begin.
+_RUN = 4
+_DELIMITERS = '\t;|, '
+_OF_BLANKS = 0.9
+_MOST_SHOWN = 60
+GZIP = b'\x1f\x8b'
+_MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
+_BROKEN = (EOFError, OSError, zlib.error)
+# Of a standard's package of JSON, the rows that this program reads.
+_JQ = (
+    'jq -r \'.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
+    " (.DataSet[] | [.TimeStamp] + .Value) | @csv'"
+)
+# Of a heading without brackets one of its words is its unit only where it can be nothing else.
+_CLEAR = ('rpm', 'kn', 'hz')
+# 'kn' in small letters is knots, 'N' is north, and 'tf' may be a sensor, but in the heading of a force.
+_FORCES = {'load', 'force', 'thrust', 'kraft', 'last'}
+_BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
+_NUMBER = re.compile(r'[+\-\u2212]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
+_GROUPED = re.compile(r'[+\-\u2212]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
+_SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+\-\u2212])\s+")
+_COMMA = re.compile(r'[+\-\u2212]?\d*,\d+(?:[eE][+-]?\d+)?')
+_POINTS = re.compile(r'[+\-\u2212]?[1-9]\d{0,2}(?:\.\d{3})+')
+_WITH_UNIT = re.compile(r'[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
+# 'rpm x10', 'rpm/10': whether the numbers are ten times too small or too large is not said. 'Aux 10' is none.
+_TENS = r'(?:10+|0?[.,]0*1)'
+_FACTOR = re.compile(
+    rf'(?:(?<![^\W\d_])x|[×*]|(?<=m|n|z)\s?/)\s?{_TENS}(?!\d)|(?<!\d){_TENS}\s?(?:x\b|[×*])|\(0?[.,]0*1\)',
+    re.I,
+)
+_SWAP = str.maketrans(',.', '.,')
+
+
+class Heading(NamedTuple):
+    """A heading: its words in lower case, and the unit as it is written, if there is one."""
+
+    name: str
+    unit: str | None
+
+    @property
+    def known_unit(self) -> str | None:
+        """The unit as the configuration calls it; None where it is none of those."""
+        is_force = bool(_FORCES & set(self.name.split()))
+        is_knots = self.unit == 'kn' and not is_force
+        return None if is_knots else unit_of(self.unit or '', 'force' if is_force else '')
+
+
+def unit_of(text: str, quantity: str = '') -> str | None:
+    """A unit as the configuration calls it, beside a word of a quantity or alone; None for any other text."""
+    unit = find_unit(text, quantity)
+    return unit.name if unit else None
+
+
+def parse_heading(text: str) -> Heading:
+    """Split a heading such as ``'Shaft speed [rpm]'``, ``'Load, kN (aft)'`` or ``'n_rpm'``."""
+    match = _BRACKETED.fullmatch(text.strip())
+    name, bracketed = match.groups() if match else (text, None)
+    words = re.sub(r'[_\W]+', ' ', name).split()
+    unit = bracketed
+    if unit is None or unit_of(unit) is None:
+        unit = _bare_unit(name, words) or (text.strip() if unit_of(text) else bracketed)
+    if _FACTOR.search(text):
+        unit = text.strip()
+    return Heading(' '.join(words).lower(), unit)
+
+
+def _bare_unit(name: str, words: Sequence[str]) -> str | None:
+    """A unit without brackets: behind a comma, or a word that can be nothing else."""
+    if '%' in name:
+        return '%'
+    behind = name.rpartition(',')[2].strip()
+    if ',' in name and unit_of(behind):
+        return behind
+    if '/' in (last := name.rpartition(' ')[2]) and unit_of(last):
+        return last
+    is_force = bool(_FORCES & {word.lower() for word in words})
+    if is_force and words[-1] == 'N':
+        return 'N'
+    forces = [word for word in words if len(word) > 1 and unit_of(word) in names_of('force') and is_force]
+    return next((word for word in words if word.lower() in _CLEAR or word in forces), None)
+
+
+def with_unit(name: str, unit: str) -> tuple[str, str | None]:
+    """A heading with a unit that stands apart from it, and the unit as the configuration calls it.
+
+    A unit that is none of those becomes a part of the heading.
+    """
+    name, unit = name.strip(), unit.strip(' []()')
+    if unit in ('', '-'):
+        return name, parse_heading(name).known_unit
+    whole = f'{name} [{unit}]'
+    known = parse_heading(whole).known_unit
+    return (name, known) if known else (whole, None)
+
+
+def parse_number(cell: str, decimal: str = '.') -> float | None:
+    """A cell as a number; None for a word, and for what is beyond a double."""
+    text = cell.strip()
+    if decimal == ',':
+        text = text.translate(_SWAP)
+    text = _SPACES.sub('', text).replace('\u2212', '-')  # the minus of Swedish, Norwegian, ... locales
+    if _GROUPED.fullmatch(text):
+        text = text.replace(',', '')
+    if not _NUMBER.fullmatch(text):
+        return None
+    value = float(text)
+    return value if abs(value) < float('inf') else None
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect(TableColumns):
+    """How a table is written, beside its columns.
+
+    Attributes:
+        encoding: Of its text.
+        delimiter: Between cells; the name of a log of a ship's bus where it is one.
+        above: The rows before the first with numbers; the headings are one of them.
+        heading: The row of the headings as it stands; empty where there is none.
+        suffixes: Of each column the unit that stands behind every number.
+        said: What was guessed.
+        losses: What is not read.
+    """
+
+    encoding: str
+    delimiter: str
+    above: tuple[Cells, ...] = ()
+    heading: Cells = ()
+    suffixes: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What a first pass over the bytes of a file found.
+
+    ``problem`` is why it could not be read to its end, ``is_ended`` whether its last line is
+    whole.
+    """
+
+    head: bytes
+    tail: bytes
+    lines: int
+    size: int
+    zeros: int
+    is_ended: bool
+    problem: str
+
+
+def opened(path: Path) -> IO[bytes]:
+    """The bytes of a file, decompressed.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+    file = open_file(path)
+    begin = file.read(len(GZIP))
+    file.seek(0)
+    return gzip.open(file) if begin == GZIP else file  # type: ignore[return-value]
+
+
+def extent_of(path: Path) -> Extent:
+    """Read a file once for its head, its tail and the number of its lines.
+
+    Raises:
+        BagError: Nothing of it can be read.
+    """
+    head, tail, lines, size, zeros, problem, last = b'', b'', 0, 0, 0, '', b''
+    try:
+        with opened(path) as file:
+            while piece := file.read(_PIECE):
+                head += piece[: _HEAD - len(head)]
+                tail = (tail + piece)[-_TAIL:] if size + len(piece) > _HEAD else b''
+                lines, zeros = lines + piece.count(b'\n'), zeros + piece.count(b'\0')
+                size += len(piece)
+                last = piece[-2:]
+    except _BROKEN as error:
+        problem = str(error) or type(error).__name__
+        if not size:
+            raise BagError(f"log '{path}' cannot be read: {problem}") from None
+    is_ended = b'\n' in last
+    return Extent(head, tail, lines + (not is_ended), size, zeros, is_ended, problem)
+
+
+def text_lines(path: Path, encoding: str) -> Iterator[str]:
+    """The lines without zero bytes, as far as they can be read; one without an end in pieces."""
+    with opened(path) as raw:
+        text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
+        with contextlib.suppress(*_BROKEN):
+            for line in iter(lambda: text.readline(_LONGEST_LINE), ''):
+                yield line.replace('\0', '') if '\0' in line else line
+
+
+def reader(lines: Iterator[str], delimiter: str) -> Any:
+    """The rows of lines; those cut by blanks may be cut by several."""
+    return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
+
+
+def sniff(path: Path, extent: Extent) -> Dialect:
+    """Find out how a table is written.
+
+    Raises:
+        BagError: It is no table, or not to be told from several.
+    """
+    encoding = _encoding(extent.head)
+    text = extent.head.decode(encoding, 'replace').replace('\0', '')
+    if extent.size > len(extent.head):
+        text = text[: text.rfind('\n') + 1]
+    lines = _lines_of(text)
+    kept, others = lines[:_MOST_LINES], lines[_MOST_LINES:]
+    # The tail begins within a line, and within a character of two bytes.
+    tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
+    last = _lines_of(tail.replace('\0', ''))[1:] or others[-_MOST_LINES:]
+    if kind := bus_log_of(kept):
+        return _bus_log(path, encoding, kind, kept, last)
+    if text.lstrip().startswith('{'):
+        raise BagError(f"log '{path}' is JSON: write it as CSV; a package of ISO 19848 with {_JQ}")
+    delimiter, rows = _best(kept)
+    if not rows:
+        raise BagError(f"log '{path}' is no table: no line of it has two cells")
+    return _table(path, encoding, delimiter, rows, _split(last, delimiter))
+
+
+def _lines_of(text: str) -> list[str]:
+    """The lines of a text as a file gives them: a form feed ends none."""
+    return io.StringIO(text, newline='').readlines()
+
+
+def _table(
+    path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
+) -> Dialect:
+    width = _usual_width(rows)
+    decimal = _decimal_sign(path, [row for row in rows if len(row) == width], delimiter)
+    first = _first_data(rows, decimal, width)
+    if first is None:
+        raise BagError(
+            f"log '{path}' has no line with a time and a number: write them as CSV, one time in each line"
+        )
+    above, below = rows[:first], rows[first:]
+    heading, units = _headings(above, width)
+    if len(heading) > width and len(joined := _with_bare_units(heading)) == width:
+        heading, units = joined, [''] * width
+    if len(heading) == width - 1 and _has_row_names(heading, [row for row in below if len(row) == width]):
+        # R numbers its rows, and does not name the column of these.
+        heading, units = ['', *heading], ['', *units]
+    heading = heading and [*heading, *[''] * (width - len(heading))]
+    suffixes = [_suffix(below, k, heading[k] if heading else '') for k in range(width)]
+    names = heading or [f'#{k + 1}' for k in range(width)]
+    both = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
+    plain, known = tuple(name for name, _ in both), tuple(unit for _, unit in both)
+    other = _other_table(above, delimiter)
+    shown = _maybe_thousands(below, decimal) if delimiter == ';' else ''
+    sign = 'point' if decimal == '.' else 'comma'
+    said = f"'{shown}' is read with a decimal {sign}: nothing in the file tells it from thousands"
+    wide = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
+    return Dialect(
+        plain,
+        tuple(map(parse_heading, plain)),
+        known,
+        decimal,
+        tuple(below),
+        tuple(tail),
+        encoding,
+        delimiter,
+        tuple(above),
+        tuple(heading),
+        tuple(suffixes),
+        (*([said] if shown else []), *([wide] if len(heading) > width else [])),
+        (f"{plural(len(other), 'line')} of another table above were not read, the first '{other[0]}'",)
+        if other
+        else (),
+    )
+
+
+def _encoding(head: bytes) -> str:
+    for mark, encoding in _MARKS:
+        if head.startswith(mark):
+            return encoding
+    # UTF-16 without its mark: every other byte of plain text is zero.
+    for begin, encoding in ((1, 'utf-16-le'), (0, 'utf-16-be')):
+        if len(head) > 3 and head[begin:400:2].count(0) > 0.8 * len(head[begin:400:2]):
+            return encoding
+    try:
+        head[:-4].decode()
+    except UnicodeDecodeError as error:
+        return 'utf-8' if error.start > len(head) - 8 else 'cp1252'
+    return 'utf-8'
+
+
+def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
+    try:
+        return list(reader(iter(lines), delimiter))
+    except csv.Error:
+        return []
+
+
+def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
+    """The delimiter that cuts most lines into one number of cells that are times and numbers."""
+    best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
+    for delimiter in _DELIMITERS:
+        rows = _split(lines, delimiter)
+        width = _usual_width(rows)
+        if width < 2:
+            continue
+        usual = [row for row in rows if len(row) == width]
+        cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
+        sound = sum(_is_sound(cell) for cell in cells)
+        score = len(usual) / len(rows) * (0.1 + sound / max(len(cells), 1))
+        # Between a date and its time there is a blank, too.
+        score *= _OF_BLANKS if delimiter == ' ' else 1.0
+        if score > best[0] * 1.0001:
+            best = score, delimiter, rows
+    return best[1:]
+
+
+def _usual_width(rows: Sequence[Cells]) -> int:
+    counts = Counter(len(row) for row in rows if len(row) > 1 and not row[0].startswith('#'))
+    return counts.most_common(1)[0][0] if counts else 0
+
+
+def _is_sound(cell: str) -> bool:
+    decimals = parse_number(cell, '.') is not None or parse_number(cell, ',') is not None
+    return decimals or is_stamp(cell) or is_day(cell) or is_time(cell) or bool(_WITH_UNIT.fullmatch(cell))
+
+
+def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
+    """The decimal sign of some cells.
+
+    Raises:
+        BagError: Nothing tells it from a sign of thousands.
+    """
+    cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
+    if any(',' in cell and _GROUPED.fullmatch(cell.translate(_SWAP)) for cell in cells):
+        return ','  # 1.000,5
+    comma = [cell for cell in cells if _COMMA.fullmatch(cell)]
+    if not comma:
+        return '.'
+    if not all(_GROUPED.fullmatch(cell) for cell in comma) or any(
+        cell.lstrip('+-').startswith('0,') for cell in comma
+    ):
+        return ','
+    pointed = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
+    if any(',' in cell for cell in pointed):
+        return '.'  # 1,000.5
+    has_points = any(delimiter == ',' or not _POINTS.fullmatch(cell) for cell in pointed)
+    if has_points != (delimiter == ';'):
+        return '.' if has_points else ','
+    remedy = ' alone' if has_points else ", or cells separated by ';'"
+    raise BagError(
+        f"log '{path}': '{comma[0]}' may be {comma[0].replace(',', '.')} or"
+        f' {comma[0].replace(",", "")}: write it with a decimal point{remedy}'
+    )
+
+
+def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
+    """A number whose decimal sign may part thousands, where all with one may; else nothing."""
+    cells = [cell.strip() for row in rows for cell in row if decimal in cell]
+    plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
+    numbers = [k for k, cell in enumerate(plain) if _NUMBER.fullmatch(cell)]
+    are_all = all(_POINTS.fullmatch(plain[k]) for k in numbers)
+    return cells[numbers[0]] if numbers and are_all else ''
+
+
+def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
+    """The first row of numbers of a table; rows of a preamble may have some, too."""
+    data = [k for k, row in enumerate(rows) if _is_data(row, decimal, width)]
+    for k in data:
+        run = [_is_data(each, decimal, width) for each in rows[k : k + 2 * _RUN] if each][:_RUN]
+        if sum(run) > 0.5 * len(run):
+            break
+    else:
+        return data[0] if data else None
+    if _headings(rows[:k], width)[0]:
+        return k
+    # Numbers may stand above the headings, too.
+    named = next((n for n, row in enumerate(rows[k:], k) if _has_time_heading(row, width)), -1)
+    return next((n for n in data if n > named >= k), k)
+
+
+def _has_time_heading(row: Cells, width: int) -> bool:
+    """Whether a row is surely one of headings: words all, with that of a time among them."""
+    is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
+    return is_words and any(NAMED.search(parse_heading(cell).name) for cell in row)
+
+
+def _is_data(row: Cells, decimal: str, width: int) -> bool:
+    """Whether a row is no heading: it has a stamp, begins with a number, or has two of them."""
+    if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith('#'):
+        return False
+    numbers = [parse_number(cell, decimal) is not None for cell in row]
+    times = any(is_stamp(cell) or is_time(cell) for cell in row)
+    return times or numbers[0] or sum(numbers) > 1
+
+
+def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
+    """Lines above the headings that are those of a table with other cells or delimiter."""
+    # An open quotation mark makes one cell of many lines.
+    lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
+    rows = [
+        [row for row in _split(lines, mark) if sum(map(_is_sound, row)) > 1 and _is_sound(row[0])]
+        for mark in _DELIMITERS
+    ]
+    most = max(rows, key=len)
+    return [' '.join(row)[:_MOST_SHOWN] for row in most] if len(most) > 1 else []
+
+
+def _with_bare_units(heading: Sequence[str]) -> list[str]:
+    """Headings where a cell that is a unit belongs to the one before, as in 'Speed, rpm'."""
+    joined: list[str] = []
+    for cell in heading:
+        if joined and unit_of(cell):
+            joined[-1] += f',{cell}'
+        else:
+            joined.append(cell)
+    return joined
+
+
+def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
+    """The row of headings above the numbers, if there is one, and the units of a row of them."""
+    wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
+    bare = [row for row in wide if not (row[0].startswith('#') and row[0].strip('# '))]
+    if not bare:
+        bare = [[row[0].lstrip('# '), *row[1:]] for row in wide]
+    # Of cells cut by blanks the mark of a comment may be one.
+    bare = [row[1:] if row[0].strip('# ') == '' and len(row) > width else row for row in bare]
+    named = [row for row in bare if not any(_is_sound(cell) for cell in row if cell.strip())]
+    if not named or named[-1][0].strip().lower().startswith('sep='):
+        return [], [''] * width
+    units, names = _row_of_units(named)
+    pad = [''] * width
+    return list(names), [*units, *pad]
+
+
+def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
+    """Whether the first cells of rows are names or numbers of the rows, and no column of a time."""
+    if sum(row[-1] != '' for row in rows) <= 0.5 * len(rows):
+        return False
+    numbers = [parse_number(row[0]) for row in rows]
+    if not any(_is_sound(row[0]) for row in rows):
+        return any(row[0] for row in rows)
+    steps = [b - a for a, b in itertools.pairwise(n for n in numbers if n is not None)]
+    if min(steps, default=0.0) <= 0.0 or steps.count(1.0) <= 0.5 * len(steps) or None in numbers:
+        return False
+    # Whole seconds count as rows do: then what is headed as the time has to rise too.
+    second = [parse_number(row[1]) for row in rows]
+    known = [n for n in second if n is not None]
+    return not NAMED.search(parse_heading(heading[0]).name) or known == sorted(known)
+
+
+def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
+    """Of some rows of words that with units, which may be empty, and that with headings."""
+    for k in reversed(range(len(named))):
+        row = named[k]
+        is_units = any(unit_of(cell) for cell in row) and all(len(cell.strip()) < 16 for cell in row)
+        beside = [other for other in (*named[:k][-1:], named[-1]) if other is not row]
+        if is_units and beside and len(beside[0]) == len(row):
+            return row, beside[0]
+    return (), named[-1]
+
+
+def _suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
+    """The unit that stands behind the numbers of a column; empty where they have none."""
+    cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
+    counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
+    suffix, count = counts.most_common(1)[0] if counts else ('', 0)
+    is_north = suffix.strip() == 'N' and not _FORCES & set(parse_heading(heading).name.split())
+    return '' if is_north or count <= 0.5 * len(cells) else suffix
+
+
+def _bus_log(path: Path, encoding: str, kind: str, lines: Sequence[str], last: Sequence[str]) -> Dialect:
+    rows = tuple(row for row in BUS_LOGS[kind](iter(lines)) if row)
+    if not rows:
+        raise BagError(
+            f"log '{path}': no line has a time and a number: record it with a time before each line"
+        )
+    tail = tuple(row for row in BUS_LOGS[kind](iter(last)) if row)
+    headings, units = tuple(map(parse_heading, NAMES)), (None,) * len(NAMES)
+    return Dialect(NAMES, headings, units, '.', rows, tail, encoding, kind)

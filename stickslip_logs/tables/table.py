@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A file of rows with times, text or Parquet (by pyarrow, extra ``logs``): columns, block by block."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import itertools
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stickslip_logs.tables.bus_log import BUS_LOGS
+from stickslip_logs.tables.clock import (
+    WITHOUT_ZONE,
+    Cells,
+    Clock,
+    TableColumns,
+    find_clock,
+    likeliest_first,
+    scaled_reader,
+)
+from stickslip_logs.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.errors import BagError, plural
+from stickslip_monitor.files import open_file
+
+# Rows that are handed on at a time: few enough for the caches.
+BLOCK = 1 << 14
+_MOST_SHOWN = 60
+_PARQUET, _PARQUET_HEAD = b'PAR1', 2000
+# What a line that is no row begins with; WinCC ends with a count of rows.
+_REMARKS = '#', '$RT_'
+
+Say = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class Rows:
+    """Some rows: their times [ns], which of them have one, and the cells of the columns."""
+
+    time_ns: IntArray
+    is_timed: BoolArray
+    columns: Sequence[Any]
+
+
+@dataclass(slots=True)
+class Numbers:
+    """The numbers of some cells, NaN for a word, which cells are not empty, and the words."""
+
+    value: FloatArray
+    is_there: BoolArray
+    words: Counter[str] = field(default_factory=Counter)
+
+
+class NumberTable(ABC):
+    """A table of numbers with times.
+
+    Attributes:
+        names: The headings.
+        units: The unit of each as the configuration calls it.
+        clock: Its time.
+        head: Rows of the beginning.
+        tail: Rows of the end.
+        line_count: About how many rows there are.
+        said: What was guessed.
+        losses: What cannot be read.
+        is_sent: Whether its numbers are as sensors sent them, over a bus.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str | None, ...]
+    clock: Clock
+    head: Sequence[Cells]
+    tail: Sequence[Cells]
+    line_count: int
+    said: tuple[str, ...]
+    losses: tuple[str, ...] = ()
+    is_sent = False
+
+    @abstractmethod
+    def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+        """Some columns, in the order of the file; told is what was not used, and what is odd."""
+
+    @abstractmethod
+    def numbers(self, cells: Any) -> Numbers:
+        """The numbers of cells of a column."""
+
+
+def texts_of(cells: Any) -> list[str]:
+    """Cells of a block as texts."""
+    return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
+
+
+def some_cells(cells: Any, chosen: BoolArray) -> Any:
+    """Those cells of a block that are chosen, shape (n,)."""
+    if isinstance(cells, list):
+        return list(itertools.compress(cells, chosen.tolist()))
+    return cells.take(np.flatnonzero(chosen))
+
+
+def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
+    """The numbers of cells some of which are words or empty."""
+    result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
+    for k, cell in enumerate(cells):
+        text = cell.strip()
+        if not text:
+            result.is_there[k] = False
+        elif (found := parse_number(text, decimal)) is not None:
+            result.value[k] = found
+        else:
+            result.words[text[:20]] += 1
+    return result
+
+
+def open_table(path: Path) -> NumberTable:
+    """Open a table of either kind.
+
+    Raises:
+        BagError: It is none, or cannot be read.
+    """
+    with open_file(path) as file:
+        is_parquet = file.read(len(_PARQUET)) == _PARQUET
+    return ParquetTable(path) if is_parquet else TextTable(path)
+
+
+class TextTable(NumberTable):
+    """A table of text.
+
+    Raises:
+        BagError: It is no table, or not to be told how it is written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, extent = path, extent_of(path)
+        self._dialect = sniff(path, extent)
+        self._is_ended, self.is_sent = extent.is_ended, self._dialect.delimiter in BUS_LOGS
+        self.clock = _without_unit(find_clock(path, self._dialect), self._dialect.suffixes)
+        self.names, self.units = self._dialect.names, self._dialect.units
+        self.head, self.tail = self._dialect.rows, self._dialect.tail
+        self.line_count = max(extent.lines - len(self._dialect.above), 0)
+        of_encoding = ('the text is not UTF-8: read as Windows-1252',)
+        said = of_encoding if self._dialect.encoding == 'cp1252' else ()
+        self.said = (*self.clock.said, *self._dialect.said, *said)
+        losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
+        if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
+            losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
+        self.losses = (*losses, *self._dialect.losses)
+
+    def numbers(self, cells: Cells) -> Numbers:
+        """The numbers of cells."""
+        joined, decimal = '\n'.join(cells), self._dialect.decimal
+        fast = cells
+        if decimal == ',' and '.' not in joined:
+            fast = joined.replace(',', '.').split('\n') if cells else []
+        # What Python takes for a number and a table does not have: 'inf', 'nan' and '1_000'.
+        if decimal == '.' or fast is not cells:
+            with contextlib.suppress(ValueError):
+                value = np.fromiter(map(float, fast), float, len(cells))
+                if '_' not in joined and np.isfinite(value).all():
+                    return Numbers(value, np.ones(len(cells), np.bool_))
+        return _mixed_numbers(cells, decimal)
+
+    def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+        """Some columns, in the order of the file."""
+        if self._dialect.delimiter in BUS_LOGS:
+            yield from self._bus_blocks(wanted, lose)
+            return
+        reading = _TextReading(self._dialect.heading, self._dialect.above, self.clock, wanted)
+        for batch, lost in self._batches():
+            reading.short += lost
+            yield from (self._without_units(rows, wanted) for rows in reading.parts(batch))
+        reading.tell(lose, note)
+
+    def _without_units(self, rows: Rows, wanted: Sequence[int]) -> Rows:
+        suffixes = [self._dialect.suffixes[k] for k in wanted]
+        if any(suffixes):
+            pairs = zip(rows.columns, suffixes, strict=True)
+            rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
+        return rows
+
+    def _bus_blocks(self, wanted: Sequence[int], lose: Say) -> Iterator[Rows]:
+        found = BUS_LOGS[self._dialect.delimiter](text_lines(self._path, self._dialect.encoding))
+        lost = 0
+        while some := list(itertools.islice(found, BLOCK)):
+            rows = [row for row in some if row]
+            lost += len(some) - len(rows)
+            columns = [[row[k] for row in rows] for k in (*self.clock.columns, *wanted)]
+            begin = len(self.clock.columns)
+            time_ns, is_timed = self.clock.read(columns[:begin])
+            lost += int((~is_timed).sum())
+            yield Rows(time_ns, is_timed, columns[begin:])
+        if lost:
+            lose(_not_used(lost, 'damaged, or without a time'))
+
+    def _batches(self) -> Iterator[tuple[list[list[str]], int]]:
+        """Rows below the headings, and how many lines were swallowed by open quotation marks."""
+        lines = text_lines(self._path, self._dialect.encoding)
+        cells = reader(lines, self._dialect.delimiter)
+        for _ in itertools.islice(cells, len(self._dialect.above)):
+            pass
+        is_over = False
+        while not is_over:
+            before, batch = cells.line_num, list[list[str]]()
+            # A cell longer than any is ends a batch.
+            with contextlib.suppress(csv.Error):
+                batch.extend(itertools.islice(cells, BLOCK))
+            is_over = cells.line_num == before
+            lost = cells.line_num - before - len(batch)
+            if len(batch) < BLOCK and batch and not self._is_ended and len(batch[-1]) < len(self.names):
+                batch.pop()
+                lost, self._is_ended = lost + 1, True
+            yield batch, lost
+
+
+def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
+    """A clock that reads times with a unit behind each, as '12 sec'."""
+    suffix = suffixes[clock.columns[0]] if suffixes else ''
+    if not suffix:
+        return clock
+    return replace(clock, read=lambda columns: clock.read([[c.removesuffix(suffix) for c in columns[0]]]))
+
+
+class _TextReading:
+    """A pass over the rows of a text: where the columns are, and what was not used.
+
+    A logger that was started again, or a second one behind it in the file, writes its headings in
+    the middle; what comes below them is in their order.
+    """
+
+    def __init__(self, heading: Cells, above: Sequence[Cells], clock: Clock, wanted: Sequence[int]) -> None:
+        self._first = [cell.strip() for cell in heading]
+        self._above, self._clock, self._wanted = {tuple(row) for row in above}, clock, [*wanted]
+        self._places: list[int] | None = [*clock.columns, *wanted]
+        self._order: Cells = self._first
+        self.short = self._untimed = self._repeated = self._foreign = 0
+        self._shown = self._other = ''
+
+    def parts(self, batch: list[list[str]]) -> Iterator[Rows]:
+        """The rows of a batch, parted where the order of the columns changes."""
+        while batch:
+            if self._places is None:
+                at = next((k for k, row in enumerate(batch) if self._is_heading(row)), len(batch))
+                self._foreign += at
+                self._take_heading(batch[at] if at < len(batch) else None)
+                batch = batch[at + 1 :]
+                continue
+            self._fill(batch, max(self._places))
+            columns = [[row[k] for row in batch] for k in self._places]
+            begin = len(self._clock.columns)
+            times = self._clock.read(columns[:begin])
+            odd = np.flatnonzero(~times[1]).tolist()
+            end = next((k for k in odd if self._is_heading(batch[k])), len(batch))
+            for k in odd:
+                if k < end:
+                    self._see_untimed(batch[k])
+                for cells in columns[begin:]:
+                    cells[k] = ''
+            yield Rows(times[0][:end], times[1][:end], [cells[:end] for cells in columns[begin:]])
+            self._take_heading(batch[end] if end < len(batch) else None)
+            batch = batch[end + 1 :]
+
+    def _is_heading(self, row: Cells) -> bool:
+        """Whether a row has headings of the table in another order than the last."""
+        cells = [cell.strip() for cell in row]
+        named = {name for name in self._first if name}
+        is_other = cells != [*self._order]
+        return bool(named) and is_other and len(named & set(cells)) > min(1, len(named) - 1)
+
+    def _take_heading(self, row: Cells | None) -> None:
+        if row is None:
+            return
+        self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1
+        wanted = [self._first[k] for k in (*self._clock.columns, *self._wanted)]
+        self._places = None
+        if set(wanted) <= set(self._order):
+            self._places = [self._order.index(name) for name in wanted]
+        else:
+            self._other = self._other or ', '.join(self._order)[:_MOST_SHOWN]
+
+    def _see_untimed(self, row: Cells) -> None:
+        if [cell.strip() for cell in row] == [*self._order]:
+            self._repeated += 1
+        elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
+            self._untimed += 1
+            self._shown = self._shown or ' '.join(row[k].strip() for k in self._clock.columns)[:_MOST_SHOWN]
+
+    def _fill(self, batch: list[list[str]], most: int) -> None:
+        """Take rows of too few cells away, but those that lack empty ones at their end."""
+        if min(map(len, batch)) > most:
+            return
+        need = max(max(self._clock.columns) + 1, len(self._first) // 2)
+        for k in reversed(range(len(batch))):
+            row = batch[k]
+            if most >= len(row) > need:
+                row += [''] * (most + 1 - len(row))
+            elif len(row) <= most:
+                self.short += any(cell.strip() for cell in row) and not row[0].startswith(_REMARKS)
+                del batch[k]
+
+    def tell(self, lose: Say, note: Say) -> None:
+        """Say what was not used."""
+        if self._untimed:
+            lose(_not_used(self._untimed, 'without a time', f", the first '{self._shown}'"))
+        if self.short:
+            lose(_not_used(self.short, 'damaged or of too few cells'))
+        if self._foreign:
+            lose(_not_used(self._foreign, f"under other headings ('{self._other}')"))
+        if self._repeated:
+            note(f'the headings come {plural(self._repeated, "time")} more in the middle')
+
+
+def _not_used(count: int, what: str, more: str = '') -> str:
+    return f'{plural(count, "line")} {what} {"was" if count == 1 else "were"} not used{more}'
+
+
+class ParquetTable(NumberTable):
+    """A Parquet file.
+
+    Raises:
+        BagError: pyarrow is not there or cannot read it, or no column is a time.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, file = path, _opened(path)
+        schema = file.schema_arrow
+        self.names = tuple(schema.names)
+        headings = tuple(map(parse_heading, self.names))
+        self.units = tuple(heading.known_unit for heading in headings)
+        self.line_count = file.metadata.num_rows
+        with _as_bag_error(path):
+            first = next(iter(file.iter_batches(_PARQUET_HEAD)), None)
+            self.head = () if first is None else _as_rows(first.columns)
+            last = file.metadata.num_row_groups - 1
+            group = None if last < 1 else file.read_row_group(last)
+            self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
+        columns = TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
+        stamped = likeliest_first(
+            columns, [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
+        )
+        if stamped:
+            has_zone = 'tz=' in str(schema.types[stamped[0]])
+            read = scaled_reader(1, 0, '.')  # as _texts() writes them
+            self.clock = Clock((stamped[0],), read, () if has_zone else (WITHOUT_ZONE,))
+        else:
+            self.clock = find_clock(path, columns)
+        self.said = self.clock.said
+
+    def numbers(self, cells: Any) -> Numbers:
+        """The numbers of a column: of numbers, or of texts that are some."""
+        is_there = np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
+        try:
+            value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)
+            return Numbers(np.where(np.isfinite(value), value, np.nan), is_there)
+        except (ValueError, NotImplementedError):  # pyarrow's errors are of these
+            return _mixed_numbers(_texts(cells))
+
+    def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+        """Some columns, in the order of the file."""
+        del note
+        untimed = 0
+        every = list(dict.fromkeys([*self.clock.columns, *wanted]))
+        try:
+            for batch in _opened(self._path).iter_batches(BLOCK, columns=[self.names[k] for k in every]):
+                own = dict(zip(every, batch.columns, strict=True))
+                times = self.clock.read([_texts(own[k]) for k in self.clock.columns])
+                untimed += int((~times[1]).sum())
+                yield Rows(*times, [own[k] for k in wanted])
+        except Exception as error:  # pyarrow's errors have no common root
+            lose(f'the file is damaged ({str(error)[:100]}): not read from there on')
+        if untimed:
+            lose(_not_used(untimed, 'without a time'))
+
+
+def _opened(path: Path) -> Any:
+    try:
+        from pyarrow import parquet  # an extra, which takes time to import
+    except ImportError as error:
+        raise BagError(
+            f"log '{path}' is a Parquet file, which needs the extra 'logs' ({error}):"
+            " pip install 'stickslip_monitor[logs]'"
+        ) from None
+    with _as_bag_error(path):
+        return parquet.ParquetFile(path)
+
+
+@contextlib.contextmanager
+def _as_bag_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # pyarrow's errors have no common root
+        raise BagError(f"log '{path}' cannot be read as Parquet: {str(error)[:200]}") from None
+
+
+def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
+    return tuple(zip(*map(_texts, columns), strict=True))
+
+
+def _texts(column: Any) -> list[str]:
+    """The cells as a text table would have them; a timestamp by its nanoseconds."""
+    if str(column.type).startswith('timestamp'):
+        times = column.to_numpy(zero_copy_only=False).astype('M8[ns]')
+        # What is no time becomes a number beyond all times.
+        return [str(ns) for ns in times.astype(np.int64).tolist()]
+    return ['' if cell is None else str(cell) for cell in column.to_pylist()]

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which column of a log an input of a configuration is, and what its numbers are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stickslip_logs.bags.recording import Bound
+from stickslip_logs.tables.dialect import parse_heading
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.errors import BagError, did_you_mean
+from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.signals import NO_VALUES
+from stickslip_monitor.physics.bearing import TURNING_UNITS
+
+FLOAT64 = 'std_msgs/msg/Float64'
+# A value counts for so many intervals, as a lost line is no lost input.
+_TIMEOUT_LINES = 3.0
+# Of ten years, to which any time of a log can be added [ns].
+_LONGEST_NS = 10 * 31_557_600 * 10**9
+_MOST_NAMED = 10
+# In the unit of an input, but named as another quantity: never guessed.
+_OTHERS = {
+    # C663 is a turbocharger in the ISO 19848 names of DNV.
+    'speed': {
+        *('turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'alternator'),
+        *('wind', 'winch', 'thruster', 'grid', 'mains', 'busbar', 'sampling'),
+    },
+    'load': {
+        *('thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'),
+        *('rudder', 'steering', 'crane', 'rope', 'chain', 'anchor', 'ice', 'mooring', 'towing', 'winch'),
+    },
+}
+# What has a frequency, or an angle; in rpm they are words of propellers.
+_OF_MOTIONS = {'blade', 'gyro', 'turn', 'roll', 'pitch', 'yaw', 'heave'}
+# In the unit of an input, but not what is measured.
+_UNMEASURED = {
+    *('setpoint', 'set', 'sp', 'demand', 'command', 'cmd', 'order', 'target', 'reference', 'ref'),
+    *('limit', 'alarm', 'error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
+}
+# What is measured in spite of such a word.
+_MEASURED = re.compile(r'\bset \d+|\brate of (?:rev|rot)\w+|\brot\w+ rate')
+# 'RPM S 01' is 'RPM S 1'.
+_ZEROS = re.compile(r'\b0+(?=\d)')
+# Words of one side or end of a ship, and of the other.
+_SIDES = (
+    ({'port', 'ps', 'bb', 'backbord', 'babord'}, {'starboard', 'stbd', 'sb', 'stb', 'steuerbord', 'tribord'}),
+    ({'aft', 'after', 'achtern', 'hinten'}, {'forward', 'fwd', 'fore', 'vorn'}),
+)
+# What may turn the shaft by a gear; E is an engine of NMEA 0183, and propulsion one of Signal K.
+_GEARED = {'engine', 'motor', 'maschine', 'e', 'propulsion'}
+# How local IDs of ISO 19848 name a quantity; they have no units.
+_LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
+
+
+@dataclass(frozen=True, slots=True)
+class LogColumn:
+    """A column of a table, or the rows of a name in a table of one value a line.
+
+    Attributes:
+        heading: What it is called.
+        place: Of the column that holds its numbers.
+        name: The name whose rows count; None where all do.
+        unit: As the configuration calls it; None where its heading has none of these.
+    """
+
+    heading: str
+    place: int
+    name: str | None = None
+    unit: str | None = None
+
+    @property
+    def has_unit(self) -> bool:
+        """Whether it says a unit, be it a known one or another."""
+        return self.unit is not None or bool(parse_heading(self.heading).unit)
+
+
+@dataclass(frozen=True, slots=True)
+class SourceColumn:
+    """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
+
+    ``status`` is the place of the column that says whether its numbers count, if there is one.
+    """
+
+    column: LogColumn
+    ratio: float = 1.0
+    scale: float = 1.0
+    offset: float = 0.0
+    status: int | None = None
+
+    def sent(self, values: FloatArray) -> FloatArray:
+        """What the sensor would have sent, of numbers in the column."""
+        if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
+            return values
+        with np.errstate(over='ignore'):  # infinite is no value either
+            sent = (values * self.ratio - self.offset) / self.scale
+        # What means "no value" is no quantity, and has no unit.
+        return np.where(np.isin(values, NO_VALUES), values, sent)
+
+
+class ColumnBinding:
+    """Finds the columns of the inputs of a configuration.
+
+    ``is_sent`` is whether their numbers are as sensors sent them, over a bus.
+
+    Attributes:
+        columns: By the topic that each stands for.
+        said: What was guessed.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[LogColumn],
+        interval: Callable[[LogColumn], float],
+        is_sent: bool = False,
+    ) -> None:
+        self._path, self._all, self._interval, self._is_sent = path, columns, interval, is_sent
+        self.columns: dict[str, SourceColumn] = {}
+        self.said: list[str] = []
+
+    def bind(self, config: MonitorConfig) -> Bound:
+        """The configuration with the topics and timeouts that hold for the table."""
+        absent: dict[tuple[str, str], str] = {}
+        changed: dict[str, dict[str, Any]] = {}
+        wanted = [(b, *each) for b in config.bearings for each in b.inputs.items() if not each[1].is_assumed]
+        found: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
+        for bearing, quantity, source in wanted:
+            try:
+                found.append((bearing, quantity, source, self._found(bearing, quantity, source)))
+            except BagError as error:
+                absent[bearing.name, quantity] = str(error)
+        for bearing, quantity, source, column in found:
+            topics = {own.topic for _, of, own, same in found if (of, same) == (quantity, column)}
+            if len(topics) > 1 and not source.column and not _names(column, bearing.name, source.topic):
+                absent[bearing.name, quantity] = (
+                    f"log '{self._path}': column '{column.heading}' is the {quantity} of one bearing, and"
+                    f' {len(topics)} have different topics: write {bearing.name}.{quantity}.column'
+                )
+                continue
+            every = self._interval(column)
+            own = self._bound(bearing, quantity, source, column, every)
+            changed.setdefault(bearing.name, {})[quantity] = own
+        for each in config.bearings:
+            inputs = changed.get(each.name, {})
+            if each.load.is_assumed and 'speed' in inputs:
+                # It comes with the speed.
+                names = ('topic', 'type', 'field_text', 'field', 'timeout_ns')
+                inputs['load'] = replace(each.load, **{k: getattr(inputs['speed'], k) for k in names})
+        bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
+        return Bound(replace(config, bearings=bearings), absent)
+
+    def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
+        """The one column that is an input.
+
+        Raises:
+            BagError: None is, or several may be.
+        """
+        found = list(self._candidates(bearing.name, quantity, source))
+        if len(found) > 1:
+            named = [c for c in found if _names(c, bearing.name)]
+            found = named if len(named) == 1 else found
+        if len(found) == 1:
+            return found[0]
+        parameter = f'{bearing.name}.{quantity}.column'
+        if found:
+            # Of columns of one heading only the place tells.
+            is_one = len({column.heading for column in found}) == 1
+            names = [f'#{column.place + 1}' if is_one else column.heading for column in found]
+            listed = ', '.join(f"'{name}'" for name in names[:_MOST_NAMED])
+            raise BagError(
+                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed}; write {parameter}"
+            )
+        headings = [column.heading for column in self._all]
+        listed = ', '.join(f"'{heading}'" for heading in headings[:_MOST_NAMED])
+        more = f' and {len(headings) - _MOST_NAMED} more' if len(headings) > _MOST_NAMED else ''
+        if source.column:
+            near = did_you_mean(source.column, headings)
+            raise BagError(
+                f"log '{self._path}' has no column '{source.column}' ({parameter}): it has"
+                f' {listed}{more}{near}'
+            )
+        remedy = f' or {bearing.name}.load.constant' if quantity == 'load' else ''
+        raise BagError(
+            f"log '{self._path}': no column is to be known as the {quantity} of {bearing.name} by"
+            f' its unit or its name: it has {listed}{more}; write {parameter}{remedy}'
+        )
+
+    def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
+        """The columns that may be an input, by the first rule that fits any."""
+        if source.column:
+            asked = _ZEROS.sub('', parse_heading(source.column).name)
+            same = [c for c in self._all if c.heading == source.column]
+            like = [c for c in self._all if asked and _ZEROS.sub('', parse_heading(c.heading).name) == asked]
+            # Of a log of names by the place of its values all rows.
+            number = [
+                c if c.name is None else LogColumn(source.column, c.place)
+                for c in self._all
+                if f'#{c.place + 1}' == source.column
+            ]
+            return same or like or number[:1]
+        topic = source.topic.strip('/')
+        names = {parse_heading(topic).name, parse_heading(topic.rpartition('/')[2]).name}
+        own = {quantity, parse_heading(f'{bearing} {quantity}').name}
+        units = _units_of(quantity, source)
+        # One that says another unit is another quantity: 'Speed (kn)' is the ship's own.
+        able = [c for c in self._all if c.unit in units or not c.has_unit]
+        # PlotJuggler writes the field behind the topic.
+        of_topic = [
+            c for c in able if topic and c.heading.strip('/') in (topic, f'{topic}/{source.field_text}')
+        ]
+        # The bearing may be that of a thruster.
+        called = {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
+        others = (_UNMEASURED | _OTHERS.get(quantity, set())) - called
+        for one, other in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
+            others |= other if called & one and not called & other else set()
+        motions = _OF_MOTIONS - called
+        words = [{*_MEASURED.sub('', parse_heading(c.heading).name).split()} for c in able]
+        able = [
+            c
+            for c, own in zip(able, words, strict=True)
+            if not own & (others if c.unit == 'rpm' or quantity != 'speed' else others | motions)
+        ]
+        plain = [parse_heading(c.heading).name for c in able]
+        like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
+        by_unit = [c for c in able if c.unit in units]
+        local = _LOCAL_IDS.get(quantity, '\0')
+        by_name = [c for c, name in zip(able, plain, strict=True) if name in own or local in c.heading]
+        return of_topic or like or by_unit or by_name
+
+    def _bound(
+        self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn, every: float
+    ) -> InputConfig:
+        """An input as the table gives it; what was guessed is said."""
+        unit = column.unit if column.unit in _units_of(quantity, source) else None
+        is_geared = quantity == 'speed' and bool(_GEARED & {*parse_heading(column.heading).name.split()})
+        # What came over a bus is what the sensor sent, and the scale of an engine's speed is its gear.
+        is_scaled = unit is not None and not (self._is_sent or is_geared)
+        sent = SourceColumn(column)
+        if unit is not None:
+            ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
+            ratio = 1.0 if unit == source.unit else ratio
+            sent = SourceColumn(column, ratio, *((source.scale, source.offset) if is_scaled else ()))
+        topic = source.topic
+        if not topic or self.columns.get(topic, sent) != sent:
+            topic = f'/{bearing.name}/{quantity}'
+        self.columns[topic] = sent
+        why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
+        said = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
+        if unit is None and column.has_unit:
+            stated = column.unit or parse_heading(column.heading).unit
+            said += f": is that right? Its heading says '{stated}'"
+        if (source.scale, source.offset) != (1.0, 0.0):
+            said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
+            said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
+        elif is_geared:
+            said += ": is it the shaft's own, with no gear between?"
+        timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)
+        if timeout_ns <= source.timeout_ns:
+            timeout_ns = source.timeout_ns
+        else:
+            said += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
+        self.said.append(said)
+        return replace(
+            source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
+        )
+
+
+def _names(column: LogColumn, bearing: str, topic: str = '') -> bool:
+    """Whether a heading names a bearing, or is a topic."""
+    is_topic = bool(topic) and column.heading.strip('/').startswith(topic.strip('/'))
+    return is_topic or {*bearing.split('_')} <= {*parse_heading(column.heading).name.split()}
+
+
+def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
+    """The units by which a column is known to be a quantity."""
+    if quantity == 'speed':
+        # A column in m/s may be the ship's own speed.
+        return (*TURNING_UNITS, *(['m/s'] if source.unit == 'm/s' else []))
+    return tuple(LOAD_UNITS) if quantity == 'load' else (source.unit,)
+
+
+def _factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
+    """What a unit is in SI."""
+    if quantity == 'speed':
+        return bearing.bearing.speed.factor(unit)
+    return LOAD_UNITS[unit] if quantity == 'load' else 1.0

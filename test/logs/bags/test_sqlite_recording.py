@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of SQLite, written by rosbags, and judged by what was put in."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import sqlite3
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from stickslip_logs.bags.reader import find_bags, open_bag
+from stickslip_logs.bags.recording import Request
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+START = 1_776_074_400 * 10**9
+COUNT = 2500
+SPEED = Request('/shaft/speed', 'data')
+LOAD = Request('/load', 'wrench.force.z')
+
+
+def make(path: Path, version: int = 8, mode: CompressionMode = CompressionMode.NONE) -> Path:
+    """Speeds n at n / 100 s, and loads -n with stamps of half a second before."""
+    types = STORE.types
+    header, stamp = types['std_msgs/msg/Header'], types['builtin_interfaces/msg/Time']
+    vector, wrench = types['geometry_msgs/msg/Vector3'], types['geometry_msgs/msg/Wrench']
+    writer = Writer(path, version=version, storage_plugin=StoragePlugin.SQLITE3)  # type: ignore[arg-type]
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        speed = writer.add_connection('/shaft/speed', 'std_msgs/msg/Float64', typestore=STORE)
+        load = writer.add_connection('/load', 'geometry_msgs/msg/WrenchStamped', typestore=STORE)
+        for n in range(COUNT):
+            time = START + n * 10_000_000
+            number = types['std_msgs/msg/Float64'](float(n))
+            writer.write(speed, time, STORE.serialize_cdr(number, 'std_msgs/msg/Float64'))
+            earlier = time - 500_000_000
+            own = header(stamp(earlier // 10**9, earlier % 10**9), 'load')
+            zero = vector(0.0, 0.0, 0.0)
+            message = types['geometry_msgs/msg/WrenchStamped'](own, wrench(vector(0.0, 0.0, -float(n)), zero))
+            data = STORE.serialize_cdr(message, 'geometry_msgs/msg/WrenchStamped')
+            writer.write(load, time, data)
+    return path
+
+
+def changed(folder: Path, *changes: str, version: int = 8) -> Path:
+    """The file of a folder after some changes by SQL, without metadata."""
+    (file,) = make(folder / 'bag', version).glob('*.db3')
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        for change in changes:
+            database.execute(change)
+        database.commit()
+    (folder / 'bag/metadata.yaml').unlink()
+    return file
+
+
+def judge(path: Path, count: int = COUNT) -> None:
+    recording = open_bag(path)
+    found = recording.read([SPEED, LOAD])
+    times = START + np.arange(count) * 10_000_000
+    for request, sign, earlier in ((SPEED, 1, 0), (LOAD, -1, 500_000_000)):
+        series = found[request]
+        np.testing.assert_array_equal(series.log_time_ns, times)
+        np.testing.assert_array_equal(series.stamp_ns, times - earlier)
+        np.testing.assert_array_equal(series.value, sign * np.arange(float(count)))
+        assert series.faults == ()
+    assert recording.message_count == 2 * count
+    assert (recording.start_ns, recording.end_ns) == (times[0], times[-1])
+    assert recording.losses == ()
+
+
+@pytest.mark.parametrize('version', [8, 9])
+@pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_every_number_of_a_folder(tmp_path: Path, version: int, mode: CompressionMode) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        judge(make(tmp_path / 'bag', version, mode))
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        'UPDATE messages SET id = -9223372036854775808 WHERE id = 1',
+        'ALTER TABLE messages RENAME COLUMN id TO other',
+    ],
+)
+def test_messages_are_read_by_the_number_of_their_row(tmp_path: Path, change: str) -> None:
+    judge(changed(tmp_path, change))
+
+
+def test_a_file_without_its_metadata(tmp_path: Path) -> None:
+    file = changed(tmp_path)
+    judge(file)
+    assert find_bags([tmp_path]) == [file] or find_bags([tmp_path]) == [tmp_path / 'bag']
+
+
+def test_nothing_is_written_to_the_folder(tmp_path: Path) -> None:
+    (file,) = make(tmp_path / 'bag').glob('*.db3')
+
+    def state() -> list[tuple[str, str, int]]:
+        return [
+            (p.name, hashlib.sha256(p.read_bytes()).hexdigest(), p.stat().st_mtime_ns)
+            for p in sorted(file.parent.iterdir())
+        ]
+
+    # As a recorder that lost power leaves it: the last messages are in the journal only.
+    with sqlite3.connect(file) as database:
+        database.execute('PRAGMA journal_mode=WAL')
+        database.execute('PRAGMA wal_autocheckpoint=0')
+        database.execute('DELETE FROM messages WHERE id > 4000')
+        database.commit()
+        copies = {p.name: p.read_bytes() for p in file.parent.iterdir()}
+    database.close()
+    for name, data in copies.items():
+        (file.parent / name).write_bytes(data)
+    (file.parent / 'metadata.yaml').unlink()
+    before = state()
+    judge(file, 2000)
+    assert state() == before
+
+
+def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
+    file = changed(tmp_path)
+    data = bytearray(file.read_bytes())
+    # A leaf of a table, by its first byte.
+    pages = range(0, len(data), 4096)
+    middle = [page for page in pages if data[page] == 0x0D][len(pages) // 4]
+    data[middle : middle + 4096] = bytes(4096)
+    file.write_bytes(data)
+    recording = open_bag(file)
+    series = recording.read([SPEED])[SPEED]
+    assert COUNT * 0.9 < series.value.size < COUNT
+    np.testing.assert_array_equal(series.log_time_ns, START + series.value.astype(np.int64) * 10_000_000)
+    assert 'is damaged' in ' '.join(recording.losses)
+
+
+def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
+    """The order of the file is the order of events: 10 s become 2 s, and values go on."""
+    change = 'UPDATE messages SET timestamp = timestamp - 8000000000 WHERE id > 2000'
+    recording = open_bag(changed(tmp_path, change))
+    series = recording.read([SPEED])[SPEED]
+    np.testing.assert_array_equal(series.value, np.arange(float(COUNT)))
+    assert (np.diff(series.log_time_ns) >= 0).all()
+    assert 'was set back once, by 7.99 s' in ' '.join(recording.warnings)
+
+
+@pytest.mark.parametrize('order', ['topic_id, timestamp', 'timestamp DESC'], ids=['by topic', 'newest first'])
+def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None:
+    """A converter may write topic by topic: no clock was set, and the inputs belong together."""
+    path = changed(
+        tmp_path,
+        f'CREATE TABLE copy AS SELECT * FROM messages ORDER BY {order}',
+        'UPDATE copy SET id = rowid',
+        'DELETE FROM messages',
+        'INSERT INTO messages SELECT * FROM copy',
+    )
+    judge(path)
+    assert any('is written in no order of time: sorted by time' in text for text in open_bag(path).warnings)
+
+
+def test_what_is_played_in_a_loop_is_not_sorted(tmp_path: Path) -> None:
+    """Ten rounds of 25 messages in 2.5 s: sorted, the values of all rounds would be mixed."""
+    path = changed(
+        tmp_path,
+        f'DELETE FROM messages WHERE (timestamp - {START}) % 100000000',
+        f'UPDATE messages SET timestamp = {START} + (timestamp - {START}) % 2500000000',
+    )
+    assert open_bag(path).read([SPEED])[SPEED].value.tolist() == list(range(0, COUNT, 10))
+
+
+def test_a_type_that_nobody_knows_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = changed(tmp_path, "UPDATE topics SET type = 'yard_msgs/msg/Shaft' WHERE name = '/load'")
+    assert 'no definition of yard_msgs/msg/Shaft' in open_bag(file).topics['/load'].problem
+    folder = tmp_path / 'share/yard_msgs/msg'
+    folder.mkdir(parents=True)
+    (folder / 'Shaft.msg').write_text('std_msgs/Header header # when\ngeometry_msgs/Wrench wrench\n')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    judge(file)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        'UPDATE topics SET id = NULL WHERE id = 1',
+        'UPDATE messages SET timestamp = 9223372036854775807 WHERE id % 7 = 0',
+        'UPDATE message_definitions SET encoded_message_definition = zeroblob(7)',
+    ],
+)
+def test_values_of_another_kind_are_told(change: str, tmp_path: Path) -> None:
+    tables = [
+        statement
+        for table in ('topics', 'message_definitions')
+        for statement in (
+            f'CREATE TABLE copy AS SELECT * FROM {table}',
+            f'DROP TABLE {table}',
+            f'ALTER TABLE copy RENAME TO {table}',
+        )
+    ]
+    recording = open_bag(changed(tmp_path, *tables, change, version=9))
+    count = sum(1 for _ in recording.messages())
+    assert count == 2 * COUNT or recording.losses
+    values = recording.read([SPEED])[SPEED].value
+    assert values.size == COUNT or recording.losses
+    assert recording.end_ns == START + (COUNT - 1) * 10_000_000

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`stickslip check` over many bags at once."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from shared import CONFIG, ROOT, Stickslip, until
+
+from stickslip_logs.bags.reader import find_bags, left_out
+
+BAGS = ROOT / 'bags'
+NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
+
+
+CHECK = ('check', '--config', CONFIG)
+
+
+def documents(stickslip: Stickslip, *arguments: object) -> tuple[int, Any]:
+    done = stickslip(*CHECK, *arguments, '--json')
+    return done.code, done.json
+
+
+@pytest.mark.slow
+def test_together_and_one_by_one_are_the_same_in_the_order_asked(stickslip: Stickslip) -> None:
+    bags = [BAGS / name for name in NAMES]
+    code, together = documents(stickslip, *bags, '--jobs', 3)
+    assert code == 1
+    # The longest comes first: it is not done first.
+    assert [document['path'] for document in together] == [str(bag) for bag in bags]
+    assert (code, together) == documents(stickslip, *bags, '--jobs', 1)
+    alone = [documents(stickslip, bag)[1] for bag in bags]
+    assert together == alone
+
+
+@pytest.mark.slow
+def test_a_bag_that_fails_is_named_and_the_others_are_told(tmp_path: Path, stickslip: Stickslip) -> None:
+    (tmp_path / 'torn.mcap').write_bytes(b'nothing')
+    bags = [BAGS / 'history_above', tmp_path / 'torn.mcap', tmp_path / 'gone', BAGS / 'voyage']
+    said = stickslip(*CHECK, *bags, '--jobs', 2)
+    assert said.code == 2
+    assert said.out.index(str(bags[0])) < said.out.index(str(bags[3]))
+    (torn, gone) = said.err.splitlines()
+    assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
+    assert gone == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
+    code, found = documents(stickslip, *bags, '--jobs', 2)
+    assert code == 2
+    assert [document['path'] for document in found] == [str(bag) for bag in bags]
+    assert [bag['error'] is None if 'error' in bag else True for bag in found] == [True, False, False, True]
+
+
+def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, stickslip: Stickslip) -> None:
+    done, text = stickslip(*CHECK, tmp_path / 'gone', '--json'), f"bag '{tmp_path / 'gone'}' does not exist"
+    assert (done.code, done.json['error'], done.err) == (2, text, f'ERROR: {text}\n')
+
+
+def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, stickslip: Stickslip) -> None:
+    shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
+    code, found = documents(stickslip, tmp_path)
+    assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
+
+
+def test_logs_beside_recordings_are_named_and_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
+    shutil.copytree(BAGS / 'voyage', tmp_path / 'b')
+    log = tmp_path / 'load.csv'
+    log.write_text('time,rpm,load\n')
+    text = f"1 log beside recordings not checked (name logs to check them): '{log}'"
+    code, (checked,) = documents(stickslip, tmp_path)
+    assert (code, checked['complete'], checked['warnings'][-1]) == (1, False, text)
+    assert f'data: {text}\n' in stickslip(*CHECK, tmp_path).out
+    # It is said once, whatever comes of the recording that is first.
+    (tmp_path / 'a.mcap').write_bytes(b'nothing')
+    code, (torn, checked) = documents(stickslip, tmp_path, '--jobs', 1)
+    assert (code, torn['error'].endswith(f'; {text}'), checked['complete']) == (2, True, True)
+
+
+def test_a_log_that_is_named_or_learnt_from_is_not_left_out(tmp_path: Path) -> None:
+    (tmp_path / 'a.mcap').touch()
+    (tmp_path / 'b.csv').touch()
+    (tmp_path / 'reports.csv').touch()
+    found = [*find_bags([tmp_path, tmp_path / 'b.csv']), tmp_path / 'reports.csv']
+    assert left_out([tmp_path], found) == ''
+
+
+@pytest.mark.parametrize('cut', [0, 3000])
+def test_a_recording_on_standard_input_is_checked_as_the_file_is(
+    cut: int, tmp_path: Path, stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that ends in the middle of a chunk is read to the cut."""
+    data = next((BAGS / 'coast_down').glob('*.mcap')).read_bytes()
+    path = tmp_path / 'standard_input.mcap'
+    path.write_bytes(data[: len(data) - cut])
+    code, expected = documents(stickslip, path)
+    monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(path.read_bytes())))
+    found_code, found = documents(stickslip, '-')
+    assert bool(found['cuts']) == bool(cut)
+    for each in (expected, found):
+        each['path'] = None
+        for place in each['cuts']:
+            place['file'] = None
+    assert (found_code, found) == (code, expected)
+
+
+@pytest.mark.slow
+def test_a_report_names_what_could_not_be_checked(tmp_path: Path, stickslip: Stickslip) -> None:
+    pytest.importorskip('jinja2')
+    page = tmp_path / 'page.html'
+    bags = [BAGS / 'history_above', tmp_path / 'gone <b>', BAGS / 'voyage']
+    assert stickslip(*CHECK, *bags, '--jobs', 2, '--report', page).code == 2
+    source = page.read_text('utf-8')
+    assert 'gone &lt;b&gt;, this recording could not be checked: bag ' in source
+    assert '<b>' not in source
+    # A map and a course of the other two, each in two widths.
+    assert source.count('<svg') == 8
+    done = stickslip(*CHECK, *bags, '--report', tmp_path / 'out.json', '--json')
+    assert (tmp_path / 'out.json').read_text('utf-8') == done.out
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_it_at_once_and_without_a_word(tmp_path: Path) -> None:
+    (recording,) = (BAGS / 'voyage').glob('*.mcap')
+    for number in range(200):
+        (tmp_path / f'bag_{number}').mkdir()
+        (tmp_path / f'bag_{number}' / 'bag_0.mcap').symlink_to(recording)
+    command = [sys.executable, '-m', 'stickslip_monitor.cli', 'check', '--jobs', '2']
+    with subprocess.Popen(
+        [*command, '--config', CONFIG, tmp_path],
+        cwd=ROOT,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as program:
+        assert 'bag_0: ' in program.stdout.readline()
+        # A terminal sends Ctrl-C to all processes of a session.
+        os.killpg(program.pid, signal.SIGINT)
+        out, err = program.communicate(timeout=30.0)
+    assert (program.returncode, err) == (130, '')
+    assert out.count(' messages in ') < 150
+    until(lambda: not group_lives(program.pid), 'the end of all its processes')
+
+
+def group_lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_stream_without_end_that_is_no_recording_is_refused_at_once() -> None:
+    with Path('/dev/zero').open('rb') as endless:
+        done = subprocess.run(
+            [sys.executable, '-m', 'stickslip_monitor.cli', 'check', '-', '-c', str(CONFIG)],
+            stdin=endless,
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert "'-' is not an MCAP recording" in done.stderr

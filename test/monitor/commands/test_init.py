@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A parameter file from a drawing: right, complete, and honest about what is not known."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from shared import Stickslip
+
+from stickslip_monitor.commands.init import NEEDS, ask
+from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.physics.bearing_estimate import Given, estimate, fold_shifts, shear_modulus
+
+DRAWING = (
+    *('--journal-diameter', '400mm', '--length', '800mm', '--thickness', '20mm', '--hardness', '70'),
+    *('--loss-factor', '0.15', '--static', '0.3', '--kinetic', '0.1', '--decay', '10s/m', '--load', '30kN'),
+)
+
+
+def _given(**changes: Given) -> dict[str, Given]:
+    values = {
+        'journal_diameter': 0.4,
+        'length': 0.8,
+        'thickness': 0.02,
+        'shear_modulus': 1.5e6,
+        'density': 1200.0,
+        'damping_ratio': 0.05,
+        'static': 0.3,
+        'kinetic': 0.1,
+        'decay': 10.0,
+        'load': 3e4,
+    }
+    return {name: Given(value, 0.1) for name, value in values.items()} | changes
+
+
+def test_values_by_hand() -> None:
+    """G A/h, rho A h/3 and 2 zeta sqrt(k m) for A = 0.32 m^2, worked out on paper."""
+    values = {item.name: item.value for item in estimate(_given())}
+    assert values['stiffness'] == pytest.approx(24e6)
+    assert values['mass'] == pytest.approx(2.56)
+    assert values['damping'] == pytest.approx(0.1 * math.sqrt(24e6 * 2.56))
+
+
+@pytest.mark.parametrize(('hardness', 'modulus'), [(50.0, 2.46e6 / 3), (70.0, 5.52e6 / 3)])
+def test_modulus_by_hardness(hardness: float, modulus: float) -> None:
+    """Young's modulus 2.46 and 5.52 MPa: Gent's curve at 50 and 70 Shore A."""
+    assert shear_modulus(hardness) == pytest.approx(modulus, rel=3e-3)
+
+
+def test_spreads_combine_as_independent_errors() -> None:
+    """Of independent factors the squares of the relative deviations add, roots count half."""
+    values = {item.name: item.spread for item in estimate(_given())}
+    area = 0.2  # of the loaded arc, as the length is not exact about it
+    assert values['stiffness'] == values['mass'] == pytest.approx(math.hypot(0.1, 0.1, area))
+    # The thickness divides stiffness and multiplies mass: damping does not see it.
+    assert values['damping'] == pytest.approx(math.hypot(0.1, area, 0.05, 0.05))
+
+
+def test_effects_by_the_closed_form() -> None:
+    """Of c, N, mu_s and mu_k the fold follows from c/(N (mu_s - mu_k)) alone.
+
+    So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing.
+    """
+    by_name = {e.name: e for e in fold_shifts(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
+    assert not by_name.keys() & {'mass', 'stiffness'}
+    damping = fold_shifts(
+        estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0), density=Given(1200.0, 0.0)))
+    )
+    less_damping = next(e.below for e in damping if e.name == 'damping')
+    assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)
+
+
+def test_file_is_a_configuration(tmp_path: Path, stickslip: Stickslip) -> None:
+    path = tmp_path / 'ship.yaml'
+    arguments = [*DRAWING, '--load-topic', '/load', '--output', path]
+    done = stickslip('init', *arguments)
+    assert done.code == 0
+    text = done.out
+    assert path.read_text(encoding='utf-8') in text
+    assert 'Measure next:\n  damping' in text
+    (item,) = load_config(path).bearings
+    assert item.bearing.stiffness == pytest.approx(shear_modulus(70.0) * 0.32 / 0.02, rel=1e-5)
+    assert item.tolerance.damping == pytest.approx(0.4, abs=0.01)
+    assert stickslip('init', *arguments).code == 0  # one of ours is replaced
+
+
+def test_json(stickslip: Stickslip) -> None:
+    document = stickslip('init', *DRAWING, '--json').json
+    assert document['schema'] == 'stickslip_monitor/init/1'
+    assert all(value['origin'] for value in document['values'])
+    assert document['measure_next'][0]['name'] == 'damping'
+    assert document['hopf_speed'] < document['fold_speed']
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (DRAWING[2:], 'missing: --journal-diameter (see stickslip init --help)'),
+        (DRAWING[:8] + DRAWING[10:], '--damping-ratio or --loss-factor'),
+        ((*DRAWING, '--area', '0.3m2'), '--length and --area are given: choose one'),
+        ((*DRAWING, '--thickness', '20'), "--thickness = '20' must be a number with a unit: one of mm, m"),
+        ((*DRAWING, '--journal-diameter', '400m'), 'must be a finite number between 20 and 2000 mm'),
+        ((*DRAWING, '--kinetic', '0.4'), '--static 0.3 must be above --kinetic 0.4'),
+        ((*DRAWING, '--speed-topic', 'x{}y:'), "--speed-topic 'x{}y:' must be a ROS topic name"),
+        ((*DRAWING, '--load-topic', ''), "--load-topic '' must be a ROS topic name"),
+        ((*DRAWING, '--static', '0.3~300%'), 'must be a number with a spread of 0 to 100 %'),
+        ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
+    ],
+)
+def test_refusals(arguments: tuple[str, ...], sentence: str, stickslip: Stickslip) -> None:
+    done = stickslip('init', *arguments)
+    assert done.code == 2
+    assert sentence in done.err
+
+
+def test_dialogue_takes_the_other_value_and_asks_again() -> None:
+    """Empty for what may be given otherwise, and values that cannot be, as a person types."""
+    lines = '400mm||0.32 m2|thick||20mm|70||0.15~40%|0.3|0.4||0.1|10s/m|30 kN'
+    typed = iter(lines.split('|'))
+    shown: list[str] = []
+
+    def answer(text: str) -> str:
+        shown.append(text)
+        return next(typed)
+
+    given = ask(answer)
+    assert given['area'] == Given(0.32)
+    assert given['loss_factor'] == Given(0.15, 0.4)
+    assert given['kinetic'] == Given(0.1)
+    assert all(any(item.name in given for item in need) for need in NEEDS)
+    assert any("= 'thick' must be a number with a unit: one of mm, m" in text for text in shown)
+
+
+def test_hardness_beyond_the_formula() -> None:
+    with pytest.raises(ConfigurationError, match='hardness 95 must be from 30 to 90'):
+        shear_modulus(95.0)

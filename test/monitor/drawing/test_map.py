@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The map against closed forms and the assessment on both of its sides; tracks, and thinning."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import sending
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.axes import Axes
+from own_law import OwnLaw
+from scipy.special import i1e
+from shared import CONFIG as REFERENCE_FILE
+
+from stickslip_lab.scenes.telemetry import nominal_load
+from stickslip_monitor import Bearing, Coulomb, FrictionLaw, Monitor, Stribeck, Tabulated, assess, fold_speed
+from stickslip_monitor.drawing.canvas import CONDITION_NAMES, envelope
+from stickslip_monitor.drawing.map import (
+    Track,
+    TrackEvent,
+    boundaries,
+    caution_load,
+    draw_map,
+    map_ranges,
+    onset_load,
+    track_of_scan,
+)
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.severity import Condition
+from stickslip_monitor.physics.cycles import exact_cycle
+
+pytest.importorskip('matplotlib')
+RPM = math.pi * 0.1 / 60.0
+CONFIG = load_config(REFERENCE_FILE)
+BEARING = CONFIG.bearings[0]
+REFERENCE = BEARING.bearing
+TABLE = replace(
+    REFERENCE,
+    friction=Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11]),
+)
+DRY = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
+
+
+def test_boundaries_are_the_closed_forms() -> None:
+    curves = boundaries(REFERENCE, (0.01, 0.4), 0.1, 60)
+    v = 10.0 * curves.speed
+    np.testing.assert_allclose(curves.hopf_load, 400.0 * np.exp(v) / (0.2 * 10.0), rtol=1e-12)
+    for load, x in ((curves.fold_load, v), (curves.caution_load, v / 1.1)):
+        np.testing.assert_allclose(load, 400.0 / (2.0 * 2.0 * i1e(x) / x), rtol=1e-12)
+    # The published load at which the cycle dies at 20 rpm.
+    assert float(np.interp(20.0 * RPM, curves.speed, curves.fold_load)) == pytest.approx(498, abs=1)
+
+
+@pytest.mark.parametrize('own', [REFERENCE, TABLE], ids=['stribeck', 'table'])
+def test_the_assessment_changes_across_each_curve(own: Bearing) -> None:
+    curves = boundaries(own, (0.02, 0.3), 0.1, 12)
+    for line, crossed in (
+        (curves.fold_load, lambda point: np.isfinite(point.amplitude)),
+        (curves.hopf_load, lambda point: point.growth_rate > 0.0),
+    ):
+        known = np.isfinite(line)
+        speed, load = curves.speed[known][::5], line[known][::5]
+        assert crossed(assess(own, speed, load * (1.0 + 1e-4))).all()
+        assert not crossed(assess(own, speed, load * (1.0 - 1e-4))).any()
+    speed = np.linspace(0.005, 0.3, 300)
+    load = caution_load(own, speed, 0.1)
+    known = np.isfinite(load)
+    # A minimum of the fold between two points of the grid is found to the grid's width only.
+    speed, load = speed[known][::12], load[known][::12]
+    assert np.all(speed < 1.1 * fold_speed(own, load * 1.001))
+    assert not np.any(speed < 1.1 * fold_speed(own, load * 0.99))
+
+
+def test_without_stick_slip_there_are_no_curves() -> None:
+    curves = boundaries(DRY, map_ranges(DRY)[0], 0.1, 20)
+    assert math.isnan(onset_load(DRY))
+    for line in (curves.fold_load, curves.hopf_load, curves.caution_load):
+        assert np.isnan(line).all()
+    figure = draw_map(replace(BEARING, bearing=DRY))
+    assert 'no stick-slip in this range' in [text.get_text() for text in figure.axes[0].texts]
+
+
+@pytest.mark.parametrize(
+    ('law', 'end'),
+    # The averaged fold in closed form; and dry friction, of which only the exact model has one:
+    # the damped oscillation from break-away just meets the belt's speed again, by brentq.
+    [(Stribeck(0.3, 0.1, 10.0), 40.7231), (Coulomb(0.3, 0.1), 7.193599)],
+    ids=['stribeck', 'coulomb'],
+)
+def test_a_map_shows_the_way_out_of_stick_slip(law: FrictionLaw, end: float) -> None:
+    own = replace(REFERENCE, friction=law)
+    low, high = map_ranges(own, loads=(0.0, 1000.0))[0]
+    assert (low, high / RPM) == (0.0, pytest.approx(1.25 * end, rel=1e-4))
+
+
+def test_a_map_shows_the_onset_and_the_whole_track() -> None:
+    assert onset_load(REFERENCE) == pytest.approx(200.0, rel=1e-9)
+    assert map_ranges(REFERENCE)[1] == (0.0, pytest.approx(2000.0, rel=1e-9))
+    column = np.array([-2.0, 1.0])
+    speeds, loads = map_ranges(REFERENCE, track=Track(column, 550.0 * abs(column)))
+    assert (speeds, loads) == ((0.0, pytest.approx(2.1)), (0.0, 1375.0))
+
+
+class Unnamed(OwnLaw):
+    breakpoints = ()
+
+
+def test_a_law_that_names_no_breakpoints_has_the_ranges_of_the_same_law_that_does() -> None:
+    own = replace(BEARING, bearing=replace(REFERENCE, friction=Unnamed(0.3, 0.1, 10.0)))
+    assert onset_load(own.bearing) == pytest.approx(200.0, rel=1e-9)
+    for found, known in zip(map_ranges(own.bearing), map_ranges(REFERENCE), strict=True):
+        assert found == pytest.approx(known, rel=1e-6)
+    assert nominal_load(own) == pytest.approx(1000.0, rel=1e-9)
+
+
+def names(legend: Any) -> list[str]:
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_the_map_names_regions_and_lines_of_one_amplitude(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn, contour = [], Axes.contour
+
+    def kept(*args: Any, **look: Any) -> Any:
+        drawn.append(contour(*args, **look))
+        return drawn[-1]
+
+    # Before matplotlib 3.8 the axes do not know the lines of a level as such.
+    monkeypatch.setattr(Axes, 'contour', kept)
+    figure = draw_map(BEARING)
+    assert names(figure.legends[0]) == [
+        'stable',
+        'margin low',
+        'bistable',
+        'unstable',
+        'caution margin',
+        'Hopf',
+        'fold',
+        'amplitude',
+    ]
+    axes = figure.axes[0]
+    assert len([text for text in axes.texts if text.get_text().endswith(' mm')]) >= 3
+    (lines,) = drawn
+    checked = 0
+    for level, parts in zip(lines.levels, lines.allsegs, strict=True):
+        for x, y in np.concatenate([np.empty((0, 2)), *parts])[::9]:
+            found = exact_cycle(REFERENCE, x * RPM, y * 1e3).amplitude * 1e3
+            assert float(found) == pytest.approx(level, rel=5e-3)
+            checked += 1
+    assert checked > 10
+
+
+def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
+    speed = np.interp(np.linspace(0.0, 1.0, 400), [0, 0.5, 1], [0.3, 0.1, 0.3])
+    load = np.full(400, 900.0)
+    speed[200], speed[-1] = np.nan, speed[0] + 1e-3
+    events = [TrackEvent(0.25 - 0.01 * i, 950.0, c) for i, c in enumerate(Condition)]
+    axes = draw_map(BEARING, track=Track(speed, load, events)).axes[0]
+    expected = [f'to: {CONDITION_NAMES[condition]}' for condition in Condition]
+    # Start and end are within a ring of each other, and one mark.
+    assert names(axes.get_legend()) == ['measured', 'smoothed', 'start and end', *expected]
+    # Each at the operating point that it was told at, wherever a thinned track goes.
+    marks = [line for line in axes.lines if line.get_zorder() == 10]
+    for k, mark in enumerate(marks):
+        assert mark.get_xdata() == pytest.approx([(0.25 - 0.01 * k) / RPM])
+        assert mark.get_ydata() == pytest.approx([0.95])
+    assert [line.get_marker() for line in axes.lines if line.get_zorder() == 11] == ['o']
+
+
+def test_a_track_shows_which_way_it_goes() -> None:
+    speed = np.linspace(0.3, 0.1, 400)
+    axes = draw_map(BEARING, track=Track(speed, np.full(400, 900.0))).axes[0]
+    assert names(axes.get_legend()) == ['measured', 'smoothed', 'start', 'end']
+    arrows = [text for text in axes.texts if getattr(text, 'arrow_patch', None) is not None]
+    assert len(arrows) == 3
+    assert all(arrow.xy[0] < arrow.xyann[0] for arrow in arrows)
+
+
+def test_the_hopf_line_goes_as_far_as_its_region() -> None:
+    # Where the law stops falling there is no Hopf load: the line rises out of the map there.
+    axes = draw_map(replace(BEARING, bearing=TABLE), loads=(0.0, 5e4)).axes[0]
+    (line,) = [each for each in axes.lines if each.get_label() == 'Hopf']
+    assert np.isfinite(line.get_ydata()).all()
+    (region,) = [each for each in axes.collections if each.get_label() == 'unstable']
+    corners = {(round(x, 6), round(y, 6)) for x, y in region.get_paths()[0].vertices}
+    drawn = {(round(x, 6), round(y, 6)) for x, y in zip(*line.get_data(), strict=True)}
+    assert drawn <= corners
+
+
+@pytest.mark.parametrize('points', [0, 1])
+def test_a_track_of_next_to_nothing_is_drawn(points: int) -> None:
+    column = np.full(points, 0.2)
+    draw_map(BEARING, track=Track(column, 1e3 * column))
+
+
+def test_a_track_of_a_scan_is_interrupted_where_an_input_was_lost() -> None:
+    stream = sending.points(np.full(20, 60.0), 900.0, np.r_[0:10, 60:70])
+    scan = Monitor(CONFIG).scan({'aft_stern': stream}, 0, 90 * sending.SECOND)['aft_stern']
+    track = track_of_scan(scan)
+    # The first ten seconds, and from the sixtieth on.
+    assert np.flatnonzero(np.isnan(track.speed)).tolist() == [
+        np.searchsorted(scan.time_ns, 30 * sending.SECOND)
+    ]
+    assert track.events[0].condition is Condition.INPUT_STALE
+
+
+VALUES = arrays(
+    np.float64, st.integers(1, 400), elements=st.one_of(st.floats(-1e3, 1e3), st.just(float('nan')))
+)
+
+
+@given(VALUES, st.integers(6, 60))
+def test_thinning_keeps_the_extremes_of_every_stretch(column: np.ndarray, most: int) -> None:
+    kept = envelope(most, column)
+    assert np.all(np.diff(kept) > 0)
+    assert {0, column.size - 1} <= set(kept.tolist())
+    assert kept.size <= max(most, 3) + 2
+    # What is kept of a block is as great and as small as anything in it.
+    length = 1 if column.size <= most else -(-column.size // (most // 3))
+    for i in np.flatnonzero(np.isfinite(column)):
+        block = i // length * length
+        near = column[kept[(kept >= block) & (kept < block + length)]]
+        assert np.nanmin(near) <= column[i] <= np.nanmax(near)
+
+
+def test_one_sample_of_a_day_and_every_interruption_stay() -> None:
+    speed, load = np.full(864_000, 1.0), np.zeros(864_000)
+    speed[500_001], load[4_321], load[7_777] = -3.0, -1.0, np.nan
+    kept = envelope(900, speed, load)
+    assert {500_001, 4_321, 7_777} <= set(kept.tolist())
+    assert kept.size < 910
+    for size in (0, 1, 10):
+        assert envelope(10, np.arange(float(size))).tolist() == list(range(size))
+
+
+@pytest.mark.parametrize('size', [(3.6, 4.0), (3.6, 5.4), (9.0, 5.6)])
+def test_no_label_of_an_amplitude_is_cut(size: tuple[float, float]) -> None:
+    figure = draw_map(BEARING, size=size)
+    (axes,) = figure.axes
+    figure.canvas.draw()
+    labels = [text for text in axes.texts if text.get_text().endswith(' mm')]
+    assert labels
+    frame = axes.get_window_extent()
+    for label in labels:
+        box = label.get_window_extent()
+        assert frame.y0 <= box.y0 < box.y1 <= frame.y1
+        assert frame.x0 <= box.x0 < box.x1 <= frame.x1

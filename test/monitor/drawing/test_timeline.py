@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The course in time: what it shows, and that thinning loses nothing of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sending import SECOND, change, points
+from shared import CONFIG as REFERENCE_FILE
+from shared import START
+
+from stickslip_lab.scenes.truth import TruthNumbers, TruthRecord
+from stickslip_monitor import Monitor
+from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
+from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.severity import Condition
+from stickslip_monitor.offline.extremes import condition_intervals
+
+pytest.importorskip('matplotlib')
+CONFIG = load_config(REFERENCE_FILE)
+
+
+def timeline(
+    speeds: Sequence[float] | np.ndarray,
+    start: int = START,
+    step: int = 10**9,
+    config: MonitorConfig = CONFIG,
+) -> Timeline:
+    """The course of shaft speeds [rpm] at 1000 N, one sample a step [ns]."""
+    stream = points(speeds, 1000.0, step / SECOND, start)
+    end = start + len(speeds) * step
+    scan = Monitor(config).scan({'aft_stern': stream}, start, end)['aft_stern']
+    return Timeline(config.bearings[0], scan, condition_intervals(scan.events, start, end))
+
+
+def panels(figure: Any) -> dict[str, Any]:
+    return {axes.get_ylabel().split(' ')[0].rstrip('.'): axes for axes in figure.axes}
+
+
+def legend_of(axes: Any) -> list[str]:
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def lowest(axes: Any) -> float:
+    named = [line for line in axes.lines if not line.get_label().startswith('_')]
+    return min(float(np.nanmin(line.get_ydata())) for line in named)
+
+
+def test_one_bad_second_of_a_day_is_seen() -> None:
+    speeds = np.full(86_400, 60.0)
+    speeds[50_000:50_003] = [44.0, 20.0, 44.0]
+    axes = panels(draw_timeline(timeline(speeds)))['margin']
+    # 20 / 40.7231 - 1 = -0.50888, as a percentage
+    assert lowest(axes) == pytest.approx(-50.888, abs=0.01)
+    assert {line.get_label(): line.get_color() for line in axes.lines}['fold margin'] == FOLD
+    points = [len(line.get_xdata()) for line in axes.lines]
+    assert max(points) < 2_000
+
+
+def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
+    figure = draw_timeline(timeline([60.0] * 20 + [20.0] * 20))
+    found = panels(figure)
+    assert list(found) == ['speed', 'load', 'margin', 'ampl', 'alarm']
+    lines = {line.get_label(): line for line in found['ampl'].lines}
+    # The exact cycle at 20 rpm: 0.556755 mm.
+    assert np.nanmax(lines['predicted'].get_ydata()) == pytest.approx(0.556755, abs=1e-5)
+    # At 60 rpm nothing is predicted.
+    assert np.all(np.asarray(lines['predicted'].get_ydata())[:10] == 0.0)
+    assert np.nanmax(found['load'].lines[0].get_ydata()) == pytest.approx(1.0)
+    assert 'limit' in lines
+    assert legend_of(found['speed']) == ['Hopf', 'fold', 'measured']
+
+
+def test_events_are_numbered_as_in_the_table() -> None:
+    from matplotlib.colors import to_rgba
+
+    course = timeline([60.0] * 20 + [20.0] * 60 + [60.0] * 60)
+    figure = draw_timeline(course)
+    speed = panels(figure)['speed']
+    numbers = [text.get_text() for text in speed.texts if text.get_text().isdigit()]
+    assert numbers == [str(i + 1) for i in range(len(course.scan.events))]
+    days = course.scan.events[-1].time_ns / 86_400e9
+    lines = [line.get_xdata()[0] for line in speed.lines if len(line.get_xdata()) == 2]
+    assert any(abs(x - days) * 86_400 < 0.5 for x in lines)
+    colours = {tuple(patch.get_facecolor()) for patch in panels(figure)['alarm'].patches}
+    for condition in (Condition.NORMAL, Condition.STICK_SLIP):
+        assert to_rgba(CONDITION_COLOUR[condition]) in colours
+
+
+def test_without_a_cycle_there_is_no_amplitude_panel() -> None:
+    found = panels(draw_timeline(timeline([60.0] * 20)))
+    assert list(found) == ['speed', 'load', 'margin', 'alarm']
+
+
+@pytest.mark.parametrize('later', [60, -1000], ids=['an input was lost', 'the clock jumps back'])
+def test_a_line_is_interrupted_where(later: int) -> None:
+    at = np.concatenate([np.arange(10), np.arange(10) + later])
+    stream = points(np.full(20, 60.0), 1000.0, at, START)
+    times = stream.time_ns
+    scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, int(times[-1]))['aft_stern']
+    first, last = int(times.min()), int(times.max())
+    course = Timeline(CONFIG.bearings[0], scan, condition_intervals(scan.events, first, last))
+    line = panels(draw_timeline(course))['load'].lines[0]
+    assert np.isnan(line.get_ydata()).sum() == 1
+
+
+@pytest.mark.parametrize('count', [1, 2])
+def test_next_to_nothing_is_drawn(count: int) -> None:
+    draw_timeline(timeline([20.0] * count), 4.4)
+
+
+def test_of_very_many_events_only_the_alarms_are_marked() -> None:
+    changes = [(Condition.NORMAL, Condition.CAUTION), (Condition.CAUTION, Condition.NORMAL)] * 60
+    changes[50] = (Condition.NORMAL, Condition.STICK_SLIP)
+    events = [change(START + i * 10**9, before, after) for i, (before, after) in enumerate(changes)]
+    assert [number for number, _ in marked_events(events)] == [51]
+    assert [number for number, _ in marked_events(events[:30])] == list(range(1, 31))
+
+
+def test_astern_is_drawn_by_its_size_and_as_what_it_is() -> None:
+    rpm = np.linspace(60.0, -60.0, 121)
+    axes = panels(draw_timeline(timeline(rpm, start=0)))['speed']
+    lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
+    for name, sign in (('measured', 1.0), ('astern', -1.0)):
+        time, speed = lines[name][:, np.isfinite(lines[name][1])]
+        np.testing.assert_allclose(speed, sign * rpm[time.astype(int)], atol=1e-9)
+    # Sixty of the 121 seconds; at rest it goes neither way.
+    astern = lines['astern']
+    assert np.unique(astern[0][np.isfinite(astern[1])]).size == 60
+    # Boundaries of the reference bearing at 1000 N.
+    np.testing.assert_allclose(lines['Hopf'][1], 30.7380, atol=1e-4)
+    np.testing.assert_allclose(lines['fold'][1], 40.7231, atol=1e-4)
+
+
+def test_what_the_lining_did_stands_beside_what_was_said() -> None:
+    course = timeline([60.0] * 20 + [20.0] * 20, start=0)
+    when = np.arange(40) * 10**9
+    numbers = (when * 1e-11, when * 2e-11, np.full(40, 5e-4))
+    episodes = ((25 * 10**9, 39 * 10**9),)
+    lining = TruthRecord(0, 39 * 10**9, episodes, *(TruthNumbers(when, own) for own in numbers))
+    found = panels(draw_timeline(replace(course, lining=lining)))
+    assert legend_of(found['speed'])[0] == 'lining sticks'
+    lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}
+    assert lines['Hopf, true'][1].tolist() == pytest.approx(list(range(40)))
+    lines = {line.get_label(): np.array(line.get_data()) for line in found['ampl'].lines}
+    assert lines['true'][1].tolist() == pytest.approx([0.5] * 40)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is published of a bearing has the declared fields, keeps the installed schemas, and its keys."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sending import configured, feed
+from shared import SCHEMAS, complaints
+
+from stickslip_monitor import Monitor
+from stickslip_monitor.monitor.bearing_records import (
+    BearingState,
+    bearing_record,
+    bearings_json,
+    diagnostic_record,
+    event_record,
+    output_topics,
+)
+from stickslip_monitor.monitor.input_faults import InputState
+from stickslip_monitor.monitor.record_fields import BEARING, NUMBERS, WARNING
+
+LEVEL = {'level__topic': '/level', 'level__unit': 'mm/s', 'level__threshold': 2.0}
+# As docs/interfaces.md has them.
+POINT_KEYS = {
+    *('regime', 'outcome', 'stick-slip predicted', 'growth [e-folds]', 'clears in [s]', 'raised lately'),
+    *('shaft speed [rpm]', 'speed [m/s]', 'load [N]', 'hopf speed [m/s]', 'fold speed [m/s]', 'hopf margin'),
+    *('fold margin', 'growth rate [1/s]', 'amplitude [m]', 'amplitude of the exact cycle [m]'),
+    *('error of the amplitude', 'threshold amplitude [m]'),
+}
+SAMPLES = ('accepted', 'not finite', 'no value', 'implausible', 'below minimum', 'repeated', 'out of order')
+
+
+@pytest.fixture
+def monitor() -> Monitor:
+    """A monitor that has a speed, and warns at the first load."""
+    monitor = Monitor(configured(alarm__on_delay=0.0))
+    feed(monitor, 0.0, 'speed', 20.0)
+    return monitor
+
+
+def test_a_warning_keeps_its_schema_and_has_the_declared_fields(monitor: Monitor) -> None:
+    (event,) = feed(monitor, 0.1, 'load', 1000.0).events
+    record = event_record(event)
+    assert complaints('warning-2', record) == []
+    assert list(record) == ['schema', *(item.name for item in WARNING if item.name != 'measured')]
+
+
+def test_the_bearings_keep_their_schema_and_have_the_declared_fields(monitor: Monitor) -> None:
+    inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=2.0)}
+    for _ in range(2):
+        state = BearingState(monitor.bearings['aft'], inputs)
+        assert complaints('bearings-3', json.loads(bearings_json([state], 5))) == []
+        assert list(bearing_record(state)) == [*(item.name for item in BEARING), 'inputs']
+        feed(monitor, 0.1, 'load', 1000.0)
+
+
+@pytest.mark.parametrize(
+    ('name', 'place', 'fields'),
+    [
+        ('warning-2', ('properties',), WARNING),
+        ('bearings-3', ('properties', 'bearings', 'items', 'properties'), BEARING),
+    ],
+)
+def test_the_installed_schemas_are_those_of_the_fields(
+    name: str, place: tuple[str, ...], fields: Any
+) -> None:
+    """``make docs`` writes them."""
+    found = json.loads((SCHEMAS / f'{name}.json').read_text('utf-8'))
+    for key in place:
+        found = found[key]
+    own = {item.name: item.schema for item in fields}
+    assert {key: found[key] for key in own} == own
+    assert set(found) - set(own) <= {'schema', 'inputs'}
+
+
+def test_raised_tells_a_condition_that_came_back() -> None:
+    """Back within six times the off-delay it is 2, after 1 the first time; 0 in between."""
+    monitor = Monitor(configured(alarm__on_delay=0.0, alarm__off_delay=3.0))
+    said = []
+    for k in range(300):
+        rpm = 20.0 if k % 200 < 60 else 70.0
+        for quantity, value in (('load', 1000.0), ('speed', rpm)):
+            said += [
+                (event.before.value, event.after.value, event_record(event)['raised'])
+                for event in feed(monitor, 0.1 * k, quantity, value).events
+            ]
+    assert [raised for before, _, raised in said if before == 'normal'] == [1, 2]
+    assert {raised for _, after, raised in said if after == 'normal'} == {0}
+
+
+def test_no_two_fields_are_published_under_one_name() -> None:
+    for form in ('key', 'metric', 'path'):
+        forms = [getattr(item, form) for item in BEARING if getattr(item, form)]
+        assert len(forms) == len(set(forms))
+    assert {item.name for item in NUMBERS} < {item.name for item in BEARING} & {item.name for item in WARNING}
+
+
+def values_of(monitor: Monitor) -> dict[str, str]:
+    """The diagnostic values of the bearing."""
+    return diagnostic_record('ship/monitor', BearingState(monitor.bearings['aft'])).values
+
+
+def test_keys_of_a_bearing_without_a_level(monitor: Monitor) -> None:
+    samples = {f'{name} samples {key}' for name in ('speed', 'load') for key in SAMPLES}
+    assert set(values_of(monitor)) == {'reason'} | samples
+    feed(monitor, 0.1, 'load', 1000.0)
+    values = values_of(monitor)
+    assert set(values) == {'reason'} | samples | POINT_KEYS
+    assert values['shaft speed [rpm]'] == '20'
+    assert values['speed [m/s]'] == '0.104719755'  # pi D n, D = 0.1 m
+    assert (values['load [N]'], values['load samples accepted']) == ('1000', '1')
+
+
+def test_diagnostics_of_a_level() -> None:
+    """Quiet while stick-slip is predicted, then lost, is what the three keys tell apart."""
+    monitor = Monitor(configured(alarm__on_delay=0.0, **LEVEL))
+    for k in range(31):
+        feed(monitor, k, 'load', 1000.0)
+        feed(monitor, k, 'level', 0.5)
+        feed(monitor, k + 0.1, 'speed', 20.0)
+    values = values_of(monitor)
+    assert set(values) >= POINT_KEYS
+    assert (values['measured'], values['measured unknown']) == ('quiet', '')
+    # Stick-slip is predicted within the first seconds.
+    assert 20.0 < float(values['predicted but not measured for [s]']) < 31.0
+    assert [values[f'level samples {key}'] for key in SAMPLES] == ['31', '0', '0', '0', '0', '0', '0']
+    for k in range(31, 50):
+        feed(monitor, k, 'load', 1000.0)
+        feed(monitor, k + 0.1, 'speed', 20.0)
+    values = values_of(monitor)
+    assert values['measured'] == 'unknown'
+    assert values['measured unknown'] != ''
+
+
+def test_topics_of_a_bearing() -> None:
+    """docs/interfaces.md names them; the amplitudes, which are the dearest, come first."""
+    numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
+    page = (Path(__file__).resolve().parents[3] / 'docs' / 'interfaces.md').read_text()
+    topics = output_topics(configured(**LEVEL, tolerance__damping=0.1).bearings, '/m')
+    own = [topic.removeprefix('/m/aft/') for topic in topics if topic.startswith('/m/aft/')]
+    assert tuple(own[:4]) == numbers
+    assert own[-2:] == ['regime', 'measured']
+    assert [name for name in own if f'/{name}`' not in page] == []

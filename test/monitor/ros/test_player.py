@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings played to subscribers, and to the node: it says what the check of the bag says."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import kit
+import numpy as np
+import pytest
+from shared import record
+
+from stickslip_logs.bags.writer import BagWriter
+from stickslip_monitor.monitor.bearing_records import event_record
+from stickslip_monitor.monitor.configuration import build_config
+from stickslip_monitor.offline.check import check_recording
+
+pytest.importorskip('rclpy', reason='ROS 2 is not installed')
+
+
+BEGIN = 1_700_000_000 * 10**9
+FLOAT64 = 'std_msgs/msg/Float64'
+
+
+def float64(value: float) -> bytes:
+    return b'\x00\x01\x00\x00' + np.float64(value).tobytes()
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Two topics at 10 Hz for 2 s, the second 20 ms after the first."""
+    times, values = BEGIN + np.arange(20, dtype=np.int64) * 10**8, np.arange(20.0)
+    return record(tmp_path / 'bag', {'/a': (times, values), '/b': (times + 2 * 10**7, -values)})
+
+
+@pytest.fixture
+def play(run: Any) -> Callable[..., Any]:
+    return lambda *arguments: run(sys.executable, '-m', 'stickslip_monitor.cli', 'play', *map(str, arguments))
+
+
+class Heard:
+    """What a topic brought, and when."""
+
+    def __init__(self, peer: Any, kind: Any, topic: str, raw: bool = False) -> None:
+        self.messages: list[Any] = []
+        self.times: list[float] = []
+        peer.node.create_subscription(kind, topic, self._hear, 2000, raw=raw)
+
+    def _hear(self, message: Any) -> None:
+        self.messages.append(message)
+        self.times.append(time.monotonic())
+
+
+def clock_ns(message: Any) -> int:
+    return int(message.clock.sec) * 10**9 + int(message.clock.nanosec)
+
+
+@pytest.mark.slow
+def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64
+
+    a, b = Heard(peer, Float64, '/a', raw=True), Heard(peer, Float64, '/b')
+    clock = peer.listen(Clock, '/clock', reliable=False)
+    player = play(bag, '--rate', '2', '--wait', '60')
+    peer.until(lambda: len(a.messages) >= 20 and len(b.messages) >= 20, 'all messages')
+    peer.until(lambda: not player.alive, 'the end')
+    assert player.wait() == 0
+    assert player.output == 'played 40 messages\n'
+    assert [bytes(message) for message in a.messages] == [float64(k) for k in range(20)]
+    assert [message.data for message in b.messages] == [-float(k) for k in range(20)]
+    # 1.9 s at twice the speed: never sooner, and on a busy machine later.
+    assert 0.9 < a.times[-1] - a.times[0] < 3.0
+    times = [clock_ns(message) for message in clock]
+    assert times == sorted(times)
+    # It runs on between messages, and the time of a message is its log time.
+    assert len(set(times)) > 45
+    assert len(set(times) & {BEGIN + k * 10**8 for k in range(20)}) >= 15
+    assert times[0] >= BEGIN
+    assert times[-1] <= BEGIN + 192 * 10**7
+
+
+@pytest.mark.slow
+def test_loop_takes_the_clock_back_and_loses_nothing(peer: Any, tmp_path: Path, play: Any) -> None:
+    """Reliable, and a queue as long as the bag, which has 400 messages in as many ms."""
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64
+
+    times = BEGIN + np.arange(400, dtype=np.int64) * 10**6
+    record(tmp_path / 'dense', {'/a': (times, np.arange(400.0))})
+    a = Heard(peer, Float64, '/a')
+    clock = peer.listen(Clock, '/clock', reliable=False)
+    player = play(tmp_path / 'dense', '--rate', '20', '--loop', '3', '--wait', '60')
+    peer.until(lambda: len(a.messages) >= 1200, 'all messages')
+    assert player.wait() == 0
+    assert player.output == 'played 400 messages\n' * 3
+    assert [message.data for message in a.messages] == [*map(float, range(400))] * 3
+    times = [clock_ns(message) for message in clock]
+    assert sum(y < x for x, y in pairwise(times)) == 2
+
+
+@pytest.mark.slow
+def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, play: Any, run: Any) -> None:
+    from std_msgs.msg import Float64
+
+    path = tmp_path / 'odd'
+    unknown = {'/speed': 'nowhere_msgs/msg/Speed', '/level': 'std_msgs/msg/Severity', '/x': 'Old'}
+    with BagWriter(path) as writer:
+        writer.add_topic('/a', FLOAT64)
+        writer.add_topic('/not a topic', FLOAT64)
+        writer.add_topic('/clock', 'rosgraph_msgs/msg/Clock', 'builtin_interfaces/Time clock')
+        for topic, kind in unknown.items():
+            writer.add_topic(topic, kind, 'float64 data')
+        for k in range(10):
+            for topic in ('/a', '/clock', '/not a topic', *unknown):
+                writer.write(topic, BEGIN + k * 10**7, float64(k))
+    a = Heard(peer, Float64, '/a')
+    player = play(path, '--wait', '60')
+    peer.until(lambda: len(a.messages) >= 10, 'all messages')
+    assert player.wait() == 0
+    lines = player.output.splitlines()
+    assert lines[-1] == 'played 10 messages'
+    skipped = {line.split(': ')[1]: line for line in lines if line.startswith('not played: ')}
+    assert set(skipped) == {'/clock', '/not a topic', *unknown}
+    assert skipped['/speed'].endswith('package nowhere_msgs is not installed')
+    assert skipped['/level'].endswith("package std_msgs has no message type 'Severity'")
+    assert 'Traceback' not in player.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int) -> None:
+    from std_msgs.msg import Float64
+
+    a = Heard(peer, Float64, '/a')
+    player = play(bag, '--rate', '0.1', '--wait', '60')
+    peer.until(lambda: a.messages, 'a message')
+    player.process.send_signal(number)
+    assert player.wait() == 130
+    assert player.output == ''
+
+
+DELAYS = {'alarm.on_delay': 1.0, 'alarm.off_delay': 3.0}
+
+
+def coast(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [ns], speeds [rpm] with noise, and loads [N] of a coast-down and recovery."""
+    random = np.random.default_rng(7)
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    rpm = 15.0 + 90.0 * np.abs(time / seconds - 0.5) + random.normal(0.0, 0.6, time.size)
+    jitter = random.uniform(0.0, 0.2 / rate, time.size)
+    return BEGIN + np.round((time + jitter) * 1e9).astype(np.int64), rpm, np.full(time.size, 1e3)
+
+
+def offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
+    report = check_recording(path, build_config(values))
+    # As JSON brings them.
+    events = [event_record(event) for event in report.bearings['aft'].events]
+    return list(json.loads(json.dumps(events)))
+
+
+def replay(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
+    warnings = monitor.warnings()
+    topic = monitor.input(monitor.values['aft.speed.topic'])
+    monitor.peer.until(lambda: monitor.peer.node.count_subscribers(topic), 'the input')
+    player = run(
+        *(sys.executable, '-m', 'stickslip_monitor.cli', 'play', str(path)),
+        *('--rate', str(rate), '--wait', '60'),
+    )
+    monitor.peer.until(lambda: not player.alive, 'the end', 60.0)
+    assert player.wait() == 0, player.output
+    monitor.peer.until(lambda: len(warnings) >= count, f'{count} events, not {kit.events(warnings)}', 5.0)
+    return kit.events(warnings)
+
+
+@pytest.mark.slow
+def test_stamped_messages_give_the_same_events_to_the_nanosecond(
+    start: Any, run: Any, tmp_path: Path
+) -> None:
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import JointState
+
+    from stickslip_monitor.ros.inputs import definition
+
+    # On the player's clock: a stamp counts where it is at most a second older than its arrival.
+    monitor = start(kit.parameters(kit.STAMPED, DELAYS), '-p', 'use_sim_time:=true')
+    path = tmp_path / 'bag'
+    with BagWriter(path) as writer:
+        topic = monitor.input('shaft')
+        writer.add_topic(topic, kit.JOINT, definition(kit.JOINT))
+        for time, rpm, load in zip(*coast(40.0, 10.0), strict=True):
+            message = JointState(velocity=[rpm], effort=[load])
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(time), 10**9)
+            # Half of the second for which a stamp counts is there for a late player or node.
+            writer.write(topic, int(time) + 500_000_000, serialize_message(message))
+    absolute = {'aft.speed.topic': topic, 'aft.load.topic': topic}
+    expected = offline(path, monitor.values | absolute)
+    assert len(expected) >= 5
+    heard = replay(monitor, run, path, 5.0, len(expected))
+    assert heard == expected
