@@ -54,6 +54,7 @@ lint: $(VENV)/.lint  ## Check style, format and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend
 	$(BIN)/ruff check --fix .

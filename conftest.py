@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import inspect
 from collections.abc import Iterator
 from typing import Any
@@ -11,9 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
-
-import stickslip_monitor
-from stickslip_monitor.physics.scalar_law import scalar_law
 
 # How long drawing takes is the machine's affair.
 settings.register_profile('any machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -28,9 +26,12 @@ def caches(tmp_path_factory: pytest.TempPathFactory):
         yield
 
 
-@pytest.fixture(autouse=True, scope='session')
+@pytest.fixture(autouse=importlib.util.find_spec('stickslip_monitor') is not None, scope='session')
 def examples(doctest_namespace: dict[str, Any]) -> None:
     """The names that docs/api.md says its examples begin with."""
+    import stickslip_monitor
+    from stickslip_monitor.physics.scalar_law import scalar_law
+
     public = {name: getattr(stickslip_monitor, name) for name in stickslip_monitor.__all__}
     law = stickslip_monitor.Stribeck(static=0.30, kinetic=0.10, decay=10.0)
     reference = stickslip_monitor.Bearing(50.0, 400.0, 2.0e6, law, journal_diameter=0.100)

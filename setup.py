@@ -41,17 +41,18 @@ setup(
     maintainer='stickslip_monitor maintainers',
     maintainer_email='maintainers@stickslip-monitor.invalid',
     python_requires='>=3.10',
-    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    packages=find_packages(include=['stickslip_*']),
     package_data={
+        'stickslip_logs': ['py.typed', 'bags/definitions.txt'],
+        'stickslip_lab': ['py.typed'],
         NAME: [
             'py.typed',
-            'bags/definitions.txt',
             'report/page.html',
             'report/page.css',
             'dashboard/page/*',
             'dashboard/page/vendor/*',
             'schemas/*',
-        ]
+        ],
     },
     # The recordings of bags/ stay in the repository: nothing that is installed reads them.
     data_files=[
@@ -104,7 +105,7 @@ setup(
         ],
         # What the benchmarks compare with.
         'bench': ['pathsim>=0.20', 'rosbags>=0.11'],
-        'lint': ['mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
+        'lint': ['import-linter>=2.17', 'mypy>=1.13', 'ruff>=0.8', 'scipy-stubs', 'types-PyYAML'],
     },
     entry_points={'console_scripts': [f'monitor = {NAME}.live:main', f'stickslip = {NAME}.__main__:main']},
 )

@@ -21,6 +21,7 @@ from stickslip_logs.bags.reader import open_bag
 from stickslip_logs.bags.recording import Recording, Request
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.offline.binding import bind
 
 _NO_TIME = 1 << 63
 _DATED = 10**17
@@ -109,10 +110,10 @@ def left_out(path: Path, config: MonitorConfig) -> str:
     expected = numbers_of(path.suffix[1:], path.read_bytes())
     try:
         log = open_bag(path)
-        bound = log.bound(config)
-        if bound.absent.keys() - {('aft_stern', 'load')}:
+        found = bind(log, config)
+        if found.absent.keys() - {('aft_stern', 'load')}:
             return ''
-        speed = bound.config.bearings[0].speed
+        speed = found.config.bearings[0].speed
         request = Request(speed.topic, speed.field_text, speed.type)
         series = log.read([request])[request]
     except BagError:

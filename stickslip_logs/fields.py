@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_logs.errors import FieldError
 
 NAMES = 'name'
 """The list that names the elements of those beside it."""
@@ -53,14 +53,14 @@ def parse_field(text: str) -> FieldPath:
         Attribute names, array indices and names of elements in order, e.g. ``('velocity', 0)``.
 
     Raises:
-        ConfigurationError: The text is not a path.
+        FieldError: The text is not a path.
     """
     steps: list[str | int | ByName] = []
     # A name in brackets may have dots.
     for part in re.split(r'\.(?![^\[]*\])', text):
         match = _STEP.fullmatch(part)
         if match is None:
-            raise ConfigurationError(
+            raise FieldError(
                 f"field '{text}' is not a path to a number: write names joined by dots, an array"
                 " index or the name of an element in brackets, e.g. 'data', 'velocity[0]',"
                 " 'velocity[shaft]' or 'wrench.force.z'"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import io
 import os
 import re
@@ -41,6 +42,8 @@ COMMANDS = {
 }
 
 PACKAGE = 'stickslip_monitor.commands'
+# Where a command is that is in a package of its own; that one need not be installed.
+ELSEWHERE = dict.fromkeys(('accuracy', 'calibrate', 'fit', 'simulate'), 'stickslip_lab.commands')
 # For one version: where commands went that no user of a ship calls.
 _MOVED = {
     'figures': '`python scripts/draw_findings.py`, in the source tree',
@@ -125,8 +128,8 @@ def _parser(
     _add_traceback(parser, default=False)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, text in known.items():
-        place = f'{package}.{name}'
-        module = importlib.import_module(place) if name == asked else None
+        place = module_of(name, package)
+        module = _loaded(place) if name == asked else None
         command = commands.add_parser(
             name, help=text, description=module.__doc__ if module else text, formatter_class=_Paragraphs
         )
@@ -135,6 +138,18 @@ def _parser(
             _add_traceback(command, default=argparse.SUPPRESS)
             command.set_defaults(run=module.run)
     return parser
+
+
+def _loaded(place: str) -> Any:
+    top = place.partition('.')[0]
+    if importlib.util.find_spec(top) is None:
+        raise ConfigurationError(f'this command is part of {top}, which is not installed')
+    return importlib.import_module(place)
+
+
+def module_of(command: str, package: str = PACKAGE) -> str:
+    """The module of a command."""
+    return f'{ELSEWHERE.get(command, package) if package == PACKAGE else package}.{command}'
 
 
 def _add_traceback(parser: argparse.ArgumentParser, *, default: object) -> None:

@@ -6,14 +6,37 @@ And the parts that their sentences share, and the rules that a quantity of the m
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-from collections.abc import Iterable
 
+from stickslip_logs.errors import BagError, FieldError, OutputError, StickslipError, did_you_mean, plural
 
-class StickslipError(Exception):
-    """Root of every error this package raises on purpose; its text is one sentence for a user."""
+__all__ = [
+    'AlarmStateError',
+    'BagError',
+    'CalibrationError',
+    'ConfigurationError',
+    'DashboardError',
+    'DrawingError',
+    'FieldError',
+    'FitError',
+    'FleetError',
+    'LinkError',
+    'OutputError',
+    'PhysicsError',
+    'ReportError',
+    'RosError',
+    'SceneError',
+    'StickslipError',
+    'cause',
+    'did_you_mean',
+    'no_ros',
+    'plural',
+    'program_fault',
+    'require_finite',
+    'require_not_negative',
+    'require_positive',
+]
 
 
 class PhysicsError(StickslipError, ValueError):
@@ -26,10 +49,6 @@ class ConfigurationError(StickslipError, ValueError):
 
 class AlarmStateError(StickslipError, ValueError):
     """What was kept of the alarms over a restart cannot be read."""
-
-
-class BagError(StickslipError):
-    """A recording cannot be opened, read or written."""
 
 
 class SceneError(StickslipError, ValueError):
@@ -66,25 +85,6 @@ class FleetError(StickslipError):
 
 class LinkError(StickslipError):
     """One of the ship's buses cannot be used as configured."""
-
-
-class OutputError(StickslipError):
-    """An output is an input, or would replace a file that this package did not write."""
-
-
-def plural(number: int, what: str) -> str:
-    """A number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
-    return f'{number} {what}{"" if number == 1 else "s"}'
-
-
-def did_you_mean(given: object, known: Iterable[str]) -> str:
-    """The end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
-    text, names = str(given), list(known)
-    # The dashes of options make no two of them alike.
-    bare = {name.lstrip('-'): name for name in names}
-    close = difflib.get_close_matches(text.lstrip('-'), bare, n=1, cutoff=0.65)
-    close = [bare[name] for name in close] or [name for name in names if len(text) > 1 and text in name]
-    return f"; did you mean '{close[0]}'?" if close else ''
 
 
 def no_ros(error: ImportError) -> RosError:

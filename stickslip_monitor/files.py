@@ -5,19 +5,33 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import errno
-import fcntl
-import glob
 import json
 import os
-import shutil
 import stat
-import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from stickslip_monitor.errors import OutputError, StickslipError, did_you_mean
+from stickslip_logs.files import DRAFT, KINDS, hold, near_name, open_file, read_file, sweep
+from stickslip_monitor.errors import OutputError, StickslipError
+
+__all__ = [
+    'PICTURES',
+    'TableRow',
+    'check_replaceable',
+    'hold',
+    'holds_mark',
+    'is_same',
+    'near_name',
+    'open_file',
+    'printable',
+    'read_file',
+    'read_json',
+    'read_table',
+    'replace_file',
+    'sweep',
+    'write_whole',
+]
 
 PICTURES: Mapping[str, bytes | None] = {
     '.png': b'Software\0stickslip_monitor',
@@ -27,62 +41,6 @@ PICTURES: Mapping[str, bytes | None] = {
 _HEAD = 4096
 _LONGEST_TEXT = 4000
 _ENDS = 1000
-_DRAFT = '.draft'
-# A draft younger than this may not be held yet [s].
-_SETTLED = 10.0
-_KINDS = {
-    stat.S_IFIFO: 'a pipe',
-    stat.S_IFSOCK: 'a socket',
-    stat.S_IFCHR: 'a device',
-    stat.S_IFBLK: 'a device',
-    stat.S_IFDIR: 'a folder',
-}
-
-
-def open_file(path: str | Path) -> IO[bytes]:
-    """Open a regular file, or what a link leads to, for reading.
-
-    Raises:
-        OSError: It cannot be opened or is no regular file. Pipes, devices and sockets are not
-            touched: opening one can block, and reading one need not end.
-    """
-    if '\0' in str(path):
-        raise OSError(errno.EINVAL, 'its name holds a zero byte', str(path))
-    _check_kind(path, Path(path).stat().st_mode)
-    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb')
-    try:
-        _check_kind(path, os.fstat(file.fileno()).st_mode)
-    except OSError:
-        file.close()
-        raise
-    return file
-
-
-def near_name(path: str | Path) -> str:
-    """The end of a sentence on a path that is not there: where a link leads, or a like name."""
-    path = Path(path)
-    if path.is_symlink():
-        return f": it is a link that leads nowhere, to '{path.readlink()}'"
-    try:
-        names = [entry.name for entry in path.parent.iterdir() if entry.name != path.name]
-    except OSError:
-        return ''
-    return did_you_mean(path.name, names)
-
-
-def read_file(path: str | Path, most: int) -> bytes:
-    """Read a regular file as a whole, up to a size [bytes].
-
-    Raises:
-        OSError: It cannot be read, is no regular file, or is larger.
-    """
-    with open_file(path) as file:
-        data = file.read(most + 1)
-    if data is None:
-        raise OSError(errno.EAGAIN, 'it has nothing to read yet', str(path))
-    if len(data) > most:
-        raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
-    return data
 
 
 def read_json(path: str | Path, most: int) -> Any:
@@ -141,14 +99,6 @@ def read_table(path: str | Path, most: int, error: type[StickslipError]) -> tupl
     return rows, delimiter
 
 
-def _check_kind(path: str | Path, mode: int) -> None:
-    kind = _KINDS.get(stat.S_IFMT(mode))
-    if kind == 'a folder':
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if kind is not None:
-        raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
-
-
 def is_same(one: str | Path, other: str | Path) -> bool:
     """Whether two paths are one file, by whatever name, link or case."""
     try:
@@ -175,7 +125,7 @@ def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = Fal
         _check_folder(path)
         return
     if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), 'no file')
+        kind = KINDS.get(stat.S_IFMT(mode), 'no file')
         raise OutputError(f"output '{path}' is {kind}, and only files are replaced")
     is_ours = mark is None or holds_mark(path, mark) or not Path(path).stat().st_size
     if not (force or is_ours):
@@ -226,7 +176,7 @@ def replace_file(target: Path, data: bytes) -> None:
     """
     name = f'.{target.name[:100]}'
     sweep(target.parent, name)
-    draft = target.with_name(f'{name}.{os.urandom(8).hex()}{_DRAFT}')
+    draft = target.with_name(f'{name}.{os.urandom(8).hex()}{DRAFT}')
     try:
         with draft.open('xb') as file:
             hold(file.fileno())
@@ -245,25 +195,6 @@ def replace_file(target: Path, data: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
-
-
-def hold(number: int) -> bool:
-    """Hold an open draft for as long as it is open; False where another process holds it."""
-    try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
-
-
-def sweep(folder: Path, name: str) -> None:
-    """Remove the drafts of an output whose processes were killed: old ones that nobody holds."""
-    for draft in folder.glob(f'{glob.escape(name)}.*{_DRAFT}'):
-        with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
-            number = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-            opened.callback(os.close, number)
-            if time.time() - draft.stat().st_mtime > _SETTLED and hold(number):
-                shutil.rmtree(draft) if draft.is_dir() else draft.unlink()
 
 
 def printable(text: str) -> str:

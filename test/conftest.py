@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import pytest
-from shared import Done, Stickslip
+from typing import Any
 
-from stickslip_monitor.cli import main
+import pytest
 
 
 @pytest.fixture
-def stickslip(capsys: pytest.CaptureFixture[str]) -> Stickslip:
+def stickslip(capsys: pytest.CaptureFixture[str]) -> Any:
     """Runs a command in this process."""
+
+    from shared import Done
+
+    from stickslip_monitor.cli import main
 
     def run(*words: object) -> Done:
         capsys.readouterr()

@@ -10,20 +10,19 @@ import socket
 import struct
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from made_logs import START, record  # noqa: F401
 
-from stickslip_logs.bags.writer import BagWriter
 from stickslip_monitor.links.nmea import parse, sentence
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
-START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC, when most recordings of bags/ begin
 REFERENCE: dict[str, Any] = {
     'mass': 50.0,
     'damping': 400.0,
@@ -196,15 +195,6 @@ class Bus:
             return condition()
 
         return look
-
-
-def record(path: Path, columns: Mapping[str, tuple[Any, Any]]) -> Path:
-    """A recording of Float64s: log times [ns] and values of each topic."""
-    with BagWriter(path) as writer:
-        for topic in columns:
-            writer.add_topic(topic, 'std_msgs/msg/Float64')
-        writer.write_float64s(columns)
-    return path
 
 
 def png_size(path: Path) -> tuple[int, int]:

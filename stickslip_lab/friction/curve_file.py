@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_logs.tables.dialect import parse_heading, unit_of
+from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
 from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
-from stickslip_monitor.units import factors_of, names_of
 
 NAMES = {
     'std': 'std sigma σ sd stdev uncertainty deviation error',

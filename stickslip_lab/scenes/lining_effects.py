@@ -44,12 +44,12 @@ from stickslip_lab.scenes.lining import (
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
 from stickslip_lab.scenes.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
+from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
-from stickslip_monitor.units import factors_of, names_of
 
 # Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
 # recordings must not.

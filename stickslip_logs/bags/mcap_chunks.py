@@ -23,9 +23,9 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import open_file
+from stickslip_logs.arrays import IntArray
+from stickslip_logs.errors import BagError
+from stickslip_logs.files import open_file
 
 MAGIC = b'\x89MCAP0\r\n'
 HEAD = struct.Struct('<BQ')

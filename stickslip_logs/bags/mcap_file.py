@@ -20,6 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from stickslip_logs.arrays import IntArray
 from stickslip_logs.bags.mcap_chunks import (
     CHUNK_HEAD,
     HEAD,
@@ -34,9 +35,8 @@ from stickslip_logs.bags.mcap_chunks import (
 )
 from stickslip_logs.bags.message_fields import LONGEST_TEXT
 from stickslip_logs.bags.recording import Cut, Findings, other_encoding
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.files import open_file
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import open_file
 
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""

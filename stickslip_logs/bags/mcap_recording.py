@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from mcap.records import Channel
 
+from stickslip_logs.arrays import IntArray
 from stickslip_logs.bags.log_times import BlockSteps, question_of_unit
 from stickslip_logs.bags.mcap_chunks import Block, Piece
 from stickslip_logs.bags.mcap_file import DATED, FilePass, McapFile
@@ -33,8 +34,7 @@ from stickslip_logs.bags.recording import (
     TopicInfo,
     part,
 )
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.errors import BagError, plural
+from stickslip_logs.errors import BagError, plural
 
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19

@@ -34,9 +34,9 @@ from stickslip_logs.bags.recording import (
 from stickslip_logs.bags.sqlite_recording import MAGIC as SQLITE
 from stickslip_logs.bags.sqlite_recording import SqliteRecording
 from stickslip_logs.bags.table_recording import TableRecording
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import near_name, open_file, read_file
 from stickslip_logs.tables.dialect import GZIP
-from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.files import near_name, open_file, read_file
 
 # What is often brought and not read, by its first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (

@@ -9,7 +9,7 @@ import tempfile
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,11 +17,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
+from stickslip_logs.errors import BagError
 from stickslip_logs.fields import FieldPath, parse_field
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
-from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 
 Columns = tuple[NDArray[Any], ...]
 """Messages: log times [ns], and what else there is of each: shape (n,) or (k, n)."""
@@ -194,19 +192,6 @@ class Reading(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Bound:
-    """A configuration as it holds for one recording.
-
-    Attributes:
-        config: The configuration, with the topics and the timeouts that hold for the recording.
-        absent: Why an input is not in the recording, by bearing and quantity.
-    """
-
-    config: MonitorConfig
-    absent: Mapping[tuple[str, str], str] = field(default_factory=dict)
-
-
 class Recording(ABC):
     """A recording that was opened; nothing stays open between calls.
 
@@ -255,27 +240,6 @@ class Recording(ABC):
         """Take up what was not read, or not used."""
         self._findings.lose(text)
 
-    def bound(self, config: MonitorConfig) -> Bound:
-        """The configuration as it holds for this recording, and which inputs are not in it.
-
-        Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
-
-        Raises:
-            BagError: It is not to be told which part of the recording an input is.
-        """
-        absent: dict[tuple[str, str], str] = {}
-        bearings = []
-        for bearing in config.bearings:
-            own: dict[str, Any] = {
-                quantity: replace(source, topic=full_name(source.topic, self.topics))
-                for quantity, source in bearing.inputs.items()
-            }
-            bearings.append(replace(bearing, **own))
-            for quantity, source in own.items():
-                if text := _absent(self.path, self.topics, source):
-                    absent[bearing.name, quantity] = text
-        return Bound(replace(config, bearings=tuple(bearings)), absent)
-
     @abstractmethod
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
         """Read numbers of some topics in blocks, one stretch of time after the other.
@@ -283,7 +247,7 @@ class Recording(ABC):
         Raises:
             BagError: A topic is not there or cannot be decoded, a field is not in its type or no
                 number, or a file cannot be read.
-            ConfigurationError: A field is not a path.
+            FieldError: A field is not a path.
         """
 
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
@@ -389,19 +353,3 @@ def full_name(topic: str, topics: Collection[str]) -> str:
     in_root = f'/{topic}'
     others = [name for name in topics if name.endswith(in_root)]
     return others[0] if len(others) == 1 and in_root not in topics else in_root
-
-
-def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
-    """Why a recording lacks an input, in the words of the running monitor; else empty."""
-    if not source.topic:
-        return f"its topic is missing: '{path}' has topics, and columns are of logs"
-    topic = topics.get(source.topic)
-    facts = InputFacts(source.topic, source.type, lost=True)
-    if topic is None:
-        return f'{input_fault(facts)[:-1]}: {missing_topic(topics, source.topic)}'
-    if topic.problem:
-        return f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
-    if short_name(topic.type) != short_name(source.type):
-        bags = (Publisher(f"Bag '{path.name}'", topic.type),)
-        return input_fault(replace(facts, publishers=bags))[:-1]
-    return ''

@@ -17,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stickslip_logs.arrays import FloatArray, IntArray
+from stickslip_logs.bags.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.bags.log_times import Order, StepClock, limit_of, no_order
 from stickslip_logs.bags.recording import (
-    Bound,
     Fault,
     Findings,
     Message,
@@ -32,14 +33,10 @@ from stickslip_logs.bags.recording import (
     missing_topic,
 )
 from stickslip_logs.bags.writer import encode_float64s
+from stickslip_logs.errors import BagError, plural
 from stickslip_logs.tables.clock import Cells, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
-from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.monitor.parameters import LOAD_UNITS, MonitorConfig
-from stickslip_monitor.offline.input_columns import FLOAT64, ColumnBinding, LogColumn, SourceColumn
-from stickslip_monitor.physics.bearing import TURNING_UNITS
 
 _NAME = re.compile(
     r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
@@ -79,8 +76,8 @@ class Part(NamedTuple):
 class TableRecording(Recording):
     """A table as the recording that it stands for.
 
-    Its topics are its columns, or the names in a table of one value a line; once a configuration
-    was bound to it, they are the topics of that.
+    Its topics are its columns, or the names in a table of one value a line, until it is told which of them
+    to deliver as which topics.
     """
 
     def __init__(self, path: Path) -> None:
@@ -102,7 +99,7 @@ class TableRecording(Recording):
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
-        """What stands for the topics of the configuration that was bound."""
+        """What stands for the topics that are delivered."""
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
         # What a clock that was set back says of a start before the first line is none.
@@ -213,7 +210,7 @@ class TableRecording(Recording):
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
-        """The topics of the configuration, or else the columns."""
+        """The topics that are delivered, or else the columns."""
         if self.by_topic:
             return {
                 name: TopicInfo(name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', '')
@@ -229,25 +226,24 @@ class TableRecording(Recording):
         """Numbers that were read, or before that the lines."""
         return self.counts.total() or self.table.line_count
 
-    def bound(self, config: MonitorConfig) -> Bound:
-        """Let columns stand for the topics of a configuration."""
-        binding = ColumnBinding(self.path, self.all_columns, self._interval, self.table.is_sent)
-        bound = binding.bind(config)
+    @property
+    def is_sent(self) -> bool:
+        """Whether its numbers are as sensors sent them, over a bus."""
+        return self.table.is_sent
+
+    def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
+        """Let columns stand for topics."""
         self.by_topic = {
-            topic: replace(own, status=self._status_of(own.column.place))
-            for topic, own in binding.columns.items()
+            topic: replace(own, status=self._status_of(own.column.place)) for topic, own in columns.items()
         }
-        for text in binding.said:
-            self._findings.note(text)
         named = {(own.column.heading, own.status): None for own in self.by_topic.values()}
         for heading, status in named:
             if status is not None:
                 self._findings.note(
                     f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
                 )
-        return bound
 
-    def _interval(self, column: LogColumn) -> float:
+    def interval(self, column: LogColumn) -> float:
         """The usual time between two numbers of a column [s]."""
         most = max([column.place, *(self.names or ())])
         rows = [row for row in self.table.head if len(row) > most]
@@ -310,9 +306,7 @@ def _kind(column: LogColumn) -> str:
     """What a column would be taken for, by its unit."""
     if column.unit is None:
         return 'column, unit not known'
-    quantity = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
-    found = quantity.get(column.unit)
-    return f'column in {column.unit}' + (f', may be the {found}' if found else '')
+    return f'column in {column.unit}'
 
 
 class TableReading:

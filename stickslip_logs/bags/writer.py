@@ -20,13 +20,13 @@ import yaml
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
+from stickslip_logs.arrays import IntArray
 from stickslip_logs.bags.chunk_writer import COMPRESSORS, ChunkWriter, Messages
 from stickslip_logs.bags.mcap_chunks import HEAD
 from stickslip_logs.bags.message_fields import definition_of
 from stickslip_logs.bags.recording import METADATA_NAME, METADATA_ROOT
-from stickslip_monitor.arrays import IntArray
-from stickslip_monitor.errors import BagError
-from stickslip_monitor.files import hold, open_file, sweep
+from stickslip_logs.errors import BagError
+from stickslip_logs.files import hold, open_file, sweep
 
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, IntArray
-from stickslip_monitor.errors import BagError
+from stickslip_logs.arrays import BoolArray, IntArray
+from stickslip_logs.errors import BagError
 
 Cells = Sequence[str]
 SECOND, DAY = 10**9, 86_400 * 10**9

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_logs.tables.clock import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
-from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.files import open_file
-from stickslip_monitor.units import find_unit, names_of
+from stickslip_logs.units import find_unit, names_of
 
 # What is looked at of a file: its head, its tail, and lines of the head [bytes, bytes, lines].
 _HEAD, _TAIL, _MOST_LINES = 1 << 18, 1 << 14, 2000

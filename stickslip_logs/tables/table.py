@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS
 from stickslip_logs.tables.clock import (
     WITHOUT_ZONE,
@@ -26,9 +29,6 @@ from stickslip_logs.tables.clock import (
     scaled_reader,
 )
 from stickslip_logs.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.errors import BagError, plural
-from stickslip_monitor.files import open_file
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14

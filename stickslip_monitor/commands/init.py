@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+from stickslip_logs.units import factors_of
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import printable
@@ -34,7 +35,6 @@ from stickslip_monitor.physics.bearing_estimate import (
     estimate,
     fold_shifts,
 )
-from stickslip_monitor.units import factors_of
 
 SCHEMA = 'stickslip_monitor/init/1'
 MARK = '# Written by stickslip init'

@@ -9,20 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timezone
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
-
-if TYPE_CHECKING:
-    from stickslip_lab.scenes.truth import TruthRecord
 
 _POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30
@@ -42,6 +39,38 @@ _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
 _TRUTH = '#333333'
 
 
+class Numbers(Protocol):
+    """One number over time."""
+
+    @property
+    def time_ns(self) -> IntArray:
+        """Times [ns]."""
+
+    @property
+    def value(self) -> FloatArray:
+        """Its values then."""
+
+
+class Lining(Protocol):
+    """What the lining did, as far as it is known."""
+
+    @property
+    def episodes(self) -> Sequence[tuple[int, int]]:
+        """First and last instant of sticking [ns]."""
+
+    @property
+    def hopf_margin(self) -> Numbers:
+        """The margin to the Hopf speed."""
+
+    @property
+    def fold_margin(self) -> Numbers:
+        """The margin to the fold."""
+
+    @property
+    def amplitude(self) -> Numbers:
+        """Half the peak to peak of its displacement [m]."""
+
+
 @dataclass(frozen=True, slots=True)
 class Timeline:
     """What a timeline shows of one bearing."""
@@ -49,7 +78,7 @@ class Timeline:
     config: BearingConfig
     scan: Verdicts  # its verdicts and events, or their outline
     spells: Sequence[ConditionInterval]  # the alarm's, from the recording's start to its end
-    lining: TruthRecord | None = None  # what the lining did, where that is known
+    lining: Lining | None = None  # what the lining did, where that is known
     title: str = ''  # above the panels
 
     @property

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from stickslip_logs.fields import FieldPath, parse_field
-from stickslip_monitor.errors import ConfigurationError, PhysicsError, did_you_mean
+from stickslip_monitor.errors import ConfigurationError, FieldError, PhysicsError, did_you_mean
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
@@ -401,7 +401,7 @@ class _Section:
             )
         try:
             path: FieldPath = parse_field(own[f'{quantity}.field'])
-        except ConfigurationError as error:
+        except FieldError as error:
             raise ConfigurationError(f'{name}.field: {error}') from error
         return filled(kind, f'{quantity}.', own, field=path, factor=factor, deadband=deadband)
 

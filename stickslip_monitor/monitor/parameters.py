@@ -14,13 +14,13 @@ from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from stickslip_logs.fields import FieldPath
+from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.lubrication import MAX_SALINITY, MAX_TEMPERATURE, MIN_TEMPERATURE, SEA
 from stickslip_monitor.physics.probability import EXACT, Belief, Tolerance
-from stickslip_monitor.units import factors_of, names_of
 
 WEEK = 604800.0
 """The longest duration that is allowed where nothing else sets a limit [s]."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from stickslip_logs.bags.log_times import LogTimes
 from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Bound, Fault, Progress, Recording, Request, Series
+from stickslip_logs.bags.recording import Fault, Progress, Recording, Request, Series
 from stickslip_monitor import jit
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
@@ -30,6 +30,7 @@ from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import Stream
 from stickslip_monitor.monitor.verdict import Event
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
+from stickslip_monitor.offline.input_columns import Bound, guess_of
 from stickslip_monitor.offline.input_report import COARSE, InputCheck, InputReport, Plausibility, bound_to
 
 SCHEMA = 'stickslip_monitor/check/2'
@@ -338,7 +339,11 @@ def bag_record(bag: Recording) -> dict[str, Any]:
         'duration': None if start is None or end is None else (end - start) * 1e-9,
         'messages': bag.message_count,
         'topics': {
-            name: {'type': topic.type, 'messages': topic.count, 'problem': topic.problem or None}
+            name: {
+                'type': f'{topic.type}{guess_of(topic.type)}',
+                'messages': topic.count,
+                'problem': topic.problem or None,
+            }
             for name, topic in bag.topics.items()
         },
         'cuts': [

@@ -4,22 +4,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from stickslip_logs.bags.recording import Bound
+from stickslip_logs.bags.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.tables.dialect import parse_heading
-from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import NO_VALUES
 from stickslip_monitor.physics.bearing import TURNING_UNITS
 
-FLOAT64 = 'std_msgs/msg/Float64'
 # A value counts for so many intervals, as a lost line is no lost input.
 _TIMEOUT_LINES = 3.0
 # Of ten years, to which any time of a log can be added [ns].
@@ -60,48 +56,16 @@ _LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-forc
 
 
 @dataclass(frozen=True, slots=True)
-class LogColumn:
-    """A column of a table, or the rows of a name in a table of one value a line.
+class Bound:
+    """A configuration as it holds for one recording.
 
     Attributes:
-        heading: What it is called.
-        place: Of the column that holds its numbers.
-        name: The name whose rows count; None where all do.
-        unit: As the configuration calls it; None where its heading has none of these.
+        config: The configuration, with the topics and the timeouts that hold for the recording.
+        absent: Why an input is not in the recording, by bearing and quantity.
     """
 
-    heading: str
-    place: int
-    name: str | None = None
-    unit: str | None = None
-
-    @property
-    def has_unit(self) -> bool:
-        """Whether it says a unit, be it a known one or another."""
-        return self.unit is not None or bool(parse_heading(self.heading).unit)
-
-
-@dataclass(frozen=True, slots=True)
-class SourceColumn:
-    """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
-
-    ``status`` is the place of the column that says whether its numbers count, if there is one.
-    """
-
-    column: LogColumn
-    ratio: float = 1.0
-    scale: float = 1.0
-    offset: float = 0.0
-    status: int | None = None
-
-    def sent(self, values: FloatArray) -> FloatArray:
-        """What the sensor would have sent, of numbers in the column."""
-        if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
-            return values
-        with np.errstate(over='ignore'):  # infinite is no value either
-            sent = (values * self.ratio - self.offset) / self.scale
-        # What means "no value" is no quantity, and has no unit.
-        return np.where(np.isin(values, NO_VALUES), values, sent)
+    config: MonitorConfig
+    absent: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 class ColumnBinding:
@@ -246,7 +210,8 @@ class ColumnBinding:
         if unit is not None:
             ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
             ratio = 1.0 if unit == source.unit else ratio
-            sent = SourceColumn(column, ratio, *((source.scale, source.offset) if is_scaled else ()))
+            scaled = (source.scale, source.offset) if is_scaled else (1.0, 0.0)
+            sent = SourceColumn(column, ratio, *scaled, kept=NO_VALUES)
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'
@@ -291,3 +256,11 @@ def _factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
     if quantity == 'speed':
         return bearing.bearing.speed.factor(unit)
     return LOAD_UNITS[unit] if quantity == 'load' else 1.0
+
+
+def guess_of(kind: str) -> str:
+    """Return the clause ", may be the speed" (or load) for a column of such a unit, or nothing."""
+    unit = kind.removeprefix('column in ')
+    quantities = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
+    found = quantities.get(unit) if unit != kind else None
+    return f', may be the {found}' if found else ''

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_logs.bags.recording import Bound, Fault, Recording, Series
+from stickslip_logs.bags.recording import Fault, Recording, Series
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.configuration import FACTOR, questions
@@ -30,6 +30,8 @@ from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.verdict import rounded
+from stickslip_monitor.offline.binding import bind
+from stickslip_monitor.offline.input_columns import Bound
 
 _MOST_NAMED = 5
 COARSE = 10.0
@@ -269,13 +271,13 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
     Raises:
         BagError: No bearing has both speed and load.
     """
-    bound = bag.bound(config)
-    lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
-    if len(lost) == len(bound.config.bearings):
-        text = next(text for (_, of), text in bound.absent.items() if of in QUANTITIES)
+    found = bind(bag, config)
+    lost = {name for name, quantity in found.absent if quantity in QUANTITIES}
+    if len(lost) == len(found.config.bearings):
+        text = next(text for (_, of), text in found.absent.items() if of in QUANTITIES)
         # What is missing may lie behind a cut.
         raise BagError('; '.join([text, *(cut.text for cut in bag.cuts)]))
-    return bound
+    return found
 
 
 def _facts(source: InputConfig) -> InputFacts:

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stickslip_logs.units import names_of, turning_factor
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_not_negative, require_positive
 from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.lubrication import Lubrication, reference_point
-from stickslip_monitor.units import names_of, turning_factor
 
 TURNING_UNITS = names_of('turning')
 SPEED_UNITS = (*TURNING_UNITS, 'm/s')

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stickslip_logs.errors import FieldError
 from stickslip_logs.fields import ByName, NoSuchElementError, NumberField, parse_field
-from stickslip_monitor.errors import ConfigurationError
 
 MESSAGE = SimpleNamespace(
     data=2,
@@ -44,7 +44,7 @@ def test_paths(text: str, path: tuple[str | int, ...], value: float) -> None:
 def test_texts_that_are_no_path() -> None:
     wrong = '|.|a.|.a|a..b|a[]|a[-1]|a[1|a]1[|a[1]b|a[1.5]|[0]|1a|_a|__class__|a b| a|a\n|a-b|a/b|a()'
     for text in wrong.split('|'):
-        with pytest.raises(ConfigurationError, match='is not a path to a number'):
+        with pytest.raises(FieldError, match='is not a path to a number'):
             parse_field(text)
 
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from made_logs import record
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
-from shared import record
 
 from stickslip_logs.bags.message_fields import FieldReader, compile_layout, parse_schema
 from stickslip_logs.bags.reader import open_bag

@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 import yaml
 import zstandard
+from made_logs import record
 from mcap.writer import Writer
-from shared import record
 
 from stickslip_logs.bags.mcap_chunks import MAGIC
 from stickslip_logs.bags.reader import find_bags, open_bag, spooled
 from stickslip_logs.bags.recording import Request, TopicInfo
-from stickslip_monitor.errors import BagError
+from stickslip_logs.errors import BagError
 
 FLOAT64 = 'std_msgs/msg/Float64'
 NESTED = """\

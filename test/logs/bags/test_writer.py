@@ -30,7 +30,7 @@ from stickslip_logs.bags.writer import (
     encode_stamped,
     encode_string,
 )
-from stickslip_monitor.errors import BagError
+from stickslip_logs.errors import BagError
 
 STORE, HUMBLE = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS2_HUMBLE)
 FLOAT64 = 'std_msgs/msg/Float64'

@@ -23,12 +23,13 @@ from fuzz.mutants import mutant
 from stickslip_logs.bags.reader import open_bag
 from stickslip_logs.bags.recording import Request
 from stickslip_logs.bags.table_recording import TableRecording
+from stickslip_logs.errors import BagError
 from stickslip_logs.tables.dialect import unit_of
 from stickslip_monitor.cli import main
-from stickslip_monitor.errors import BagError
 from stickslip_monitor.links.nmea import sentence
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import InputConfig
+from stickslip_monitor.offline.binding import bind
 
 CONFIG = Path(__file__).resolve().parents[3] / 'launch_configs/reference_bearing.yaml'
 NAN = math.nan
@@ -726,7 +727,7 @@ def opened(folder: Path, data: str | bytes) -> TableRecording:
 
 def bound_inputs(recording: TableRecording, config: Path = CONFIG) -> Mapping[str, InputConfig]:
     """The inputs of the bearing, as the log has them all."""
-    bound = recording.bound(load_config(config))
+    bound = bind(recording, load_config(config))
     assert bound.absent == {}
     return bound.config.bearings[0].inputs
 
@@ -795,7 +796,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         path.write_bytes(mutant(seed, logs, 'csv'))
         try:
             recording = open_bag(path)
-            recording.bound(load_config(CONFIG))
+            bind(recording, load_config(CONFIG))
             recording.read([Request(topic, 'data') for topic in recording.topics])
         except BagError as error:
             refused.append(str(error))
@@ -835,7 +836,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
 )
 def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_path: Path) -> None:
     """12 knots or 1.2 kips, taken for 12 kN or 1.2 N, would be judged stable."""
-    absent = opened(tmp_path, text).bound(load_config(CONFIG)).absent
+    absent = bind(opened(tmp_path, text), load_config(CONFIG)).absent
     assert list(absent) == [('aft_stern', quantity)]
     assert f'write aft_stern.{quantity}.column' in absent['aft_stern', quantity]
 
@@ -905,12 +906,12 @@ def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: boo
     path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
     path.write_text(f'time,"{heading}",load [N]\n0,30,900\n1,31,901\n')
     config.write_text(CONFIG.read_text().replace('aft_stern', bearing))
-    assert ((bearing, 'speed') in open_bag(path).bound(load_config(config)).absent) == (not is_its)
+    assert ((bearing, 'speed') in bind(open_bag(path), load_config(config)).absent) == (not is_its)
 
 
 def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
     recording = opened(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
-    told = recording.bound(load_config(CONFIG)).absent['aft_stern', 'speed']
+    told = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
     assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in told
 
 
@@ -1030,7 +1031,7 @@ def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str
     own = "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
     config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
     recording = opened(tmp_path, text)
-    (bearing,) = recording.bound(load_config(config)).config.bearings
+    (bearing,) = bind(recording, load_config(config)).config.bearings
     request = Request(bearing.speed.topic, 'data')
     assert 0.25 * recording.read([request])[request].value[0] == pytest.approx(speed)
     assert any(says in said for said in recording.warnings)
@@ -1055,5 +1056,5 @@ def test_one_column_is_not_the_load_of_two_bearings(
         for name in ('aft', 'mid')
     ]
     config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
-    bound = opened(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n').bound(load_config(config))
+    bound = bind(opened(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n'), load_config(config))
     assert bound.absent.keys() == lost

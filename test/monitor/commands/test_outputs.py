@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 from shared import CONFIG, ROOT, Stickslip
 
+from stickslip_monitor import cli
 from stickslip_monitor.cli import COMMANDS
 from stickslip_monitor.commands.options import FileOption
 from stickslip_monitor.commands.output import check_files
@@ -34,7 +35,7 @@ WAYS: Mapping[str, Callable[[Path, Path], object]] = {
 def declared(command: str) -> Sequence[FileOption]:
     """What the options of a command name."""
     parser = argparse.ArgumentParser()
-    import_module(f'stickslip_monitor.commands.{command}').add_arguments(parser)
+    import_module(cli.module_of(command)).add_arguments(parser)
     return parser.get_default('files') or ()
 
 

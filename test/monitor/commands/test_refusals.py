@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from shared import ROOT, Stickslip, record
 
+from stickslip_monitor import cli
 from stickslip_monitor.cli import COMMANDS
 
 LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
@@ -150,7 +151,7 @@ def numbers() -> dict[str, tuple[str, Any]]:
     found = {}
     for command in COMMANDS:
         parser = argparse.ArgumentParser()
-        import_module(f'stickslip_monitor.commands.{command}').add_arguments(parser)
+        import_module(cli.module_of(command)).add_arguments(parser)
         for action in parser._actions:
             if hasattr(action, 'rule'):
                 found[f'{command} {action.option_strings[0]}'] = (command, action)

@@ -8,7 +8,7 @@ from collections import Counter
 
 import pytest
 
-from stickslip_monitor.units import UNITS, factors_of, find_unit, names_of, turning_factor
+from stickslip_logs.units import UNITS, factors_of, find_unit, names_of, turning_factor
 
 
 def test_factors_are_those_of_the_si_brochure() -> None:

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which columns of a log to deliver, under which name, and in which unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stickslip_logs.arrays import FloatArray
+from stickslip_logs.tables.dialect import parse_heading
+
+FLOAT64 = 'std_msgs/msg/Float64'
+
+
+@dataclass(frozen=True, slots=True)
+class LogColumn:
+    """A column of a table, or the rows of a name in a table of one value a line.
+
+    Attributes:
+        heading: What it is called.
+        place: Of the column that holds its numbers.
+        name: The name whose rows count; None where all do.
+        unit: As the configuration calls it; None where its heading has none of these.
+    """
+
+    heading: str
+    place: int
+    name: str | None = None
+    unit: str | None = None
+
+    @property
+    def has_unit(self) -> bool:
+        """Whether it says a unit, be it a known one or another."""
+        return self.unit is not None or bool(parse_heading(self.heading).unit)
+
+
+@dataclass(frozen=True, slots=True)
+class SourceColumn:
+    """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
+
+    ``kept`` are numbers that mean "no value", and have no unit. ``status`` is the place of the column that
+    says whether its numbers count, if there is one.
+    """
+
+    column: LogColumn
+    ratio: float = 1.0
+    scale: float = 1.0
+    offset: float = 0.0
+    kept: tuple[float, ...] = ()
+    status: int | None = None
+
+    def sent(self, values: FloatArray) -> FloatArray:
+        """What the sensor would have sent, of numbers in the column."""
+        if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
+            return values
+        with np.errstate(over='ignore'):  # infinite is no value either
+            sent = (values * self.ratio - self.offset) / self.scale
+        return np.where(np.isin(values, self.kept), values, sent)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The errors of recordings and files, and the parts that their sentences share."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class StickslipError(Exception):
+    """Root of every error this package raises on purpose; its text is one sentence for a user."""
+
+
+class BagError(StickslipError):
+    """A recording cannot be opened, read or written."""
+
+
+class FieldError(StickslipError, ValueError):
+    """A text is no path to a number in a message."""
+
+
+class OutputError(StickslipError):
+    """An output is an input, or would replace a file that this package did not write."""
+
+
+def plural(number: int, what: str) -> str:
+    """A number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
+    return f'{number} {what}{"" if number == 1 else "s"}'
+
+
+def did_you_mean(given: object, known: Iterable[str]) -> str:
+    """The end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
+    text, names = str(given), list(known)
+    # The dashes of options make no two of them alike.
+    bare = {name.lstrip('-'): name for name in names}
+    close = difflib.get_close_matches(text.lstrip('-'), bare, n=1, cutoff=0.65)
+    close = [bare[name] for name in close] or [name for name in names if len(text) > 1 and text in name]
+    return f"; did you mean '{close[0]}'?" if close else ''

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of others, read within limits, and drafts of files that are being written."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import glob
+import os
+import shutil
+import stat
+import time
+from pathlib import Path
+from typing import IO
+
+from stickslip_logs.errors import did_you_mean
+
+DRAFT = '.draft'
+# A draft younger than this may not be held yet [s].
+_SETTLED = 10.0
+KINDS = {
+    stat.S_IFIFO: 'a pipe',
+    stat.S_IFSOCK: 'a socket',
+    stat.S_IFCHR: 'a device',
+    stat.S_IFBLK: 'a device',
+    stat.S_IFDIR: 'a folder',
+}
+
+
+def open_file(path: str | Path) -> IO[bytes]:
+    """Open a regular file, or what a link leads to, for reading.
+
+    Raises:
+        OSError: It cannot be opened or is no regular file. Pipes, devices and sockets are not
+            touched: opening one can block, and reading one need not end.
+    """
+    if '\0' in str(path):
+        raise OSError(errno.EINVAL, 'its name holds a zero byte', str(path))
+    _check_kind(path, Path(path).stat().st_mode)
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb')
+    try:
+        _check_kind(path, os.fstat(file.fileno()).st_mode)
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def near_name(path: str | Path) -> str:
+    """The end of a sentence on a path that is not there: where a link leads, or a like name."""
+    path = Path(path)
+    if path.is_symlink():
+        return f": it is a link that leads nowhere, to '{path.readlink()}'"
+    try:
+        names = [entry.name for entry in path.parent.iterdir() if entry.name != path.name]
+    except OSError:
+        return ''
+    return did_you_mean(path.name, names)
+
+
+def read_file(path: str | Path, most: int) -> bytes:
+    """Read a regular file as a whole, up to a size [bytes].
+
+    Raises:
+        OSError: It cannot be read, is no regular file, or is larger.
+    """
+    with open_file(path) as file:
+        data = file.read(most + 1)
+    if data is None:
+        raise OSError(errno.EAGAIN, 'it has nothing to read yet', str(path))
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
+    return data
+
+
+def _check_kind(path: str | Path, mode: int) -> None:
+    kind = KINDS.get(stat.S_IFMT(mode))
+    if kind == 'a folder':
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if kind is not None:
+        raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
+
+
+def hold(number: int) -> bool:
+    """Hold an open draft for as long as it is open; False where another process holds it."""
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def sweep(folder: Path, name: str) -> None:
+    """Remove the drafts of an output whose processes were killed: old ones that nobody holds."""
+    for draft in folder.glob(f'{glob.escape(name)}.*{DRAFT}'):
+        with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
+            number = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            opened.callback(os.close, number)
+            if time.time() - draft.stat().st_mtime > _SETTLED and hold(number):
+                shutil.rmtree(draft) if draft.is_dir() else draft.unlink()

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which topic or column of a recording each input of a configuration is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from stickslip_logs.bags.recording import Recording, TopicInfo, full_name, missing_topic, short_name
+from stickslip_logs.bags.table_recording import TableRecording
+from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
+from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
+from stickslip_monitor.offline.input_columns import Bound, ColumnBinding
+
+
+def bind(bag: Recording, config: MonitorConfig) -> Bound:
+    """The configuration as it holds for this recording, and which inputs are not in it.
+
+    Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
+
+    Raises:
+        BagError: It is not to be told which part of the recording an input is.
+    """
+    if isinstance(bag, TableRecording):
+        return _by_columns(bag, config)
+    absent: dict[tuple[str, str], str] = {}
+    bearings = []
+    for bearing in config.bearings:
+        own: dict[str, Any] = {
+            quantity: replace(source, topic=full_name(source.topic, bag.topics))
+            for quantity, source in bearing.inputs.items()
+        }
+        bearings.append(replace(bearing, **own))
+        for quantity, source in own.items():
+            if text := _absent(bag.path, bag.topics, source):
+                absent[bearing.name, quantity] = text
+    return Bound(replace(config, bearings=tuple(bearings)), absent)
+
+
+def _by_columns(log: TableRecording, config: MonitorConfig) -> Bound:
+    """Let columns stand for the topics of a configuration."""
+    binding = ColumnBinding(log.path, log.all_columns, log.interval, log.is_sent)
+    bound = binding.bind(config)
+    for text in binding.said:
+        log.note(text)
+    log.deliver(binding.columns)
+    return bound
+
+
+def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
+    """Why a recording lacks an input, in the words of the running monitor; else empty."""
+    if not source.topic:
+        return f"its topic is missing: '{path}' has topics, and columns are of logs"
+    topic = topics.get(source.topic)
+    facts = InputFacts(source.topic, source.type, lost=True)
+    if topic is None:
+        return f'{input_fault(facts)[:-1]}: {missing_topic(topics, source.topic)}'
+    if topic.problem:
+        return f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
+    if short_name(topic.type) != short_name(source.type):
+        bags = (Publisher(f"Bag '{path.name}'", topic.type),)
+        return input_fault(replace(facts, publishers=bags))[:-1]
+    return ''
