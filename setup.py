@@ -43,7 +43,7 @@ setup(
     python_requires='>=3.10',
     packages=find_packages(include=['stickslip_*']),
     package_data={
-        'stickslip_logs': ['py.typed', 'bags/definitions.txt'],
+        'stickslip_logs': ['py.typed', 'recordings/definitions.txt'],
         'stickslip_lab': ['py.typed'],
         NAME: [
             'py.typed',

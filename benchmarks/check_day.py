@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.table import Table, duration, ratio
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.commands.check import to_text
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig

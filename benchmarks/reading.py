@@ -19,9 +19,9 @@ from zstandard import ZstdDecompressor
 
 from benchmarks.table import Table, absent, duration, ratio
 from benchmarks.timing import Times, in_turns
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.writer import BagWriter, encode_float64s, encode_string
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_string
 
 TOPICS = ('/shaft/speed', '/bearing/aft_stern/load')
 COUNT = 600_000

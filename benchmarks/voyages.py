@@ -22,7 +22,7 @@ from benchmarks.warning_quality import Interval, Quality, RuleOutput, merged, qu
 from stickslip_lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_lab.scenes.settings import random_stream
 from stickslip_lab.scenes.truth import TruthRecord, has_truth, known_truth, read_truth
-from stickslip_logs.bags.recording import Recording
+from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.alarm_list import LASTING_NS, Action, AlarmChange, Annunciator

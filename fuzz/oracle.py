@@ -17,8 +17,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from fuzz.files import TOPICS
 from fuzz.logs import numbers_of
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Recording, Request
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Recording, Request
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.offline.binding import bind

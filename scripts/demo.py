@@ -36,9 +36,9 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.ros.inputs import definition
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -30,7 +30,7 @@ from scipy.optimize import brentq
 from scipy.special import ive
 
 from stickslip_lab.scenes.scene import Scene
-from stickslip_logs.bags.recording import Recording, Request
+from stickslip_logs.recordings.recording import Recording, Request
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck

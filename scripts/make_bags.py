@@ -23,13 +23,13 @@ from rich.console import Console
 
 from stickslip_lab.scenes.scene import Scene, load_scene, write_bag
 from stickslip_lab.scenes.truth import has_truth, read_truth
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Recording
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor.errors import BagError, StickslipError
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / 'launch_configs' / 'scenes'
-SCHEMA = 'stickslip_logs/bags/1'
+SCHEMA = 'stickslip_logs/recordings/1'
 # Effects with which the alarms that are due follow from closed forms.
 PLAIN = {
     'speed_profile',

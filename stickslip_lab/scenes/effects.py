@@ -35,7 +35,7 @@ from stickslip_lab.scenes.settings import (
     suggestion,
 )
 from stickslip_lab.scenes.telemetry import Channel, Memory, Sensor, Shaft, Signal, TimeBlock
-from stickslip_logs.bags.writer import STAMPED_FIELDS
+from stickslip_logs.recordings.writer import STAMPED_FIELDS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig

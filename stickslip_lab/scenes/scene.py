@@ -22,7 +22,13 @@ from stickslip_lab.scenes.effects import DECLARED, Effect, SceneRun
 from stickslip_lab.scenes.settings import Settings, drawn, read_parameter_error, suggestion
 from stickslip_lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING
-from stickslip_logs.bags.writer import BagWriter, encode_bool, encode_float64s, encode_stamped, encode_string
+from stickslip_logs.recordings.writer import (
+    BagWriter,
+    encode_bool,
+    encode_float64s,
+    encode_stamped,
+    encode_string,
+)
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml

@@ -18,7 +18,7 @@ import numpy as np
 
 from stickslip_lab.scenes.settings import Settings
 from stickslip_lab.scenes.truth import Column
-from stickslip_logs.bags.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
+from stickslip_logs.recordings.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig

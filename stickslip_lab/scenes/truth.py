@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_logs.bags.recording import Recording, Request, Series
+from stickslip_logs.recordings.recording import Recording, Request, Series
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import BagError
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.text import Text
 
-from stickslip_logs.bags.reader import open_bag
+from stickslip_logs.recordings.reader import open_bag
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable

@@ -10,8 +10,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Recording
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import BagError, RosError, no_ros, plural
 from stickslip_monitor.files import printable

@@ -8,8 +8,8 @@ import math
 import time
 from typing import Any, NamedTuple
 
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Recording
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import Graph

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from stickslip_logs.bags.recording import Recording, TopicInfo, full_name, missing_topic, short_name
-from stickslip_logs.bags.table_recording import TableRecording
+from stickslip_logs.recordings.recording import Recording, TopicInfo, full_name, missing_topic, short_name
+from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.offline.input_columns import Bound, ColumnBinding

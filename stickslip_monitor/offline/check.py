@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_logs.bags.log_times import LogTimes
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Fault, Progress, Recording, Request, Series
+from stickslip_logs.recordings.log_times import LogTimes
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Fault, Progress, Recording, Request, Series
 from stickslip_monitor import jit
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime

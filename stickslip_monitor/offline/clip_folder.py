@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.bags.recording import Recording, TimeSpans
-from stickslip_logs.bags.writer import BagWriter, is_labelled
+from stickslip_logs.recordings.recording import Recording, TimeSpans
+from stickslip_logs.recordings.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig

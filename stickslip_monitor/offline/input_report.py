@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_logs.bags.recording import Fault, Recording, Series
+from stickslip_logs.recordings.recording import Fault, Recording, Series
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.configuration import FACTOR, questions

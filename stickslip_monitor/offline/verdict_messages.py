@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_logs.bags.chunk_writer import Messages
-from stickslip_logs.bags.recording import Message, Recording, TimeSpans
-from stickslip_logs.bags.writer import (
+from stickslip_logs.recordings.chunk_writer import Messages
+from stickslip_logs.recordings.recording import Message, Recording, TimeSpans
+from stickslip_logs.recordings.writer import (
     BagWriter,
     StatusFields,
     encode_diagnostics,

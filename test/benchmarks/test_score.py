@@ -19,8 +19,8 @@ from scipy.optimize import brentq
 from shared import CONFIG, ROOT, png_size
 
 from benchmarks.score import main as score_main
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.cli import main
 
 START = 1_700_000_000_000_000_000

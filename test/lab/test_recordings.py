@@ -21,8 +21,8 @@ from rosbags.rosbag2 import Reader
 from benchmarks.voyages import OURS, judge_bag
 from benchmarks.warning_quality import Quality, pooled
 from stickslip_lab.scenes.scene import load_scene
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
 from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig

@@ -16,8 +16,8 @@ import pytest
 
 from stickslip_lab.scenes.scene import Scene, write_bag
 from stickslip_lab.scenes.telemetry import Messages
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import Kept, check_recording

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from stickslip_lab.scenes.truth import TruthRecord, has_truth, read_truth
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.writer import BagWriter, encode_string
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.writer import BagWriter, encode_string
 from stickslip_monitor.errors import BagError
 
 SECOND = 1_000_000_000

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.writer import BagWriter
 
 START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC, when most recordings of bags/ begin
 

@@ -13,8 +13,8 @@ import pytest
 from shared import CONFIG, ROOT, Stickslip
 
 from stickslip_lab.scenes.truth import read_truth
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameter_file import load_config
 

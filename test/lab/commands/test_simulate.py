@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from shared import Stickslip
 
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.writer import BagWriter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CONFIG = """

@@ -20,10 +20,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from fuzz.mutants import mutant
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.table_recording import TableRecording
 from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import unit_of
 from stickslip_monitor.cli import main
 from stickslip_monitor.links.nmea import sentence

@@ -17,8 +17,8 @@ import pytest
 import yaml
 from shared import CONFIG, ROOT, START, Stickslip, record
 
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.cli import main
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.errors import BagError

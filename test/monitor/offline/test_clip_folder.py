@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from shared import CONFIG, ROOT
 
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.writer import encode_float64s
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
 from stickslip_monitor.monitor.parameter_file import load_config

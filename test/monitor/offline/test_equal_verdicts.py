@@ -13,8 +13,8 @@ from pyarrow import parquet
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
 from stickslip_monitor.cli import main
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -15,7 +15,7 @@ import pytest
 from fuzz.corpus import LARGE, ODD
 from fuzz.mutants import mutant
 from fuzz.run import CONFIG, MEGABYTES, SOURCES, judge
-from stickslip_logs.bags.reader import open_bag
+from stickslip_logs.recordings.reader import open_bag
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
 

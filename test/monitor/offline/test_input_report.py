@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from shared import CONFIG, ROOT, START
 
-from stickslip_logs.bags.writer import BagWriter, encode_float64s, encode_stamped
+from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
 from stickslip_monitor.arrays import IntArray
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.assessment import assess

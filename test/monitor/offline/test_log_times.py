@@ -13,10 +13,10 @@ import pytest
 from mcap.writer import Writer
 from shared import CONFIG, START
 
-from stickslip_logs.bags.log_times import StepClock, question_of_unit
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.writer import BagWriter, encode_float64s, encode_stamped
+from stickslip_logs.recordings.log_times import StepClock, question_of_unit
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import CheckReport, check_recording
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from shared import CONFIG, ROOT, record
 
-from stickslip_logs.bags import mcap_recording
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.writer import BagWriter, encode_float64s, encode_stamped
+from stickslip_logs.recordings import mcap_recording
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
 from stickslip_monitor import Monitor, build_config
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.bearing_records import BearingState, diagnostic_record, event_record

@@ -11,7 +11,7 @@ from typing import Any
 import kit
 import pytest
 
-from stickslip_logs.bags.reader import open_bag
+from stickslip_logs.recordings.reader import open_bag
 from stickslip_monitor import build_config
 from stickslip_monitor.offline.check import check_recording
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from shared import record
 
-from stickslip_logs.bags.writer import BagWriter
+from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.monitor.bearing_records import event_record
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.offline.check import check_recording

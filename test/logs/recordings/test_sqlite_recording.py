@@ -14,8 +14,8 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_logs.bags.reader import find_bags, open_bag
-from stickslip_logs.bags.recording import Request
+from stickslip_logs.recordings.reader import find_bags, open_bag
+from stickslip_logs.recordings.recording import Request
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 START = 1_776_074_400 * 10**9

@@ -19,10 +19,11 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from stickslip_logs.bags.message_fields import definition_of
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
-from stickslip_logs.bags.writer import (
+from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.message_fields import definition_of
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import (
     STAMPED_FIELDS,
     TYPE_HASHES,
     BagWriter,
@@ -30,7 +31,6 @@ from stickslip_logs.bags.writer import (
     encode_stamped,
     encode_string,
 )
-from stickslip_logs.errors import BagError
 
 STORE, HUMBLE = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS2_HUMBLE)
 FLOAT64 = 'std_msgs/msg/Float64'

@@ -20,10 +20,10 @@ import zstandard
 from made_logs import record
 from mcap.writer import Writer
 
-from stickslip_logs.bags.mcap_chunks import MAGIC
-from stickslip_logs.bags.reader import find_bags, open_bag, spooled
-from stickslip_logs.bags.recording import Request, TopicInfo
 from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.mcap_chunks import MAGIC
+from stickslip_logs.recordings.reader import find_bags, open_bag, spooled
+from stickslip_logs.recordings.recording import Request, TopicInfo
 
 FLOAT64 = 'std_msgs/msg/Float64'
 NESTED = """\
@@ -186,7 +186,7 @@ def test_a_file_with_nothing_to_read_yet_is_named(tmp_path: Path, monkeypatch: p
             return None
 
     (tmp_path / 'log').touch()
-    monkeypatch.setattr('stickslip_logs.bags.reader.open_file', lambda path: Waiting())
+    monkeypatch.setattr('stickslip_logs.recordings.reader.open_file', lambda path: Waiting())
     with pytest.raises(BagError, match="log' cannot be read: it has nothing to read yet"):
         open_bag(tmp_path / 'log')
 

@@ -20,10 +20,12 @@ from typing import IO, Any
 import yaml
 import zstandard
 
-from stickslip_logs.bags.mcap_chunks import MAGIC
-from stickslip_logs.bags.mcap_file import McapFile, scan_file
-from stickslip_logs.bags.mcap_recording import McapRecording
-from stickslip_logs.bags.recording import (
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import near_name, open_file, read_file
+from stickslip_logs.recordings.mcap_chunks import MAGIC
+from stickslip_logs.recordings.mcap_file import McapFile, scan_file
+from stickslip_logs.recordings.mcap_recording import McapRecording
+from stickslip_logs.recordings.recording import (
     METADATA_NAME,
     METADATA_ROOT,
     MOST_NAMED,
@@ -31,11 +33,9 @@ from stickslip_logs.bags.recording import (
     Recording,
     Scratch,
 )
-from stickslip_logs.bags.sqlite_recording import MAGIC as SQLITE
-from stickslip_logs.bags.sqlite_recording import SqliteRecording
-from stickslip_logs.bags.table_recording import TableRecording
-from stickslip_logs.errors import BagError, plural
-from stickslip_logs.files import near_name, open_file, read_file
+from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE
+from stickslip_logs.recordings.sqlite_recording import SqliteRecording
+from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import GZIP
 
 # What is often brought and not read, by its first bytes, with the remedy.

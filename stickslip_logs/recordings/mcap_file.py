@@ -21,7 +21,9 @@ from mcap.records import Channel, Footer, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.bags.mcap_chunks import (
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import open_file
+from stickslip_logs.recordings.mcap_chunks import (
     CHUNK_HEAD,
     HEAD,
     MAGIC,
@@ -33,10 +35,8 @@ from stickslip_logs.bags.mcap_chunks import (
     load,
     walk,
 )
-from stickslip_logs.bags.message_fields import LONGEST_TEXT
-from stickslip_logs.bags.recording import Cut, Findings, other_encoding
-from stickslip_logs.errors import BagError, plural
-from stickslip_logs.files import open_file
+from stickslip_logs.recordings.message_fields import LONGEST_TEXT
+from stickslip_logs.recordings.recording import Cut, Findings, other_encoding
 
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""

@@ -19,9 +19,9 @@ from mcap.writer import CompressionType, Writer
 
 from fuzz.files import DEFINITIONS, START, Piece, channel, file, message, raw
 from fuzz.mutants import records_of
-from stickslip_logs.bags.mcap_chunks import decompress, walk
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Recording, Request
+from stickslip_logs.recordings.mcap_chunks import decompress, walk
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Recording, Request
 
 RECORD = 9 + 22 + 12  # head, message head, a Float64 in CDR
 CHUNK_HEAD = 9 + 8 + 8 + 8 + 4 + 4 + 8  # before the name of the compression and the data

@@ -34,7 +34,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from stickslip_logs.arrays import IndexArray, IntArray
-from stickslip_logs.bags.mcap_chunks import HEAD, MAGIC, MESSAGE_HEAD
+from stickslip_logs.recordings.mcap_chunks import HEAD, MAGIC, MESSAGE_HEAD
 
 COMPRESSORS = {'none': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
 Messages = Sequence[bytes] | NDArray[np.void]

@@ -22,9 +22,10 @@ import zstandard
 from mcap.records import Schema
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.bags.log_times import LATEST_NS, Order, StepClock, no_order
-from stickslip_logs.bags.message_fields import MessageReading, TopicNumbers, definition_of
-from stickslip_logs.bags.recording import (
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.log_times import LATEST_NS, Order, StepClock, no_order
+from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers, definition_of
+from stickslip_logs.recordings.recording import (
     Columns,
     Findings,
     Message,
@@ -37,7 +38,6 @@ from stickslip_logs.bags.recording import (
     other_encoding,
     part,
 )
-from stickslip_logs.errors import BagError, plural
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read together, and the largest one that is unpacked [bytes].

@@ -19,10 +19,10 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from stickslip_logs.bags.message_fields import FieldReader, compile_layout, parse_schema
-from stickslip_logs.bags.reader import open_bag
-from stickslip_logs.bags.recording import Request
 from stickslip_logs.fields import NumberField, parse_field
+from stickslip_logs.recordings.message_fields import FieldReader, compile_layout, parse_schema
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
 
 HEADER = """\
 ================================================================================

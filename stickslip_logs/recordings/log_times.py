@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, IntArray
-from stickslip_logs.bags.mcap_chunks import Block, DamagedBlock, Piece, load, walk
-from stickslip_logs.bags.mcap_file import McapFile
-from stickslip_logs.bags.recording import Request, Series, TimeSpans
 from stickslip_logs.errors import plural
+from stickslip_logs.recordings.mcap_chunks import Block, DamagedBlock, Piece, load, walk
+from stickslip_logs.recordings.mcap_file import McapFile
+from stickslip_logs.recordings.recording import Request, Series, TimeSpans
 
 # A step back of a clock that was set, in gaps between lines and in time [ns]; smaller ones are
 # lines that came late.

@@ -21,12 +21,12 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.bags.chunk_writer import COMPRESSORS, ChunkWriter, Messages
-from stickslip_logs.bags.mcap_chunks import HEAD
-from stickslip_logs.bags.message_fields import definition_of
-from stickslip_logs.bags.recording import METADATA_NAME, METADATA_ROOT
 from stickslip_logs.errors import BagError
 from stickslip_logs.files import hold, open_file, sweep
+from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Messages
+from stickslip_logs.recordings.mcap_chunks import HEAD
+from stickslip_logs.recordings.message_fields import definition_of
+from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT
 
 _LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
@@ -59,7 +59,7 @@ class BagWriter:
         BagError: The path exists already, or the compression is unknown.
 
     >>> import tempfile
-    >>> from stickslip_logs.bags.reader import open_bag
+    >>> from stickslip_logs.recordings.reader import open_bag
     >>> folder = tempfile.TemporaryDirectory()
     >>> with BagWriter(f'{folder.name}/voyage') as bag:
     ...     bag.add_topic('/shaft/speed', 'std_msgs/msg/Float64')

@@ -18,11 +18,12 @@ import numpy as np
 from mcap.records import Channel
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.bags.log_times import BlockSteps, question_of_unit
-from stickslip_logs.bags.mcap_chunks import Block, Piece
-from stickslip_logs.bags.mcap_file import DATED, FilePass, McapFile
-from stickslip_logs.bags.message_fields import FieldReader, MessageReading, TopicNumbers
-from stickslip_logs.bags.recording import (
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.log_times import BlockSteps, question_of_unit
+from stickslip_logs.recordings.mcap_chunks import Block, Piece
+from stickslip_logs.recordings.mcap_file import DATED, FilePass, McapFile
+from stickslip_logs.recordings.message_fields import FieldReader, MessageReading, TopicNumbers
+from stickslip_logs.recordings.recording import (
     Columns,
     Findings,
     Message,
@@ -34,7 +35,6 @@ from stickslip_logs.bags.recording import (
     TopicInfo,
     part,
 )
-from stickslip_logs.errors import BagError, plural
 
 # Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
 _OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19

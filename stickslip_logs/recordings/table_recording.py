@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip_logs.arrays import FloatArray, IntArray
-from stickslip_logs.bags.columns import FLOAT64, LogColumn, SourceColumn
-from stickslip_logs.bags.log_times import Order, StepClock, limit_of, no_order
-from stickslip_logs.bags.recording import (
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
+from stickslip_logs.recordings.log_times import Order, StepClock, limit_of, no_order
+from stickslip_logs.recordings.recording import (
     Fault,
     Findings,
     Message,
@@ -32,8 +33,7 @@ from stickslip_logs.bags.recording import (
     TopicInfo,
     missing_topic,
 )
-from stickslip_logs.bags.writer import encode_float64s
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.tables.clock import Cells, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of

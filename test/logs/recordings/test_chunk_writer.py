@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from stickslip_logs.bags.chunk_writer import ChunkWriter, Messages
+from stickslip_logs.recordings.chunk_writer import ChunkWriter, Messages
 
 Column = tuple[int, np.ndarray, Messages]
 

@@ -31,11 +31,11 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.bags.mcap_chunks import view
-from stickslip_logs.bags.recording import Fault, Request, Series, short_name
 from stickslip_logs.errors import BagError
 from stickslip_logs.fields import NAMES, ByName, FieldPath, NumberField
 from stickslip_logs.files import read_file
+from stickslip_logs.recordings.mcap_chunks import view
+from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
