@@ -11,7 +11,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,11 @@ _GAP = 0.2
 _TOLERANCE = 0.125
 _PENALTY = 2
 _LEAST_RPM = 3.0
+MIXED = 0.2
+"""From this share of the values on the rarer level makes every verdict doubtful; the medians of three
+values leave out what is rarer: a spike in 137, 2 % of signs, a zero of 2 s a minute."""
+_RUNS = 6
+"""The share is that of about so many runs on each level."""
 
 
 class SourceFaultKind(WordEnum):
@@ -60,6 +65,12 @@ class SourceFault:
     since_ns: int  # of the first sample that showed it
     raised_ns: int  # of that with which there was enough evidence
     levels: tuple[float, float]  # the two, rising, SI
+    share: float = 0.5  # of the values that are on the rarer of them
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether the rarer level is so frequent that no verdict can be relied on."""
+        return self.share >= MIXED
 
 
 def least_gap(config: BearingConfig, place: int) -> float:
@@ -89,6 +100,7 @@ class SourceWatch:
     jump takes two away; twelve raise the fault, at the earliest three seconds after the first. White noise of
     a fifth of the load reaches that less than once in a thousand hours at 10 Hz; a steady second publisher,
     with a tenth of the other's rate too, within a few seconds. A minute without evidence clears.
+    Of a speed, which has a least gap, the magnitude is watched, by which the rule goes.
 
     Args:
         least_gap: The least distance between two levels [SI], see :func:`least_gap`.
@@ -101,12 +113,17 @@ class SourceWatch:
     _value: float = math.nan
     _origin: float = math.nan
     _fault: SourceFault | None = None
+    _run: int = 0  # values since the latest jump
+    _here: float = 0.0  # mean length of the runs on the present level
+    _there: float = 0.0  # the same on the other one
 
     def see(self, arrival_ns: int, si: float) -> SourceFault | None:
         """Take one value [SI], finite or not, at its arrival, not falling; the fault it raises."""
         if not math.isfinite(si):
             return None
-        before, self._value = self._value, si
+        si = abs(si) if self.least_gap > 0.0 else si
+        before, self._value, run = self._value, si, self._run
+        self._run += 1
         height = abs(si - before)
         if not (height > 0.0 and height >= max(_GAP * max(abs(si), abs(before)), self.least_gap)):
             return None
@@ -114,24 +131,30 @@ class SourceWatch:
         returns = abs(si - origin) <= _TOLERANCE * height
         late = self._count > 0 and arrival_ns - self._last_ns > HOLD_NS
         self._weaken(self._count if late else 0 if returns else _PENALTY)
+        self._take_run(run, counts=returns and self._count > 0)
         return self._returned(arrival_ns, (min(before, si), max(before, si))) if returns else None
 
     def see_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
         """:meth:`see` of values of shape (n,); what cannot be a jump costs nothing."""
         known = np.flatnonzero(np.isfinite(si))
-        values = np.append(self._value, si[known])
+        values = np.append(self._value, np.abs(si[known]) if self.least_gap > 0.0 else si[known])
         seen = _may_jump(values)
-        found = []
+        found, done = [], 0
         for k in np.flatnonzero(seen).tolist():
             self._value = float(values[k])
+            self._run += k - done
             found.append(self.see(int(arrival_ns[known[k]]), float(values[k + 1])))
+            done = k + 1
         self._value = float(values[-1])
+        self._run += known.size - done
         return [fault for fault in found if fault is not None]
 
     def see_steady(self, si: FloatArray) -> bool:
         """Take finite values of shape (n,) at once, where none is evidence and none counts yet."""
+        si = np.abs(si) if self.least_gap > 0.0 else si
         if self._count or _may_jump(np.append(self._value, si)).any():
             return False
+        self._run += si.size
         self._value = float(si[-1]) if si.size else self._value
         return True
 
@@ -140,6 +163,21 @@ class SourceWatch:
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken(self._count)
         return self._fault
+
+    def _take_run(self, run: int, *, counts: bool) -> None:
+        """Take the length of the run that a jump has ended, but for the one before the first return."""
+        if counts:
+            self._here += (run - self._here) / _RUNS if self._here else run
+        elif not self._count:
+            self._here = self._there = 0.0
+        self._here, self._there, self._run = self._there, self._here, 1
+        if self._fault is not None:
+            self._fault = replace(self._fault, share=self._share())
+
+    def _share(self) -> float:
+        """Return the share of the values that are on the rarer level."""
+        both = self._here + self._there
+        return min(self._here, self._there) / both if both else 0.0
 
     def _weaken(self, by: int) -> None:
         """Take evidence away."""
@@ -157,7 +195,7 @@ class SourceWatch:
         # Only a speed has a least distance: a load may well come and go.
         pulses = self.least_gap > 0.0 and 0.0 in levels
         kind = SourceFaultKind.FEW_PULSES if pulses else SourceFaultKind.TWO_LEVELS
-        self._fault = SourceFault(kind, self._since_ns, now_ns, levels)
+        self._fault = SourceFault(kind, self._since_ns, now_ns, levels, self._share())
         return self._fault
 
 
@@ -169,12 +207,9 @@ def _may_jump(values: FloatArray) -> BoolArray:
 
 
 def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]) -> str:
-    """The sentence on a speed or load whose valid values jump between two levels; empty for none.
-
-    Even where one of them is rare it may be the right one.
-    """
+    """The sentence on a speed or load whose valid values are a mix of two levels; empty for none."""
     for quantity, fault in zip(QUANTITIES, standing, strict=False):
-        if fault is not None:
+        if fault is not None and fault.is_mixed:
             return f'On {config.inputs[quantity].topic}, {fault_text(fault, config.inputs[quantity])}.'
     return ''
 

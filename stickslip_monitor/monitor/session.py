@@ -220,7 +220,9 @@ class Session:
             behind_ns = 0 if arrival is None else arrival - time_ns
             valid = update.status.valid
             source = self._inputs.take(name, place, value, now.steady_ns, behind_ns, valid=valid)
-            odd = f'{source.kind.sentence}. {UNRELIABLE[:-1]}' if odd is None and source else odd
+            if odd is None and source is not None:
+                mixed = f'. {UNRELIABLE[:-1]}' if source.is_mixed else ''
+                odd = f'{source.kind.sentence}{mixed}'
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -230,7 +232,9 @@ class Session:
         self._announce(update.events)
         changes = []
         if odd:
-            changes += self.annunciator.take_fault(name, place, odd, time_ns, mixed=source is not None)
+            changes += self.annunciator.take_fault(
+                name, place, odd, time_ns, mixed=source is not None and source.is_mixed
+            )
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)
         self._alarm(changes, update.events)

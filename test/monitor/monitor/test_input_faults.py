@@ -210,3 +210,39 @@ LOST = replace(FINE, lost=True, receiving=False)
 )
 def test_the_most_fundamental_fault_is_told(facts: InputFacts, sentence: str) -> None:
     assert input_fault(facts) == sentence
+
+
+def alternating(common: int, rare: int, count: int = 3000, odd: float = 600.0) -> Floats:
+    return np.where(np.arange(count) % (common + rare) < common, 30.0, odd)
+
+
+@pytest.mark.parametrize(
+    ('common', 'rare'), [(136, 1), (580, 20), (49, 1), (9, 1), (1, 1), (3, 1), (2, 2), (40, 20)]
+)
+def test_the_share_of_the_rarer_level_decides_whether_it_is_a_mix(common: int, rare: int) -> None:
+    values = alternating(common, rare, 20 * (common + rare))
+    watch, time = SourceWatch(3.0), instants(values.size)
+    watch.see_column(time, values)
+    fault = watch.standing(int(time[-1]))
+    assert fault is not None
+    assert fault.share == pytest.approx(rare / (common + rare))
+    assert fault.is_mixed == (rare / (common + rare) >= 0.2)
+
+
+def test_the_share_follows_a_source_that_becomes_frequent() -> None:
+    values = np.concatenate([alternating(49, 1), alternating(1, 1, 200)])
+    watch, time = SourceWatch(), instants(values.size)
+    watch.see_column(time[:3000], values[:3000])
+    rare = watch.standing(int(time[2999]))
+    watch.see_column(time[3000:], values[3000:])
+    frequent = watch.standing(int(time[-1]))
+    assert rare is not None
+    assert frequent is not None
+    assert (rare.is_mixed, frequent.is_mixed) == (False, True)
+
+
+def test_signs_of_a_speed_are_no_second_level() -> None:
+    # The rule takes the magnitude of a speed; two loads of opposite sign are two levels.
+    values = alternating(49, 1, odd=-30.0)
+    time = instants(values.size)
+    assert [bool(SourceWatch(gap).see_column(time, values)) for gap in (3.0, 0.0)] == [False, True]
