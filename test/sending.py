@@ -27,7 +27,7 @@ from stickslip_monitor.monitor.bearing_records import BearingState, bearing_reco
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.rule_state import State, settings_of
-from stickslip_monitor.monitor.session import Display, Moment, Session, Sink
+from stickslip_monitor.monitor.session import Moment, Session, Sink
 from stickslip_monitor.monitor.severity import CONDITIONS, Condition
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
@@ -147,7 +147,7 @@ class Ship(Sink):
 
     path = 'state.json'
 
-    def __init__(self, config: MonitorConfig, kept: str = 'null', display: Display | None = None) -> None:
+    def __init__(self, config: MonitorConfig, kept: str = 'null', display: Sink | None = None) -> None:
         self.config, self.kept, self.full, self._display = config, kept, '', display
         self.steady_ns, self.ahead_ns = 0, T0
         self.verdicts: list[Verdict] = []
@@ -192,8 +192,8 @@ class Ship(Sink):
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
         self.standing = states
-        for state in states if self._display is not None else ():
-            self._display.take_record(bearing_record(state))
+        if self._display is not None:
+            self._display.take_states(states, whole=whole)
 
     def read(self) -> Any:
         try:

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from stickslip_monitor.dashboard.page_records import EventLog
     from stickslip_monitor.dashboard.replay import Replay
     from stickslip_monitor.dashboard.seen_monitors import BearingView, DashboardState, WatchedMonitor
-    from stickslip_monitor.ros.other_nodes import Listener, Watcher
+    from stickslip_monitor.monitor.session import Sink
+    from stickslip_monitor.ros.other_nodes import Watcher
 
 DEFAULT_PORT = 8370
 _SPEEDS_DRAWN = 120
@@ -217,7 +218,7 @@ def say_address(url: str) -> None:
 
 
 @contextmanager
-def listen_to_nodes(listeners: Mapping[str, Listener], diagnostics: str) -> Iterator[Watcher]:
+def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator[Watcher]:
     """Listen to nodes from a thread of its own, and take what they say on the running loop.
 
     Args:

@@ -45,7 +45,7 @@ from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.monitor.session import Display, Log
+from stickslip_monitor.monitor.session import Log, Sink
 from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.state_file import StateWriter
@@ -148,7 +148,7 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
     return replace(config, bearings=tuple(bearings))
 
 
-class Feed:
+class Feed(Sink):
     """Hands what the monitor says to everything that shows it.
 
     ``monitors`` is the monitor as the page knows it, where there is a page; ``act`` takes what
@@ -159,7 +159,7 @@ class Feed:
 
     def __init__(self, monitors: Sequence[WatchedMonitor]) -> None:
         self.monitors = monitors
-        self.sinks: list[Display] = [*monitors]
+        self.sinks: list[Sink] = [*monitors]
         self._heard = -SILENT
         self._watches = False
 

@@ -14,7 +14,7 @@ from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.monitor.session import Moment, NoLog, Session, Shown
+from stickslip_monitor.monitor.session import Moment, NoLog, Session
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.offline.check import requests_of
 from stickslip_monitor.offline.input_report import bound_to
@@ -67,8 +67,7 @@ class Replay:
 
     def _begin(self) -> None:
         """Stand before the first sample, with a monitor that knows nothing."""
-        sink = Shown(self._shown)
-        self._session = Session(self._config, sink, NoLog(), lambda: self._log_ns, None, Graph())
+        self._session = Session(self._config, self._shown, NoLog(), lambda: self._log_ns, None, Graph())
         self._shown.act = self._session.act
         self._next = 0
         self._log_ns = self._start_ns

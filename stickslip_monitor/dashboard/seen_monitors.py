@@ -21,6 +21,7 @@ from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, c
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
+from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.verdict import about
 
 SILENT = 3.0
@@ -138,7 +139,7 @@ class Watched:
         return True
 
 
-class WatchedMonitor:
+class WatchedMonitor(Sink):
     """The newest of one monitor.
 
     Args:

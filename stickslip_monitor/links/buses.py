@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameter import REQUIRED
 from stickslip_monitor.monitor.parameter_file import LINKS
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig, filled, parameter, rows
-from stickslip_monitor.monitor.session import Display, Log, Moment, Session, Shown, Store
+from stickslip_monitor.monitor.session import Log, Moment, Session, Sink, Store
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 
 SECTION = LINKS
@@ -386,13 +386,13 @@ class LiveMonitor:
     def __init__(
         self,
         config: MonitorConfig,
-        display: Display,
+        sink: Sink,
         log: Log,
         store: Store | None = None,
         clock: HostClock | None = None,
     ) -> None:
         self._now = (clock or HostClock()).now
-        self._session = Session(config, Shown(display), log, lambda: self._now().time_ns, store, Graph())
+        self._session = Session(config, sink, log, lambda: self._now().time_ns, store, Graph())
         self._begun_ns = self._ticked_ns = self._now().steady_ns
         self._shown_ns = self._begun_ns - _SHOWN_EVERY_NS
 

@@ -23,6 +23,7 @@ from typing import Any
 from stickslip_monitor.errors import LinkError, cause
 from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink, check_port
 from stickslip_monitor.links.nmea import Alerts, NmeaInputs, SentenceStream
+from stickslip_monitor.monitor.session import Sink
 
 SILENT = 30.0
 """A port that should bring lines and has brought none for so long is opened again [s]."""
@@ -232,7 +233,7 @@ FIRST_BEAT = 5.0
 """The first heartbeat waits so long for a record [s]: a node beside is discovered within one or two."""
 
 
-class NmeaClient:
+class NmeaClient(Sink):
     """Sentences in, alerts out.
 
     Args:
@@ -287,9 +288,6 @@ class NmeaClient:
     async def run(self) -> None:
         """Keep the ports open until cancelled."""
         await asyncio.gather(*(port.run() for port in self._ports))
-
-    def take_record(self, record: dict[str, Any]) -> None:
-        """The state of a bearing has no sentence."""
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""

@@ -28,6 +28,7 @@ from stickslip_monitor.links.signalk import (
     is_hello,
     version_of,
 )
+from stickslip_monitor.monitor.session import Sink
 
 IN, OUT = 'signalk_in', 'signalk_out'
 HEARTBEAT = 10.0
@@ -68,7 +69,7 @@ def ssl_context(ca_file: str) -> ssl.SSLContext:
         raise LinkError(f"signalk.ca_file = '{ca_file}' has no certificate: {reason}") from error
 
 
-class SignalKClient:
+class SignalKClient(Sink):
     """Samples in, values and notifications out, people's acts back.
 
     Args:

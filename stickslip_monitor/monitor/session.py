@@ -73,45 +73,34 @@ class Moment(NamedTuple):
 
 
 class Sink:
-    """Takes what a session publishes; a shell leaves out what it does not show."""
+    """Takes what is published of bearings and alarms: by a session here, or by a monitor elsewhere.
+
+    Topics, buses and the dashboard's page are sinks; each leaves out what it does not show. A monitor
+    elsewhere sends records, alarms and its health alone.
+    """
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """An operating point was measured."""
+        """Take a verdict on an operating point."""
 
     def take_event(self, event: Event) -> None:
-        """The condition of a bearing has changed."""
+        """Take a change of a bearing's condition."""
 
     def take_alarms(self, record: dict[str, Any]) -> None:
-        """The list of alarms; see :func:`.alarm_records.alarms_record`."""
+        """Take the list of alarms; see :func:`.alarm_records.alarms_record`."""
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
-        """The state of some bearings, or of the whole ship."""
-
-
-class Display(Protocol):
-    """What shows bearings and alarms by their records: a bus, or the dashboard's page."""
+        """Take the state of some bearings, or of the whole ship; without more, the record of each."""
+        for state in states:
+            self.take_record(bearing_record(state))
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """The state of a bearing; see :func:`.messages.bearing_record`."""
+        """Take the state of a bearing as a record; see :func:`.bearing_records.bearing_record`."""
 
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        """The list of alarms has changed."""
+    def take_health(self, level: int, text: str) -> None:
+        """Take the diagnostic status of a node itself."""
 
-
-class Shown(Sink):
-    """Gives the records of a session to a display."""
-
-    def __init__(self, display: Display) -> None:
-        self._display = display
-
-    def take_alarms(self, record: dict[str, Any]) -> None:
-        """Show the list of alarms."""
-        self._display.take_alarms(record)
-
-    def take_states(self, states: list[BearingState], *, whole: bool) -> None:
-        """Show the state of each bearing."""
-        for state in states:
-            self._display.take_record(bearing_record(state))
+    def take_other(self, node: str) -> None:
+        """Take the name of another monitor whose messages come."""
 
 
 class Session:

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.alarm_records import ActionRequest, request_recor
 from stickslip_monitor.monitor.bearing_records import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.input_faults import Graph, Publisher
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.monitor.session import Display
+from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, telemetry
 
@@ -104,16 +104,6 @@ def _publisher(info: Any, asked: QoSProfile, sends: bool) -> Publisher:
     return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)
 
 
-class Listener(Display, Protocol):
-    """Takes what a monitor says."""
-
-    def take_health(self, level: int, text: str) -> None:
-        """The diagnostic status of the node itself."""
-
-    def take_other(self, node: str) -> None:
-        """The name of another monitor whose diagnostics come."""
-
-
 HandOver = Callable[..., object]
 """Calls a function with arguments where the listeners live."""
 _ALARMS = QoSProfile(
@@ -137,7 +127,7 @@ class Watcher:
     """
 
     def __init__(
-        self, node: Node, listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
+        self, node: Node, listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver
     ) -> None:
         self.node, self._hand_over = node, hand_over
         self._listeners = {name.strip('/'): own for name, own in listeners.items()}
@@ -178,13 +168,13 @@ class Watcher:
                 for each in self._listeners.values():
                     self._hand_over(each.take_other, node)
 
-    def _on_bearings(self, listener: Listener, message: String) -> None:
+    def _on_bearings(self, listener: Sink, message: String) -> None:
         document = self._document(message)
         if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
             for record in document['bearings']:
                 self._hand_over(listener.take_record, record)
 
-    def _on_alarms(self, listener: Listener, message: String) -> None:
+    def _on_alarms(self, listener: Sink, message: String) -> None:
         self._hand_over(listener.take_alarms, self._document(message))
 
     def _document(self, message: String) -> Any:
@@ -244,9 +234,7 @@ def _is_of_node(status: DiagnosticStatus) -> bool:
 
 
 @contextmanager
-def open_watcher(
-    listeners: Mapping[str, Listener], diagnostics: str, hand_over: HandOver
-) -> Iterator[Watcher]:
+def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver) -> Iterator[Watcher]:
     """A watcher, with ROS running for as long; see :class:`Watcher` for the arguments."""
     with _node() as (node, spin):
         watcher = Watcher(node, listeners, diagnostics, hand_over)

@@ -14,7 +14,7 @@ from sending import SECOND, T0, Ship, configured
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.links.buses import LiveMonitor
 from stickslip_monitor.monitor.alarm_list import Action
-from stickslip_monitor.monitor.session import NoLog
+from stickslip_monitor.monitor.session import NoLog, Sink
 from stickslip_monitor.monitor.signals import Input
 
 DAY = 86_400 * SECOND
@@ -96,17 +96,22 @@ def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
     assert not any('clock was set' in line for line in ship.lines)
 
 
-class Wall:
+class Wall(Sink):
     """A display, and the clocks of a machine."""
 
     def __init__(self) -> None:
         self.steady_ns, self.ahead_ns = 0, T0
         self.lists: list[dict[str, Any]] = []
         self.records: list[dict[str, Any]] = []
-        self.take_alarms, self.take_record = self.lists.append, self.records.append
         clock = HostClock(lambda: self.steady_ns, lambda: self.steady_ns + self.ahead_ns)
         self.live = LiveMonitor(configured(), self, NoLog(), clock=clock)
         self.live.begin()
+
+    def take_alarms(self, record: dict[str, Any]) -> None:
+        self.lists.append(record)
+
+    def take_record(self, record: dict[str, Any]) -> None:
+        self.records.append(record)
 
     def sail(self, seconds: float, rpm: float | None) -> None:
         for _ in range(round(10 * seconds)):

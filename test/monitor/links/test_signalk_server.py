@@ -24,6 +24,7 @@ from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient, request_token
 from stickslip_monitor.monitor import alarm_list
 from stickslip_monitor.monitor.parameter_file import load_parameters
+from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.signals import Input
 
 pytestmark = pytest.mark.slow
@@ -53,7 +54,7 @@ def server(installed: None, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     server.stop()
 
 
-class Ship:
+class Ship(Sink):
     """The monitor without ROS at a real server, with a shaft meter and somebody who looks on."""
 
     def __init__(self, server: RealServer, token: str = '') -> None:

@@ -17,7 +17,6 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -30,7 +29,7 @@ from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.watch import LinkStates, load_watch, without_copies
 from stickslip_monitor.links.buses import LiveMonitor
-from stickslip_monitor.monitor.session import NoLog
+from stickslip_monitor.monitor.session import NoLog, Sink
 from stickslip_monitor.monitor.signals import Input
 
 # No rclpy can be imported, as on a machine without ROS.
@@ -129,8 +128,12 @@ def test_a_constant_load_needs_no_bus(tmp_path: Path) -> None:
     links, records = Bus().links('aft_stern'), list[dict[str, Any]]()
     del links['aft_stern.load']
     path = ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'})
-    display: Any = SimpleNamespace(take_record=records.append, take_alarms=lambda _: None)
-    live = LiveMonitor(load_watch(str(path), None)[0], display, NoLog())
+
+    class Records(Sink):
+        def take_record(self, record: dict[str, Any]) -> None:
+            records.append(record)
+
+    live = LiveMonitor(load_watch(str(path), None)[0], Records(), NoLog())
     live.begin()
     live.take('aft_stern', Input.SPEED, 20.0)
     live.tick()
