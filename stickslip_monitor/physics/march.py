@@ -171,6 +171,15 @@ def dips(begin: SlipState, end: SlipState, h: float) -> bool:
     return not begin.z + begin.rate * s > 0.0
 
 
+def speed_scale(own: Any, medium: Medium, begin: SlipState, length: float) -> float:
+    """Return the size of the speeds in a step, by which its error is judged."""
+    size: float = abs(begin.z) + length * (abs(medium.drift) + abs(begin.rate))
+    if size == 0.0:
+        # Released at the limit from a belt at rest: only the change of the load moves it.
+        size = 0.5 * length * length * abs(bend(own, medium, begin))
+    return size
+
+
 def slip_advance(
     law: LawInUse, body: Body, medium: Medium, begin: SlipState, trial: float, left: float
 ) -> Advance:
@@ -195,8 +204,7 @@ def slip_advance(
     while True:
         length = min(until_kink(own, law.kinks, medium, begin, h), left)
         state, error = slip_step(own, medium, begin, length)
-        moved = abs(begin.z) + length * (abs(medium.drift) + abs(begin.rate))
-        allowed = max(body.tolerance * moved, _UNDERFLOW)
+        allowed = max(body.tolerance * speed_scale(own, medium, begin, length), _UNDERFLOW)
         after = next_length(length, error, allowed)
         fine = error <= allowed
         if fine and begin.z == 0.0 and state.z < 0.0 and length > _SHORTEST:

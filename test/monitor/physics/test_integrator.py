@@ -132,6 +132,19 @@ def test_a_held_lining_moves_as_the_straight_lines_of_the_drive_say() -> None:
     assert motion.displacement == pytest.approx(expected, abs=1e-19)
 
 
+def test_a_falling_load_releases_a_lining_from_a_shaft_at_rest() -> None:
+    """Without damping ``x = x_0 - r t + (r/omega) sin(omega t)``, of the limit's rate r."""
+    bearing = replace(REFERENCE, friction=Coulomb(0.3, 0.3), damping=0.0)
+    time = np.linspace(0.0, 1.0, 2001)
+    start = 0.3 * 1000.0 / bearing.stiffness
+    drive = Drive.sampled(np.array([0.0, 1.0]), np.zeros(2), np.array([1000.0, 900.0]))
+    motion = integrate(bearing, drive, MotionState(start, 0.0), time)
+    assert motion.outcome is MotionOutcome.COMPLETE
+    rate, omega = 0.1 * start, bearing.natural_frequency
+    expected = start - rate * time + rate / omega * np.sin(omega * time)
+    assert motion.displacement == pytest.approx(expected, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
