@@ -3,7 +3,8 @@
 """Judges the monitor over many voyages and writes docs/warning_quality.md and its picture.
 
 The voyages are those of launch_configs/scenes/quality/, each with several seeds, with the sensors
-of launch_configs/sensors/. The head of the page, above the mark, is kept.
+of launch_configs/sensors/; manoeuvres in which alarms sound most are those of scenes/sounds/.
+The head of the page, above the mark, is kept.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'warning_quality.md'
 PICTURE = ROOT / 'docs' / 'images' / 'warning_quality.png'
 SCENES = ROOT / 'launch_configs' / 'scenes' / 'quality'
+MANOEUVRES = ROOT / 'launch_configs' / 'scenes' / 'sounds'
 SENSORS = [ROOT / 'launch_configs' / 'sensors' / f'{n}.yaml' for n in ('ideal', 'ordinary', 'poor')]
 ORDINARY = SENSORS[1]
 WITH_LEVEL = ROOT / 'launch_configs' / 'sensors' / 'ordinary_level.yaml'
@@ -67,6 +69,17 @@ _SHOWN = (
 )
 # Of voyages with spoilt sensors.
 _OF_SPOILT = ('newly_given', 'detected', 'told', 'false_per_100h', 'wrong_hours', 'far_warned')
+# Of manoeuvres.
+_OF_MANOEUVRES = (
+    'episodes',
+    'warned',
+    'missed',
+    'false_per_100h',
+    'changes_per_hour',
+    'sounds',
+    'loudest',
+    'unheard',
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -80,7 +93,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     voyages = judge_all(_calls(seeds), args.jobs)
     changed = _judged_changed(seeds, args.jobs)
-    text = '\n'.join([*_page(voyages, seeds), '', *_spoilt_table(changed)])
+    manoeuvres = judge_all(_manoeuvre_calls(seeds), args.jobs)
+    tables = [*_page(voyages, seeds), '', *_spoilt_table(changed), '', *_manoeuvre_table(manoeuvres)]
+    text = '\n'.join(tables)
     if args.print:
         print(text)
         return 0
@@ -211,6 +226,21 @@ def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
         for name in kinds:
             figures = found[name].figures()
             yield _row(f'{what}: {name}', *(written(f, figures[f]) for f in _OF_SPOILT))
+
+
+def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
+    scenes = sorted(MANOEUVRES.glob('*.yaml'))
+    return [Call(str(scene), seed, (str(ORDINARY),)) for scene in scenes for seed in seeds]
+
+
+def _manoeuvre_table(voyages: Sequence[Voyage]) -> Iterable[str]:
+    """A row for each scene of manoeuvres, with ordinary sensors."""
+    yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES))
+    yield _row('---', *('---:' for _ in _OF_MANOEUVRES))
+    for scene in dict.fromkeys(voyage.scene for voyage in voyages):
+        figures = pooled(v.rules[OURS] for v in voyages if v.scene == scene).figures()
+        name = Path(scene).stem.replace('_', ' ')
+        yield _row(name, *(written(f, figures[f]) for f in _OF_MANOEUVRES))
 
 
 def _panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:

@@ -210,8 +210,8 @@ def test_the_level_is_the_effective_value_of_the_exact_cycle() -> None:
 
 @pytest.mark.parametrize(
     'path',
-    sorted((ROOT / 'launch_configs' / 'scenes' / 'quality').glob('*.yaml')),
-    ids=lambda path: path.stem,
+    sorted((ROOT / 'launch_configs' / 'scenes').glob('*/*.yaml')),
+    ids=lambda path: f'{path.parent.stem}-{path.stem}',
 )
 def test_every_scene_of_the_page_varies_by_seed(path: Path) -> None:
     """Each can be built with any of its seeds, for any of the ten bearings."""
