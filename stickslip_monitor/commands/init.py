@@ -21,13 +21,15 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.bearing_records import number
-from stickslip_monitor.monitor.configuration import bearing_names, check_topic
+from stickslip_monitor.monitor.configuration import bearing_names, blade_question, check_topic
 from stickslip_monitor.monitor.parameter import Parameter, refused
 from stickslip_monitor.monitor.parameters import LOAD_UNITS
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.physics.bearing_estimate import (
     DENSITY,
+    ELSEWHERE,
+    LOAD_EXPONENT,
     Estimate,
     FoldShift,
     Given,
@@ -116,6 +118,7 @@ _NEXT = {
     'kinetic': _CURVE,
     'decay': _CURVE,
     'load': 'a jack-up test, or a load sensor',
+    LOAD_EXPONENT: 'a second friction curve at another load, then stickslip fit with a column of loads',
 }
 _TOLERANCES = ('damping', 'static', 'kinetic', 'decay', 'load')
 
@@ -273,7 +276,10 @@ def report(values: Sequence[Estimate]) -> str:
             f'At {load / 1e3:.4g} kN stick-slip starts by itself below {hopf:.3g} rpm and can last'
             f' up to {fold:.3g} rpm'
         )
-    lines = [f'{head}; the lining vibrates at {frequency:.3g} Hz.', 'Measure next:']
+    lines = [f'{head}; the lining vibrates at {frequency:.3g} Hz.']
+    if text := blade_question(bearing, load):
+        lines.append(f'The load {text}')
+    lines.append('Measure next:')
     lines += [f'  {line}' for line in _next_lines(fold_shifts(values))]
     return '\n'.join(lines)
 
@@ -281,8 +287,11 @@ def report(values: Sequence[Estimate]) -> str:
 def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
     for effect in ranked:
         low, high = sorted((effect.below, effect.above))
+        known = f'known to {effect.spread:.0%}'
+        if effect.name == LOAD_EXPONENT:
+            known = f'unknown between 0 and 1, of a curve at {ELSEWHERE:g} times the load or its inverse'
         yield (
-            f'{effect.name}, known to {effect.spread:.0%}: moves the fold speed by {low:+.0%} to'
+            f'{effect.name}, {known}: moves the fold speed by {low:+.0%} to'
             f' {high:+.0%}; {_NEXT.get(effect.name, "measure it")}'
         )
 

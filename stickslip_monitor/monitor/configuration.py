@@ -24,7 +24,7 @@ from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig, filled
-from stickslip_monitor.physics.averaging import fold_speed
+from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_fold_speed
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
@@ -225,6 +225,14 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
     return found
 
 
+def _in_any_water(bearing: Bearing) -> Bearing:
+    """The bearing that a belief is made of: it is the same in water of any temperature."""
+    own = bearing.lubrication
+    if own is None:
+        return bearing
+    return replace(bearing, lubrication=replace(own, viscosity_ratio=1.0, water_temperature=math.nan))
+
+
 # A live parameter that changes makes the whole configuration anew.
 _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
@@ -288,7 +296,7 @@ class _Section:
                     f'{self.name}: the calibration is damaged or missing, so {self.name} is monitored as if'
                     f' it had none: {error}'
                 )
-        return bearing, None if tolerance.is_exact else _of_tolerance(bearing, tolerance)
+        return bearing, None if tolerance.is_exact else _of_tolerance(_in_any_water(bearing), tolerance)
 
     def _friction(self) -> FrictionLaw:
         law = self._own['friction.law']
@@ -456,6 +464,10 @@ FACTOR = 5.0
 """Of the load: a bearing whose law is at fault has no boundary at so many times it either."""
 ENDS_EARLY = 0.2
 """Share of a curve's steepest fall above which it ends in the midst of it."""
+BLADES = range(3, 8)
+"""Numbers of blades of ships' propellers."""
+NEAR_BOUNDARIES = 0.5, 1.5
+"""Of the Hopf and the fold speed: between them a load that swings with the lining moves the onset."""
 BREAKAWAY = 0.5
 """A breakaway coefficient below this share of the next value is no measured one."""
 
@@ -511,6 +523,8 @@ def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
         )
     # A cycle sticks as long as the surface is not outrun: its amplitude is about V/omega.
     amplitude = fold_of(config, load) / bearing.natural_frequency
+    if text := blade_question(bearing, load):
+        yield text
     limit = LARGEST_MOTION * bearing.journal_diameter
     if limit < amplitude < math.inf:
         yield (
@@ -521,6 +535,28 @@ def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
         yield (
             f'may move the lining by {config.alarm.amplitude_limit:g} m: is alarm.amplitude_limit in metres?'
         )
+
+
+def blade_question(bearing: Bearing, load: float) -> str:
+    """A clause where the blades of a propeller meet the natural frequency near the boundaries; else ''.
+
+    Far from it the mean load counts; there a swing of 5 % moves the onset by a fifth (docs/physics.md).
+    """
+    if not load > 0.0:
+        return ''
+    rpm = float(bearing.speed.factor('rpm'))
+    low = NEAR_BOUNDARIES[0] * float(hopf_speed(bearing, load)) / rpm
+    high = NEAR_BOUNDARIES[1] * float(fold_speed(bearing, load)) / rpm
+    tone = bearing.natural_frequency / math.tau
+    meets = [(count, 60.0 * tone / count) for count in BLADES if low <= 60.0 * tone / count <= high]
+    if not meets:
+        return ''
+    listed = ', '.join(f'{speed:.3g} rpm of {count}' for count, speed in meets)
+    return (
+        f"may swing at the lining's natural frequency, {tone:.3g} Hz, with the blades of a propeller"
+        f' ({listed}), near the boundaries: a swing of 5 % moves the onset by a fifth there; how many blades'
+        ' are there?'
+    )
 
 
 def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:

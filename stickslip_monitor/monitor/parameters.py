@@ -422,10 +422,11 @@ LUBRICATION_PARAMETERS = (
         'water_temperature.constant',
         'float',
         math.nan,
-        'Temperature of the water at the bearing, where nothing measures it.',
+        'Temperature of the water at the bearing, as it is now.',
         'C',
         MIN_TEMPERATURE,
         MAX_TEMPERATURE,
+        live=True,
     ),
     Parameter(
         'water_temperature.salinity',

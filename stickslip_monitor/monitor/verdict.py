@@ -239,7 +239,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
     assumed = ' (assumed)' if config.load.is_assumed else ''
-    load = f'{rounded(point.load / 1e3)} kN{assumed}'
+    load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(config)}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
     text = f'{config.name}: {what}{_way_out(given)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
@@ -254,6 +254,13 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     if b.state.raised & (1 << rule.VIBRATION) and condition is not Condition.VIBRATION:
         text += f' {Condition.VIBRATION.sentence}'
     return text + _belief_text(b, point) + _doubt_text(b)
+
+
+def _water_text(config: BearingConfig) -> str:
+    """The temperature of the water, where friction goes by it."""
+    own = config.bearing.lubrication
+    water = math.nan if own is None else own.water_temperature
+    return '' if math.isnan(water) else f', water at {rounded(water)} C'
 
 
 _OVER = {

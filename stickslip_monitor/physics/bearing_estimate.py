@@ -15,6 +15,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.physics.lubrication import Lubrication
 
 DENSITY = {'natural': 920.0, 'nitrile': 1000.0, 'chloroprene': 1230.0}
 """Density of the rubbers without fillers [kg/m^3] (Brydson 1988); fillers add up to a fifth."""
@@ -35,6 +36,13 @@ UNSTATED = {
 }
 """Of a value that is given without its spread, from how it is known: the scatter of rubber from
 batch to batch, of ring-downs, of handbook friction, of a load from the shaft alignment."""
+
+
+ELSEWHERE = 1.5
+"""Factor of the load at which a friction curve was measured to that of the ship: pressures of benches and
+bearings differ by more as a rule."""
+LOAD_EXPONENT = 'load_exponent'
+"""How friction depends on the load: between 0 and 1, which only a second curve tells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +189,19 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
         below, above = (_relative(_fold(each), nominal) for each in changed)
         if below or above:
             found.append(FoldShift(item.name, item.spread, below, above))
+    found.append(_of_load_exponent(values, nominal))
     return sorted(found, key=lambda effect: -effect.largest)
+
+
+def _of_load_exponent(values: Sequence[Estimate], nominal: float) -> FoldShift:
+    """What the exponent of the load does if friction was measured at another load: 1 in place of 0."""
+    bearing, load = bearing_of(values), next(item.value for item in values if item.name == 'load')
+    ends = []
+    for factor in (ELSEWHERE, 1.0 / ELSEWHERE):
+        there = replace(bearing, lubrication=Lubrication(factor * load, 1.0))
+        speed = float(fold_speed(there, load))
+        ends.append(_relative(speed if math.isfinite(speed) else 0.0, nominal))
+    return FoldShift(LOAD_EXPONENT, 0.5, *ends)
 
 
 def _relative(fold: float, nominal: float) -> float:

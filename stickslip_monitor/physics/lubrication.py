@@ -78,6 +78,7 @@ class Lubrication:
         salinity: Of the water at the measurement [g/kg].
         water_salinity: Of the water of now [g/kg].
         viscosity_ratio: ``eta(T)/eta(T0)`` of the water of now.
+        water_temperature: ``T`` of the water of now [C]; ``nan`` where it is that of the measurement.
 
     Raises:
         PhysicsError: A quantity breaks its rule.
@@ -92,6 +93,7 @@ class Lubrication:
     salinity: float = SEA
     water_salinity: float = SEA
     viscosity_ratio: float = 1.0
+    water_temperature: float = math.nan
 
     def __post_init__(self) -> None:
         require_positive('friction.at_load', self.load, 'N')
@@ -108,7 +110,8 @@ class Lubrication:
 
     def at(self, temperature: float) -> Lubrication:
         """The same measurement in water of another temperature [C]."""
-        return replace(self, viscosity_ratio=float(self.ratio_at(temperature)))
+        ratio = float(self.ratio_at(temperature))
+        return replace(self, viscosity_ratio=ratio, water_temperature=float(temperature))
 
     def scale(self, load: Any, temperature: Any = None) -> Any:
         """``s`` at loads [N] and temperatures [C], the one of now by default; numbers or arrays."""

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from shared import Stickslip
 
+from stickslip_monitor import fold_speed
 from stickslip_monitor.commands.init import NEEDS, ask
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.parameter_file import load_config
-from stickslip_monitor.physics.bearing_estimate import Given, estimate, fold_shifts, shear_modulus
+from stickslip_monitor.physics.bearing_estimate import Given, bearing_of, estimate, fold_shifts, shear_modulus
 
 DRAWING = (
     *('--journal-diameter', '400mm', '--length', '800mm', '--thickness', '20mm', '--hardness', '70'),
@@ -71,6 +72,16 @@ def test_effects_by_the_closed_form() -> None:
     )
     less_damping = next(e.below for e in damping if e.name == 'damping')
     assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)
+
+
+def test_the_exponent_of_the_load_by_hersey() -> None:
+    """Of a curve at 1.5 times the load, with g = 1, the fold is that at 1.5 times the load over 1.5."""
+    values = estimate(_given())
+    own = next(e for e in fold_shifts(values) if e.name == 'load_exponent')
+    bearing, load = bearing_of(values), values[-1].value
+    for change, factor in ((own.below, 1.5), (own.above, 1.0 / 1.5)):
+        expected = fold_speed(bearing, factor * load) / factor / fold_speed(bearing, load) - 1.0
+        assert change == pytest.approx(expected, rel=1e-9)
 
 
 def test_file_is_a_configuration(tmp_path: Path, stickslip: Stickslip) -> None:

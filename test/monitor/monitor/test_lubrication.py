@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from sending import configured
 
-from stickslip_monitor import Assessments, Stream, assess
+from stickslip_monitor import Assessments, Monitor, Sample, Stream, assess, fold_speed
 from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.monitor.configuration import questions
 from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.physics.lubrication import viscosity
 
@@ -86,7 +87,11 @@ def test_changes_of_condition_are_those_of_the_law_written_out() -> None:
             BearingScan(each, 0, long=long).finish(_voyage(), None)
             for each, long in zip([*_both(**changes), _both(**changes)[0]], (False, False, True), strict=True)
         ]
-        told = [[(e.time_ns, e.before, e.after, e.text) for e in scan.events] for scan in scans]
+        told = [
+            [(e.time_ns, e.before, e.after, e.text.replace(', water at 5 C', '')) for e in scan.events]
+            for scan in scans
+        ]
+        assert all(', water at 5 C' in event.text for event in scans[0].events)
         assert len(told[0]) > 4
         assert told[0] == told[1] == told[2]
         if changes:
@@ -136,3 +141,29 @@ def test_the_water_may_be_fresh_where_friction_was_measured() -> None:
     assert lubrication is not None
     expected = viscosity(15.0) / viscosity(15.0, 0.0)
     assert math.isclose(lubrication.viscosity_ratio, expected, rel_tol=1e-15)
+
+
+def test_the_temperature_may_change_while_the_monitor_runs() -> None:
+    """The memory of the lining stays, and nothing of a belief is worked out anew."""
+    tolerant = {**HERE, 'tolerance__decay': 0.1}
+    monitor = Monitor(configured(**tolerant))
+    for quantity, value in (('load', LOAD), ('speed', 100.0)):
+        update = monitor.update(Sample('aft', quantity, 10**9, value))
+    assert update.verdict is not None
+    cold = update.verdict.assessment.fold_speed
+    warm = configured(**{**tolerant, 'water_temperature__constant': 25.0})
+    assert warm.bearings[0].belief is monitor.config.bearings[0].belief
+    monitor.retune(warm)
+    update = monitor.update(Sample('aft', 'speed', 2 * 10**9, 100.0))
+    assert update.verdict is not None
+    there = fold_speed(configured(**WRITTEN_OUT).bearings[0].bearing, LOAD)
+    assert cold == pytest.approx(there, rel=1e-12)
+    assert update.verdict.assessment.fold_speed > 1.05 * cold  # thinner water, in which friction falls later
+
+
+def test_blades_are_asked_about_where_they_meet_the_lining() -> None:
+    config = configured(stiffness=2.0e4).bearings[0]  # 3.18 Hz: four blades at 47.7 rpm
+    (clause,) = [text for text in questions(config, 1000.0)['load'] if 'blades' in text]
+    assert '3.18 Hz' in clause
+    assert '47.7 rpm of 4' in clause
+    assert not any('blades' in text for text in questions(configured().bearings[0], 1000.0)['load'])

@@ -198,7 +198,8 @@ def test_only_thresholds_scales_and_timeouts_are_live() -> None:
         'level.hysteresis',
     }
     alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
-    assert live == inputs | alarm | {'publish_period', 'shelve_time', 'silence_time'}
+    others = {'publish_period', 'shelve_time', 'silence_time', 'water_temperature.constant'}
+    assert live == inputs | alarm | others
 
 
 @pytest.mark.parametrize(
