@@ -50,10 +50,11 @@ test: $(VENV)/.test  ## Run the everyday tests (PYTEST_ARGS='-k friction' for so
 test-all: $(VENV)/.test  ## Run all tests, those marked slow too
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
-lint: $(VENV)/.lint  ## Check style, format and types
+lint: $(VENV)/.lint  ## Check style, format, types and who imports whom
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 	$(BIN)/lint-imports
 
 format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend

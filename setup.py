@@ -89,6 +89,7 @@ setup(
         'sim': [],
         # colcon runs tests only where it finds pytest here.
         'test': [
+            'import-linter>=2.17',
             'axe-core-python>=0.1',
             'colcon-ros',
             'colcon-test-result',

@@ -25,6 +25,7 @@ from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.record_fields import BEARING, WARNING, RecordField, schema_of
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ('stickslip_logs', 'stickslip_monitor', 'stickslip_lab')
 PAGE = ROOT / 'docs' / 'configuration.md'
 RULE = PAGE.with_name('rule.md')
 SHIP = PAGE.with_name('ship.md')
@@ -129,7 +130,7 @@ file: `config:=`), every command with `--config`.
 LIFECYCLE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
 LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
 CELL = re.compile(r'^```python\n(?P<code>.*?)^```\n(?:\n```text\n.*?```\n)?', re.DOTALL | re.MULTILINE)
-SIZE = re.compile(r'^\| `(\w+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
+SIZE = re.compile(r'^\| `([\w/]+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
 
 
 def _number(value: float) -> str:
@@ -237,11 +238,11 @@ def with_links(page: str) -> str:
 
 
 def rooms() -> dict[str, tuple[int, int]]:
-    """Modules and lines of each room of the package; what stands beside the rooms is `top`."""
+    """Return modules and lines of each room; what stands beside the rooms of a package bears its name."""
     found: dict[str, tuple[int, int]] = {}
-    for path in sorted((ROOT / 'stickslip_monitor').rglob('*.py')):
-        inside = path.relative_to(ROOT / 'stickslip_monitor').parts
-        room = inside[0] if len(inside) > 1 else 'top'
+    for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob('*.py')):
+        inside = path.relative_to(ROOT).parts
+        room = '/'.join(inside[:2]) if len(inside) > 2 else inside[0]
         modules, lines = found.get(room, (0, 0))
         found[room] = modules + 1, lines + len(path.read_text('utf-8').splitlines())
     return found

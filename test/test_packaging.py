@@ -26,6 +26,7 @@ from shared import ROOT, Program
 from stickslip_monitor import cli
 
 NAME = 'stickslip_monitor'
+PACKAGES = ('stickslip_logs', NAME, 'stickslip_lab')
 SHARE = Path('share') / NAME
 MARKER = Path('share/ament_index/resource_index/packages') / NAME
 PIP = (sys.executable, '-m', 'pip', '--quiet', '--disable-pip-version-check')
@@ -97,11 +98,11 @@ def distributions(name: str) -> tuple[str, str | None]:
 
 
 def test_every_import_is_a_declared_dependency() -> None:
-    trees = [ast.parse(path.read_text('utf-8')) for path in (ROOT / NAME).rglob('*.py')]
+    trees = [ast.parse(path.read_text('utf-8')) for own in PACKAGES for path in (ROOT / own).rglob('*.py')]
     nodes = [node for tree in trees for node in ast.walk(tree)]
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {str(n.module) for n in nodes if isinstance(n, ast.ImportFrom) and not n.level}
-    tops = {name.split('.')[0] for name in names} - sys.stdlib_module_names - {NAME}
+    tops = {name.split('.')[0] for name in names} - sys.stdlib_module_names - set(PACKAGES)
     manifest = {each.text for each in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
     listed = (ROOT / 'setup.py').read_text('utf-8')
     found = {name: distributions(name) for name in tops}
@@ -143,12 +144,13 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
-    assert {p for p in inside if p.parts[0] == NAME} == files(NAME)
+    for package in PACKAGES:
+        assert {p for p in inside if p.parts[0] == package} == files(package)
     shared = {Path(*p.parts[2:]) for p in inside if p.parts[0].endswith('.data')}
     assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in files('launch_configs')}
     assert any(path.name == 'LICENSE' for path in inside)
     tops = {path.parts[0].rpartition('.')[2] for path in inside}
-    assert tops == {NAME, 'data', 'dist-info'}
+    assert tops == {*PACKAGES, 'data', 'dist-info'}
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
 _TRUTH = '#333333'
 
 
-class Numbers(Protocol):
+class TimedNumbers(Protocol):
     """One number over time."""
 
     @property
@@ -51,7 +51,7 @@ class Numbers(Protocol):
         """Its values then."""
 
 
-class Lining(Protocol):
+class LiningMotion(Protocol):
     """What the lining did, as far as it is known."""
 
     @property
@@ -59,15 +59,15 @@ class Lining(Protocol):
         """First and last instant of sticking [ns]."""
 
     @property
-    def hopf_margin(self) -> Numbers:
+    def hopf_margin(self) -> TimedNumbers:
         """The margin to the Hopf speed."""
 
     @property
-    def fold_margin(self) -> Numbers:
+    def fold_margin(self) -> TimedNumbers:
         """The margin to the fold."""
 
     @property
-    def amplitude(self) -> Numbers:
+    def amplitude(self) -> TimedNumbers:
         """Half the peak to peak of its displacement [m]."""
 
 
@@ -78,7 +78,7 @@ class Timeline:
     config: BearingConfig
     scan: Verdicts  # its verdicts and events, or their outline
     spells: Sequence[ConditionInterval]  # the alarm's, from the recording's start to its end
-    lining: Lining | None = None  # what the lining did, where that is known
+    lining: LiningMotion | None = None  # what the lining did, where that is known
     title: str = ''  # above the panels
 
     @property

@@ -17,6 +17,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from own_law import OwnLaw
 
 from benchmarks.voyages import with_parameter_errors
 from stickslip_lab.scenes.effects import cos_turns, exp
@@ -192,3 +193,13 @@ def test_functions_are_right_and_the_same_with_other_vector_instructions() -> No
         check=True,
     )
     assert done.stdout.strip() == own
+
+
+class Unnamed(OwnLaw):
+    breakpoints = ()
+
+
+def test_a_law_that_names_no_breakpoints_has_a_nominal_load() -> None:
+    """Twice the load range of the map, as of the same law that names them: 5 times the onset of 200 N."""
+    own = replace(BEARING, bearing=replace(BEARING.bearing, friction=Unnamed(0.3, 0.1, 10.0)))
+    assert nominal_load(own) == pytest.approx(1000.0, rel=1e-9)

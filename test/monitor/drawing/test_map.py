@@ -18,7 +18,6 @@ from own_law import OwnLaw
 from scipy.special import i1e
 from shared import CONFIG as REFERENCE_FILE
 
-from stickslip_lab.scenes.telemetry import nominal_load
 from stickslip_monitor import Bearing, Coulomb, FrictionLaw, Monitor, Stribeck, Tabulated, assess, fold_speed
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES, envelope
 from stickslip_monitor.drawing.map import (
@@ -116,7 +115,6 @@ def test_a_law_that_names_no_breakpoints_has_the_ranges_of_the_same_law_that_doe
     assert onset_load(own.bearing) == pytest.approx(200.0, rel=1e-9)
     for found, known in zip(map_ranges(own.bearing), map_ranges(REFERENCE), strict=True):
         assert found == pytest.approx(known, rel=1e-6)
-    assert nominal_load(own) == pytest.approx(1000.0, rel=1e-9)
 
 
 def names(legend: Any) -> list[str]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,8 @@ from sending import SECOND, change, points
 from shared import CONFIG as REFERENCE_FILE
 from shared import START
 
-from stickslip_lab.scenes.truth import TruthNumbers, TruthRecord
 from stickslip_monitor import Monitor
+from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.parameter_file import load_config
@@ -138,12 +138,26 @@ def test_astern_is_drawn_by_its_size_and_as_what_it_is() -> None:
     np.testing.assert_allclose(lines['fold'][1], 40.7231, atol=1e-4)
 
 
+@dataclass(frozen=True)
+class FollowedNumbers:
+    time_ns: IntArray
+    value: FloatArray
+
+
+@dataclass(frozen=True)
+class FollowedLining:
+    episodes: tuple[tuple[int, int], ...]
+    hopf_margin: FollowedNumbers
+    fold_margin: FollowedNumbers
+    amplitude: FollowedNumbers
+
+
 def test_what_the_lining_did_stands_beside_what_was_said() -> None:
     course = timeline([60.0] * 20 + [20.0] * 20, start=0)
     when = np.arange(40) * 10**9
     numbers = (when * 1e-11, when * 2e-11, np.full(40, 5e-4))
     episodes = ((25 * 10**9, 39 * 10**9),)
-    lining = TruthRecord(0, 39 * 10**9, episodes, *(TruthNumbers(when, own) for own in numbers))
+    lining = FollowedLining(episodes, *(FollowedNumbers(when, own) for own in numbers))
     found = panels(draw_timeline(replace(course, lining=lining)))
     assert legend_of(found['speed'])[0] == 'lining sticks'
     lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs of a bearing in logs as ships, yards and historians write them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from nasty_logs import COLUMNS, LOGS, opened
+
+from fuzz.mutants import mutant
+from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.table_recording import TableRecording
+from stickslip_monitor.cli import main
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import InputConfig
+from stickslip_monitor.offline.binding import bind
+
+CONFIG = Path(__file__).resolve().parents[3] / 'launch_configs/reference_bearing.yaml'
+
+
+def bound_inputs(recording: TableRecording, config: Path = CONFIG) -> Mapping[str, InputConfig]:
+    """The inputs of the bearing, as the log has them all."""
+    bound = bind(recording, load_config(config))
+    assert bound.absent == {}
+    return bound.config.bearings[0].inputs
+
+
+@pytest.mark.parametrize('name', LOGS)
+def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
+    log, text = LOGS[name], CONFIG.read_text()
+    speed, load = COLUMNS.get(name, ('', ''))
+    text = text.replace('speed: {topic', f"speed: {{column: '{speed}', topic")
+    (tmp_path / 'ship.yaml').write_text(text.replace('load: {topic', f"load: {{column: '{load}', topic"))
+    recording = opened(tmp_path, log.raw)
+    inputs = bound_inputs(recording, tmp_path / 'ship.yaml')
+    found = recording.read([Request(source.topic, 'data') for source in inputs.values()])
+    for series, expected in zip(found.values(), (log.speed, log.load), strict=True):
+        assert series.stamp_ns.tolist() == list(log.times)
+        assert series.value.tolist() == pytest.approx(list(expected), rel=1e-12, nan_ok=True)
+    assert log.says in ' | '.join(recording.warnings)
+    assert log.lost in ' | '.join(recording.losses)
+    assert bool(recording.losses) == bool(log.lost)
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_number_that_its_unit_takes_beyond_all_is_read_in_silence(tmp_path: Path) -> None:
+    recording = opened(tmp_path, 'time,speed [Hz],load [N]\n0,0.5,900\n1,1e308,901\n')
+    (series,) = recording.read([Request(bound_inputs(recording)['speed'].topic, 'data')]).values()
+    assert series.value.tolist() == pytest.approx([30.0, math.inf])
+
+
+def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> None:
+    logs, path, refused = [log.raw for log in LOGS.values()], tmp_path / 'a.csv', []
+    for seed in range(150):
+        path.write_bytes(mutant(seed, logs, 'csv'))
+        try:
+            recording = open_bag(path)
+            bind(recording, load_config(CONFIG))
+            recording.read([Request(topic, 'data') for topic in recording.topics])
+        except BagError as error:
+            refused.append(str(error))
+    assert len(refused) < 100
+    assert all(text.strip() for text in refused)
+
+
+@pytest.mark.parametrize(
+    ('text', 'quantity'),
+    [
+        ('time,Shaft RPM,Speed over ground (kn)\n0,30,12\n1,31,12\n', 'load'),
+        ('time,Shaft RPM,load [kip]\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,Shaft RPM,load\ns,rpm,kip\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,kip\n1,n,31,rpm\n1,load,1.2,kip\n', 'load'),
+        ('time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n', 'load'),
+        ('time,Shaft RPM,load [x10 kN]\n0,30,60\n1,31,60\n', 'load'),
+        ('time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n', 'load'),
+        ('@0 $IIRPM,S,1,30,,A*43\n@0 $IIXDR,P,12.3,B,LOAD*44\n', 'load'),
+        ('time,Shaft RPM,load %\n0,30,60\n1,31,60\n', 'load'),
+        ('time,Shaft RPM,Load limit [N]\n0,30,60\n1,31,60\n', 'load'),
+        *(
+            (f'time,{heading},load [N]\n0,30,900\n1,31,901\n', 'speed')
+            for heading in (
+                *(
+                    'Bow thruster rpm',
+                    'Grid frequency [Hz]',
+                    'Roll velocity [rad/s]',
+                    'rpm setpoint',
+                    'Alternator (1/min)',
+                    'Shaft RPM std',
+                    'RPM rate [rpm/s]',
+                ),
+                *('rpm/10', 'RPM (x0.1)', 'rpm*0.01', 'rpm (0.1)'),
+            )
+        ),
+    ],
+)
+def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_path: Path) -> None:
+    """12 knots or 1.2 kips, taken for 12 kN or 1.2 N, would be judged stable."""
+    absent = bind(opened(tmp_path, text), load_config(CONFIG)).absent
+    assert list(absent) == [('aft_stern', quantity)]
+    assert f'write aft_stern.{quantity}.column' in absent['aft_stern', quantity]
+
+
+@pytest.mark.parametrize(
+    ('heading', 'bearing', 'is_its'),
+    [
+        ('Port shaft RPM', 'stbd_aft', False),
+        ('RPM SB', 'stbd_aft', True),
+        ('propulsion.port.revolutions [Hz]', 'starboard', False),
+        ('Fwd shaft RPM', 'aft_stern', False),
+        ('Aft shaft RPM, port', 'port_forward', False),
+        ('Shaft RPM aft, port', 'port_aft', True),
+    ],
+)
+def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: bool, tmp_path: Path) -> None:
+    path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
+    path.write_text(f'time,"{heading}",load [N]\n0,30,900\n1,31,901\n')
+    config.write_text(CONFIG.read_text().replace('aft_stern', bearing))
+    assert ((bearing, 'speed') in bind(open_bag(path), load_config(config)).absent) == (not is_its)
+
+
+def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
+    recording = opened(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
+    told = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
+    assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in told
+
+
+def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
+    config = tmp_path / 'ship.yaml'
+    config.write_text(CONFIG.read_text().replace('aft_stern', 'stern_thruster'))
+    bound_inputs(opened(tmp_path, 'time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n'), config)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'time,Engine speed [rpm],load [N]\n0,500,900\n1,500,901\n',
+        '@0 $IIRPM,E,1,500,,A*63\n@0 $IIXDR,N,900.0,N,LOAD*6F\n',
+        '{"updates":[{"timestamp":"@0","values":['
+        '{"path":"propulsion.port.revolutions","value":0.5},{"path":"shaft.load","value":900}]}]}\n',
+    ],
+)
+def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
+    recording = opened(tmp_path, text)
+    bound_inputs(recording)
+    assert any(text.endswith("is it the shaft's own, with no gear between?") for text in recording.warnings)
+
+
+def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
+    own = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
+    (tmp_path / 'own.yaml').write_text(own)
+    recording = opened(tmp_path, 'time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
+    bound_inputs(recording, tmp_path / 'own.yaml')
+    assert any(
+        "column 'Load [klbf]' in N, as aft_stern.load.unit says: is that right? Its heading says"
+        " 'klbf'" in said
+        for said in recording.warnings
+    )
+
+
+def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three times 142 years, in nanoseconds, are no number of 64 bits."""
+    text = 'time,speed,load\n1970-01-01 00:00:00,30,900\n2112-01-01 00:00:00,31,901\n'
+    (tmp_path / 'voyage.csv').write_text(text)
+    assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) in (0, 1)
+    assert 'so its timeout is' in capsys.readouterr().out
+
+
+def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
+    recording = opened(tmp_path, 'time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
+    inputs = bound_inputs(recording)
+    assert inputs['speed'].timeout_ns == inputs['load'].timeout_ns == 60 * 10**9
+    said = ' '.join(recording.warnings)
+    assert said.count('lines are 20 s apart, so its timeout is 60 s here') == 2
+
+
+def test_a_log_is_not_played_and_a_way_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 'voyage.csv').write_text('time,speed,load\n0,30,900\n1,31,901\n')
+    assert main(['play', str(tmp_path / 'voyage.csv')]) == 2
+    assert 'make a bag of it by stickslip check with' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('text', 'speed', 'says'),
+    [
+        # The gear of docs/ship.md: 4 turns of the engine are one of the shaft, live as well.
+        (
+            '{"updates":[{"timestamp":"2026-04-13T10:00:00Z","values":['
+            '{"path":"propulsion.port.revolutions","value":2},{"path":"shaft.load","value":900}]}]}\n',
+            30.0,
+            'times its scale 0.25',
+        ),
+        ('time,Engine speed [rpm],load [N]\n0,120,900\n1,120,901\n', 30.0, 'times its scale 0.25'),
+        ('time,Engine speed,load [N]\n0,120,900\n1,120,901\n', 30.0, 'times its scale 0.25'),
+        ('time,Shaft speed [rpm],load [N]\n0,30,900\n1,30,901\n', 30.0, 'taken as scaled already'),
+    ],
+)
+def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str, tmp_path: Path) -> None:
+    config = tmp_path / 'ship.yaml'
+    own = "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
+    config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
+    recording = opened(tmp_path, text)
+    (bearing,) = bind(recording, load_config(config)).config.bearings
+    request = Request(bearing.speed.topic, 'data')
+    assert 0.25 * recording.read([request])[request].value[0] == pytest.approx(speed)
+    assert any(says in said for said in recording.warnings)
+
+
+@pytest.mark.parametrize(
+    ('heading', 'lost'),
+    [
+        ('Load [N]', {('aft', 'load'), ('mid', 'load')}),
+        ('Aft load [N]', {('mid', 'load')}),
+        ('/aft/load', {('mid', 'load')}),
+        ('Load [N],Load mid [N]', {('aft', 'load')}),
+    ],
+)
+def test_one_column_is_not_the_load_of_two_bearings(
+    heading: str, lost: set[tuple[str, str]], tmp_path: Path
+) -> None:
+    config, text = tmp_path / 'ship.yaml', CONFIG.read_text()
+    head, section = text.split('    aft_stern:\n')
+    sections = [
+        f'    {name}:\n' + section.replace('/bearing/aft_stern/load', f'/{name}/load')
+        for name in ('aft', 'mid')
+    ]
+    config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
+    bound = bind(opened(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n'), load_config(config))
+    assert bound.absent.keys() == lost
