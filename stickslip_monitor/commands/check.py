@@ -8,9 +8,9 @@ Signal K. A folder of recordings stands for all of them, - for one on standard i
 them are named and not checked. Of one that is cut, all up to the cut is read. What a log leaves
 open is guessed and said; `stickslip info` shows its columns.
 
---report writes one file that opens anywhere without a network: .html to read, .png to show, .json
-for programs. --mcap writes inputs and verdicts as messages, for Foxglove or PlotJuggler; --clips
-writes a short recording around each alarm.
+--report writes one page (.html) that opens anywhere without a network. --mcap writes inputs and
+verdicts as messages, for Foxglove or PlotJuggler; --clips writes a short recording around each
+alarm.
 
 Several recordings are checked on all cores, or with --scheduler on a Dask cluster whose workers
 see them under the same paths. A bad one is named and does not stop the rest.
@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Any
 from stickslip_monitor import errors
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError, plural
-from stickslip_monitor.files import PICTURES, printable
+from stickslip_monitor.files import printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.monitor.parameters import MonitorConfig
@@ -46,10 +46,11 @@ if TYPE_CHECKING:
     from stickslip_monitor.report.page import Archive, RecordingPart
 
 STDIN = '-'
-REPORTS = {
-    '.html': b'<meta name="generator" content="stickslip_monitor">',
-    '.png': PICTURES['.png'],
-    '.json': b'"schema": "stickslip_monitor/check/',
+REPORTS = {'.html': b'<meta name="generator" content="stickslip_monitor">'}
+# For one version: what stands for formats that went.
+_REPORT_SUCCESSORS = {
+    '.json': '--json prints the same numbers: stickslip check ... --json > FILE',
+    '.png': 'write a page (.html), which any browser prints',
 }
 
 
@@ -58,15 +59,10 @@ class Task:
     """What is wanted of every recording; it can be sent to another process or machine."""
 
     config: MonitorConfig
-    report: str | None = None  # the ending of the report, if one is wanted
+    is_reported: bool = False  # whether a report is wanted, which has pictures
     mcap: str | None = None  # where to write the recording of verdicts, if at all
     clips: str | None = None  # the folder to write clips into, if at all
     left_out: str = ''  # a sentence on what lies beside the recordings and is not checked
-
-    @property
-    def is_drawn(self) -> bool:
-        """Whether the report has pictures."""
-        return self.report not in (None, '.json')
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +103,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_file(parser, 'bags', nargs='+', metavar='BAG', help=text)
     options.add_config(parser)
     options.add_shared(parser, '--bearing', '--force', '--json')
-    text = 'write a report: .html, .png or .json (needs matplotlib)'
-    options.add_file(parser, '--report', '-o', marks=REPORTS, help=text)
+    text = 'write a report: .html (needs matplotlib)'
+    options.add_file(parser, '--report', '-o', marks=REPORTS, type=_report_path, help=text)
     text = "write inputs and verdicts as the node's topics: .mcap"
     options.add_file(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
@@ -117,6 +113,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
     parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
+
+
+def _report_path(path: str) -> str:
+    """Return the path of a report, and name the successors of the formats that are gone."""
+    if successor := _REPORT_SUCCESSORS.get(Path(path).suffix.lower()):
+        raise argparse.ArgumentTypeError(f"'{path}' is not written any more: {successor}")
+    return path
 
 
 def run(args: argparse.Namespace) -> int:
@@ -152,7 +155,7 @@ def _check_bags(
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     all_found, archive = [], None
-    if task.is_drawn:
+    if task.is_reported:
         from stickslip_monitor.report.page import Archive
 
         archive = Archive()
@@ -166,7 +169,7 @@ def _check_bags(
     if not listed and 'error' in documents[0]:
         return code
     text = output.json_text(documents if listed else documents[0])
-    output.write_outputs(args, report=lambda: _report_of(args, task, archive, text))
+    output.write_outputs(args, report=lambda: _report_page(args, task, archive))
     if args.mcap is not None:
         output.say_written(args.mcap)
     sys.stdout.write(text if args.json else _advice(task.config))
@@ -189,8 +192,8 @@ def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
         from stickslip_monitor.offline.verdict_messages import check_target
 
         check_target(args.mcap)
-    report = None if args.report is None else Path(args.report).suffix.lower()
-    return Task(config, report, args.mcap, args.clips, left_out(args.bags, bags))
+    others = left_out(args.bags, bags)
+    return Task(config, args.report is not None, args.mcap, args.clips, others)
 
 
 def _check_all(
@@ -250,10 +253,11 @@ def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], No
             if task.clips is not None:
                 from stickslip_monitor.offline.clip_folder import ClipFolder, ClipWriter
 
-                clips = ClipWriter(ClipFolder(replace(task.config.clips, directory=task.clips)))
+                folder = ClipFolder(replace(task.config.clips, directory=task.clips))
+                clips = ClipWriter(opened.enter_context(folder))
                 sinks.append(clips)
             checked = check_recording(
-                bag, task.config, sinks, progress and partial(progress, str(bag)), outlined=task.is_drawn
+                bag, task.config, sinks, progress and partial(progress, str(bag)), outlined=task.is_reported
             )
         if task.left_out:
             checked.bag.note(task.left_out)
@@ -276,7 +280,7 @@ def _failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
 
 def _part(task: Task, document: dict[str, Any], checked: CheckReport | None = None) -> RecordingPart | None:
     """The recording's part of the report, where one is wanted."""
-    if not task.is_drawn:
+    if not task.is_reported:
         return None
     # Drawing is not needed for a check as such, and costs time to import.
     from stickslip_monitor.report.page import recording_part
@@ -298,14 +302,10 @@ def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
     return _failed(task, bag, errors.program_fault(outcome), faulty=True)
 
 
-def _report_of(args: argparse.Namespace, task: Task, archive: Archive | None, text: str) -> Any:
-    """The report's file; its JSON is the text that is printed."""
-    if archive is None:
-        return text
-    from stickslip_monitor.report.page import html_page, png_sheet
+def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) -> bytes:
+    from stickslip_monitor.report.page import html_page
 
-    if task.report == '.png':
-        return png_sheet(archive, args.report)
+    assert archive is not None
     now = datetime.now(timezone.utc)
     return html_page(list(archive.shown()), task.config, args.config, now, args.node)
 

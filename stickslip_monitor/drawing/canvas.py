@@ -2,8 +2,8 @@
 """matplotlib, imported here only: figures without global state, and their files.
 
 matplotlib is an extra; it is imported when a picture is drawn, not before. Figures are not
-registered with pyplot, so none has to be closed. They are written as PNG or SVG, put into a page
-as inline SVG with the page's colours and unique ids, or stacked in one PNG.
+registered with pyplot, so none has to be closed. They are written as PNG or SVG, or put into a
+page as inline SVG with the page's colours and unique ids.
 
 The hues of regimes and conditions are those of Okabe and Ito, which people with any common colour
 blindness can tell apart; caution is a dark yellow, because green means that all is well (IEC
@@ -16,15 +16,13 @@ from __future__ import annotations
 import csv
 import io
 import re
-import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import IndexArray
 from stickslip_monitor.errors import DrawingError
@@ -157,8 +155,8 @@ def style() -> Iterator[None]:
     except ImportError as error:
         raise DrawingError(
             f'drawing needs matplotlib, which cannot be imported ({error}): install the extra'
-            " 'report', e.g. pip install 'stickslip_monitor[report]'. A table (.csv) and a report as"
-            ' .json need none'
+            " 'report', e.g. pip install 'stickslip_monitor[report]'. A table (.csv) and"
+            ' --json need none'
         ) from error
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -358,44 +356,3 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
 def variable(colour: str) -> str:
     """The name of the variable that holds a colour of the palette."""
     return f'--c{colour[1:]}'
-
-
-_SHEET_DPI = 150
-_LINE = 0.22
-_LETTERS = 105
-Pixels = NDArray[np.uint8]
-
-
-def drawn(figure: Figure) -> Pixels:
-    """The pixels of a figure, shape (height, width, 3)."""
-    with style():
-        figure.set_dpi(_SHEET_DPI)
-        canvas: Any = figure.canvas
-        canvas.draw()
-        return np.array(canvas.buffer_rgba())[:, :, :3]
-
-
-def sheet(rows: Sequence[Pixels]) -> bytes:
-    """Put figures, at least one, below each other as PNG; see :func:`drawn`."""
-    width = max(row.shape[1] for row in rows)
-    # White at the right of what is narrower.
-    padded = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
-    with style():
-        from matplotlib.image import imsave
-
-        file = io.BytesIO()
-        imsave(file, np.concatenate(padded), metadata={'Software': SOFTWARE})
-    return file.getvalue()
-
-
-def heading(title: str, lines: Sequence[str] = ()) -> Figure:
-    """A figure of words alone: a title and the lines below it, wrapped to the width."""
-    bold = [(part, 12.0, 'bold', INK) for part in textwrap.wrap(title, _LETTERS - 15)]
-    below = [(part, 10.0, 'normal', MUTED) for line in lines for part in textwrap.wrap(line, _LETTERS)]
-    rows = len(bold) + len(below) + 2
-    with style():
-        figure = new_figure(WIDTH, _LINE * rows)
-        for k, (part, size, weight, colour) in enumerate(bold + below):
-            look: Look = {'size': size, 'weight': weight, 'color': colour, 'va': 'center'}
-            figure.text(0.25 / WIDTH, 1.0 - (k + 1.2) / rows, part, parse_math=False, **look)
-        return figure

@@ -52,6 +52,7 @@ class ClipFolder:
 
     def __init__(self, config: ClipConfig) -> None:
         self.path = Path(config.directory).expanduser()
+        self._is_new = not self.path.exists()
         self._most = config.most
         self.removed = 0
         """How many clips have made room for newer ones."""
@@ -62,6 +63,15 @@ class ClipFolder:
                 f"clips.directory = '{config.directory}' cannot be made: {error.strerror or error}"
             ) from error
         self._sweep()
+
+    def __enter__(self) -> ClipFolder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Leave no empty folder behind where an error or a signal came before the first clip."""
+        if kind is not None and self._is_new:
+            with contextlib.suppress(OSError):
+                self.path.rmdir()
 
     def write(self, clip: Clip) -> None:
         """Write a clip; then drop the oldest that are too many.

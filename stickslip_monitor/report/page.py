@@ -149,12 +149,6 @@ class Archive:
                 bearings[course.name] = _bearing_part(anchor, course, finding, (n, k) in urgent)
             yield replace(part, bearings=bearings)
 
-    def figures(self) -> Iterator[canvas.Pixels]:
-        """The pictures for a sheet."""
-        for part in self.parts:
-            for course, finding in zip(part.courses, part.findings, strict=False):
-                yield from map(canvas.drawn, _figures(part.name, course, finding))
-
 
 def _course(checked: CheckReport, item: BearingReport) -> Course:
     own = checked.config.bearing(item.name)
@@ -175,13 +169,6 @@ def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.
 
 def _timeline(course: Course) -> Timeline:
     return Timeline(course.config, course.scan, course.spells)
-
-
-def _figures(bag: str, course: Course, finding: Finding) -> Iterator[canvas.Figure]:
-    yield canvas.heading(f'{finding.word}: {bag}, {course.name}', finding.sentences)
-    if course.scan.time_ns.size:
-        yield _drawn_map(course)
-        yield draw_timeline(_timeline(course), _WIDE)
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
@@ -294,26 +281,6 @@ def html_page(
         colours={canvas.variable(light): (light, dark) for light, dark in canvas.ON_DARK.items()},
     )
     return f'{page}\n'.encode(errors='replace')
-
-
-def png_sheet(archive: Archive, path: str) -> bytes:
-    """All pictures below each other, of several bearings under the verdict on all of them.
-
-    Raises:
-        ReportError: They are more than fit on one picture.
-    """
-    parts = archive.parts
-    if sum(len(part.findings) for part in parts) > MOST_DRAWN:
-        raise ReportError(
-            f"report '{path}': a picture holds {MOST_DRAWN} bearings at most; write a .html"
-            ' instead, or fewer recordings'
-        )
-    figures = list(archive.figures())
-    if sum(len(part.findings) for part in parts) > 1 or not figures:
-        verdict = _overall(parts)
-        above = canvas.heading(f'{verdict.word}: {verdict.sentences[0]}', verdict.sentences[1:])
-        figures = [canvas.drawn(above), *figures]
-    return canvas.sheet(figures)
 
 
 def _overall(parts: Sequence[RecordingPart]) -> Finding:

@@ -93,14 +93,14 @@ def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path:
 def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) -> None:
     files = declared('check')
     (tmp_path / 'archive' / 'one').mkdir(parents=True)
-    (tmp_path / 'archive' / 'one' / 'a.json').write_text('{}')
-    (tmp_path / 'own.json').write_text('{}')
+    (tmp_path / 'archive' / 'one' / 'a.html').write_text('{}')
+    (tmp_path / 'own.html').write_text('{}')
     config = tmp_path / 'own.yaml'
-    config.write_text('/**: {ros__parameters: {aft: {calibration: own.json}}}')
+    config.write_text('/**: {ros__parameters: {aft: {calibration: own.html}}}')
     output, source = {
-        'configuration': ('own.json', {'config': str(config)}),
-        'recording': ('archive/one/a.json', {'bags': [tmp_path / 'archive' / 'one']}),
-        'archive': ('archive/one/a.json', {'bags': [tmp_path / 'archive']}),
+        'configuration': ('own.html', {'config': str(config)}),
+        'recording': ('archive/one/a.html', {'bags': [tmp_path / 'archive' / 'one']}),
+        'archive': ('archive/one/a.html', {'bags': [tmp_path / 'archive']}),
     }[where]
     with pytest.raises(OutputError, match='is the input'):
         check_files(given(files, report=tmp_path / output, **source))
@@ -184,7 +184,7 @@ def test_no_recording_is_written_into_the_folder_that_is_checked(
 @pytest.mark.slow
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_stopped_leaves_nothing_behind(sent: signal.Signals, tmp_path: Path) -> None:
-    line = ['check', '-', '-c', CONFIG, '--report', tmp_path / 'a.json']
+    line = ['check', '-', '-c', CONFIG, '--report', tmp_path / 'a.html']
     with subprocess.Popen(
         [sys.executable, '-m', 'stickslip_monitor', *line],
         stdin=subprocess.PIPE,
@@ -242,7 +242,7 @@ def test_a_signal_while_modules_are_loaded_ends_a_command_without_a_word(
 def test_a_stream_that_takes_nothing_is_no_fault_of_the_program(
     bag: object, closed: str, code: int, tmp_path: Path
 ) -> None:
-    line = f'check {bag} -c {CONFIG} --json --report {tmp_path}/a.json {closed}'
+    line = f'check {bag} -c {CONFIG} --json --report {tmp_path}/a.html {closed}'
     done = subprocess.run(
         f'{sys.executable} -m stickslip_monitor {line}',
         shell=True,
@@ -251,7 +251,7 @@ def test_a_stream_that_takes_nothing_is_no_fault_of_the_program(
         check=False,
     )
     assert done.returncode == code, done.stderr
-    assert (tmp_path / 'a.json').exists() == (bag == BAG)
+    assert (tmp_path / 'a.html').exists() == (bag == BAG)
     if closed == '<&-':
         assert done.stderr == "ERROR: bag '-' is empty: 0 bytes\n"
         assert json.loads(done.stdout)['error'] == "bag '-' is empty: 0 bytes"

@@ -168,5 +168,5 @@ def test_without_its_library_the_extra_is_named(
     with pytest.raises(error, match=r"extra 'report'.*stickslip_monitor\[report\]") as told:
         make()
     if library == 'matplotlib':
-        # A picture has no .csv of its own everywhere, a report never: the remedy names each.
-        assert str(told.value).endswith('A table (.csv) and a report as .json need none')
+        # A picture has no .csv of its own everywhere, a report never: the remedy names both.
+        assert str(told.value).endswith('A table (.csv) and --json need none')

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -113,3 +114,15 @@ def test_a_checked_bag_has_a_clip_around_each_alarm(
         assert {*inputs, '/stickslip_monitor/warnings'} <= set(bag.topics)
         assert bag.topics['/shaft/speed'].count == pytest.approx(1200, abs=2)
         assert check_recording(path, config).bearings['aft_stern'].events
+
+
+@pytest.mark.parametrize(('written', 'error'), [(False, True), (True, True), (False, False)])
+def test_what_is_stopped_before_its_first_clip_leaves_no_folder(
+    written: bool, error: bool, tmp_path: Path
+) -> None:
+    with suppress(KeyboardInterrupt), folder(tmp_path / 'clips') as store:
+        if written:
+            store.write(clip())
+        if error:
+            raise KeyboardInterrupt
+    assert (tmp_path / 'clips').exists() == (written or not error)
