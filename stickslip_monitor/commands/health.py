@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         from stickslip_monitor.ros.other_nodes import receive_health
     except ImportError as error:
-        raise no_ros(error) from error
+        raise RosError(f'{no_ros(error)}; without ROS ask the page: stickslip health --page URL') from error
     node = None if args.node is None else f'/{args.node.strip("/")}'
     found: dict[str, tuple[int, str]] = {}
 

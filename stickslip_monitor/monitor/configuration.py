@@ -36,6 +36,8 @@ CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'
 _LAST_SCHEMA = 'stickslip_monitor/calibration/1'
 LARGEST_JSON = 64 << 20
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
+QOS_OVERRIDES = 'qos_overrides'
+"""Section of a parameter file with the quality of service of topics, which ROS 2 reads."""
 INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
 _LARGEST_VARIANCE = 100.0
 # Of the file of a calibration, beside parameters of the bearing.
@@ -195,8 +197,9 @@ def _retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
     for key in (each for each in values if each not in known):
         head, _, own = key.partition('.')
         if own and head not in names:
+            near = did_you_mean(head, [*names, QOS_OVERRIDES])
             raise ConfigurationError(
-                f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}"
+                f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}{near}"
             )
         if own not in parameters.RETIRED:
             raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{did_you_mean(key, known)}")

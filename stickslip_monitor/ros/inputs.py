@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberField
@@ -24,7 +24,10 @@ from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
 
-ROS_FAULTS = (NameValidationException, RuntimeError, ValueError)
+ROS_FAULTS = (
+    *(NameValidationException, ParameterException, InvalidQosOverridesError),
+    *(RuntimeError, ValueError),
+)
 """What rclpy raises where a publisher or subscription cannot be made."""
 _RULE = '=' * 80
 _PLAIN = {'boolean': 'bool', 'octet': 'byte', 'float': 'float32', 'double': 'float64'}

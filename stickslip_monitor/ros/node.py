@@ -23,16 +23,18 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, plural
+from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, did_you_mean, plural
 from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
+from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, asked, bearing_names, build_config
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
-from stickslip_monitor.ros.inputs import ROS_FAULTS, check_inputs
+from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs
 from stickslip_monitor.ros.outputs import Configured, output_names, resolved
 from stickslip_monitor.ros.running import Running, node_clock
 from stickslip_monitor.state_file import StateFile
@@ -136,6 +138,52 @@ def changed_config(
     return build_config(known, is_live=True), rebuilt, changed
 
 
+_POLICY_WORDS: dict[str, Any] = {
+    'durability': DurabilityPolicy,
+    'history': HistoryPolicy,
+    'reliability': ReliabilityPolicy,
+}
+
+
+def check_overrides(node: Node, config: MonitorConfig) -> list[str]:
+    """Check the overrides of quality of service, of which rclpy names neither the parameter nor the rule.
+
+    Returns:
+        A sentence on each that nothing of the node reads.
+
+    Raises:
+        RosError: A value is none of its policy.
+    """
+    outputs = ('~/warnings', '~/alarms', '~/bearings', '/diagnostics')
+    topics = (source.topic for bearing in config.bearings for source in bearing.inputs.values())
+    own = QoSOverridingOptions.with_default_policies().policy_kinds
+    readable: dict[str, tuple[QoSPolicyKind, ...]]
+    readable = {f'{node.resolve_topic_name(topic)}.subscription': OVERRIDES for topic in topics}
+    readable |= {f'{node.resolve_topic_name(topic)}.publisher': tuple(own) for topic in outputs}
+    notes = []
+    for name, parameter in node.get_parameters_by_prefix(QOS_OVERRIDES).items():
+        end, _, policy = name.rpartition('.')
+        shown, policies = f'{QOS_OVERRIDES}.{name}', [kind.name.lower() for kind in readable.get(end, ())]
+        if end not in readable:
+            near = did_you_mean(end, readable)
+            there = ', '.join(readable)
+            notes.append(f'{shown} has no effect: the node has no such input or output, but {there}{near}')
+        elif policy not in policies:
+            near = did_you_mean(policy, policies)
+            notes.append(f'{shown} has no effect: of {end} it reads {", ".join(policies)}{near}')
+        else:
+            _check_policy(shown, policy, parameter.value)
+    return notes
+
+
+def _check_policy(shown: str, policy: str, value: object) -> None:
+    words = [word.lower() for word in getattr(_POLICY_WORDS.get(policy), '__members__', ())]
+    rule = f'one of {", ".join(words)}' if words else 'a whole number, not below 0'
+    fits = str(value).lower() in words if words else type(value) is int and value >= 0
+    if not fits:
+        raise RosError(f'{shown} = {value!r} must be {rule}{did_you_mean(value, words)}')
+
+
 class MonitorNode(LifecycleNode):
     """Subscribes to shaft speed and bearing load, publishes predictions and warnings.
 
@@ -167,6 +215,8 @@ class MonitorNode(LifecycleNode):
         questions = chain.from_iterable(map(asked, self.config.bearings))
         for note in (*self.config.notes, *self.config.faults, *questions):
             self.get_logger().warning(note)
+        for note in check_overrides(self, self.config):
+            self.get_logger().warning(note)
         self._check(self.config)
         self.make_store(self.config.clips)
         declare(self)
@@ -188,7 +238,7 @@ class MonitorNode(LifecycleNode):
         """
         for name in ('configure', 'activate'):
             if getattr(self, f'trigger_{name}')() != TransitionCallbackReturn.SUCCESS:
-                raise RosError(f'the node cannot {name}: {self._failure}')
+                raise RosError(f'the node cannot {name}: {self._failure or "a fault that the log names"}')
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """The callback, whose exceptions are logged and survived: the monitor goes on."""

@@ -61,12 +61,15 @@ class RosGraph(Graph):
         """Who publishes on a topic for an input, with what speaks against its quality of service."""
         name = self._given.get(topic, topic)
         asked, lane = self._quality(name), self.lanes.get(topic)
+        override = _overrides(name, asked)
         infos = self._node.get_publishers_info_by_topic(name)
         if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
             # Some middleware names senders otherwise than publishers.
             lane = None
         return tuple(
-            _publisher(info, asked, lane is None or lane.sends(bytes(info.endpoint_gid), bearing, place))
+            _publisher(
+                info, asked, override, lane is None or lane.sends(bytes(info.endpoint_gid), bearing, place)
+            )
             for info in infos
         )
 
@@ -94,11 +97,22 @@ def node_name(info: Any) -> str:
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
-def _publisher(info: Any, asked: QoSProfile, sends: bool) -> Publisher:
+def _overrides(topic: str, asked: QoSProfile) -> str:
+    """Return the clause on what a subscription asks for by overrides; best effort and volatile match all."""
+    usual = telemetry()
+    found = [
+        f'qos_overrides.{topic}.subscription.{name} asks for {getattr(asked, name).name.lower()}'
+        for name in ('reliability', 'durability')
+        if getattr(asked, name) != getattr(usual, name)
+    ]
+    return f' ({", ".join(found)})' if found else ''
+
+
+def _publisher(info: Any, asked: QoSProfile, override: str, sends: bool) -> Publisher:
     match, reason = qos_check_compatible(info.qos_profile, asked)
     fault = ''
     if match is QoSCompatibility.ERROR:
-        fault = str(reason).strip(' ;.') or 'no reason is given'
+        fault = (str(reason).strip(' ;.') or 'no reason is given') + override
     latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
     return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)

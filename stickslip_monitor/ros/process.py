@@ -16,10 +16,11 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
-from stickslip_monitor.errors import RosError, StickslipError, program_fault
+from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, program_fault
 from stickslip_monitor.files import printable
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
+from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, sentence
@@ -103,10 +104,45 @@ def _start(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None)
             # What cannot be created is half created, and rclpy warns of the other half.
             warnings.simplefilter('ignore', RuntimeWarning)
             return MonitorNode(store)
+    except ConfigurationError as error:
+        raise ConfigurationError(_slip(args) or str(error)) from error
     except StickslipError:
         raise
     except (*ROS_FAULTS, rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
-        raise RosError(f'{what}: {sentence(error)}') from error
+        # Where a file cannot be read, or has an empty list, rcl names neither the line nor the parameter.
+        slip = _slip(args) if '--params-file' in args else ''
+        raise RosError(slip or f'{what}: {sentence(error)}') from error
+
+
+def _slip(args: Sequence[str]) -> str:
+    """Return the sentence on how parameters were given, where nothing was or nothing is for this node."""
+    inside, files, given, name, space = False, list[str](), False, NODE_NAME, ''
+    for number, word in enumerate(args):
+        inside = word == '--ros-args' or (inside and word != '--')
+        value = args[number + 1] if number + 1 < len(args) else ''
+        if word in ('--params-file', '-p', '--param') and not inside:
+            return (
+                f'{word} has no effect outside --ros-args: write monitor --ros-args {word} {value}'.rstrip()
+            )
+        given |= word in ('-p', '--param')
+        if word == '--params-file':
+            files.append(value)
+        if value.startswith('__ns:='):
+            space = f'/{value.removeprefix("__ns:=").strip("/")}'.rstrip('/')
+        if value.startswith('__node:='):
+            name = value.removeprefix('__node:=')
+    if not files:
+        return '' if given else 'no parameters are given: monitor --ros-args --params-file FILE'
+    found, faults = dict[str, object](), list[str]()
+    for path in files:
+        try:
+            found |= load_parameters(path, f'{space}/{name}')
+        except ConfigurationError as error:
+            faults.append(str(error))
+    if len(faults) == len(files):
+        return faults[0]
+    empty = [key for key, value in found.items() if value == []]
+    return f'{empty[0]} = [] is empty: give it at least one entry, or leave it out' if empty else ''
 
 
 def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:

@@ -23,13 +23,28 @@ import pytest
 import yaml
 from shared import ROOT
 
+from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError, StickslipError
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 from stickslip_monitor.ros import process as node
+from stickslip_monitor.ros.node import check_overrides
 
+QOS = 'qos_overrides./shaft/speed.subscription'
 UNITS = sorted((ROOT / 'launch_configs' / 'systemd').glob('*.service'))
+
+
+CONFIGURED = build_config(kit.parameters())
+
+
+def overridden(name: str, value: object) -> Any:
+    """A node whose topics are as they are given, with one override."""
+    parameters = {name.removeprefix('qos_overrides.'): SimpleNamespace(value=value)}
+    return SimpleNamespace(
+        resolve_topic_name=lambda topic: f'/{topic.replace("~", "stickslip_monitor").lstrip("/")}',
+        get_parameters_by_prefix=lambda prefix: parameters,
+    )
 
 
 def refused(program: Any, *texts: str) -> None:
@@ -49,7 +64,7 @@ def command(*arguments: str) -> list[str]:
 def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) -> None:
     missing = tmp_path / 'missing.yaml'
     for program, *texts in (
-        (run(*command('--params-file', str(missing))), 'failed to initialize rcl', str(missing)),
+        (run(*command('--params-file', str(missing))), f'{missing}: No such file or directory'),
         (run(*command('--no-such-option')), 'the ROS arguments cannot be used: ', '--no-such-option'),
         (
             start(kit.parameters(), '-r', f'__node:={"n" * 300}'),
@@ -63,6 +78,7 @@ def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) ->
     ('change', 'text'),
     [
         ({'bearings': []}, 'bearings'),
+        ({'qos_override./shaft/speed.subscription.depth': 5}, "did you mean 'qos_overrides'?"),
         ({'aft.speed.field': 'value'}, "std_msgs/msg/Float64 has no field 'value'; it has: data"),
         ({'use_sim_time': 'banana'}, "use_sim_time = 'banana' must be true or false"),
         ({'state_file': '/no/such/folder/x.json'}, 'there is no folder'),
@@ -77,6 +93,76 @@ def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) ->
 def test_a_bad_configuration_is_refused(host: Any, change: dict[str, Any], text: str) -> None:
     with pytest.raises(StickslipError, match=re.escape(text)):
         host(kit.parameters() | change)
+
+
+@pytest.mark.parametrize(
+    ('name', 'text'),
+    [
+        (f'{QOS}.deadline', 'it reads depth, durability, history, reliability'),
+        (f'{QOS}.relaibility', "; did you mean 'reliability'?"),
+        ('qos_overrides./shaft/sped.subscription.depth', "; did you mean '/shaft/speed.subscription'?"),
+        ('qos_overrides./shaft/speed.publisher.depth', 'the node has no such input or output'),
+    ],
+)
+def test_an_override_that_nothing_reads_is_named(name: str, text: str) -> None:
+    (note,) = check_overrides(overridden(name, 5), CONFIGURED)
+    assert note.startswith(f'{name} has no effect: ')
+    assert text in note
+
+
+@pytest.mark.parametrize(
+    ('policy', 'value', 'text'),
+    [
+        ('depth', 'many', "depth = 'many' must be a whole number, not below 0"),
+        ('depth', -1, 'depth = -1 must be a whole number'),
+        ('reliability', 'relaible', 'must be one of system_default, reliable, best_effort'),
+        ('reliability', 'relaible', "; did you mean 'reliable'?"),
+        ('history', True, 'history = True must be one of'),
+    ],
+)
+def test_an_override_with_another_value_is_refused(policy: str, value: object, text: str) -> None:
+    with pytest.raises(RosError, match=re.escape(text)):
+        check_overrides(overridden(f'{QOS}.{policy}', value), CONFIGURED)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [(f'{QOS}.reliability', 'reliable'), ('qos_overrides./diagnostics.publisher.depth', 1)]
+)
+def test_an_override_that_is_read_needs_no_word(name: str, value: object) -> None:
+    assert check_overrides(overridden(name, value), CONFIGURED) == []
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        ((), 'no parameters are given: monitor --ros-args --params-file FILE'),
+        (('--params-file', 'x'), '--params-file has no effect outside --ros-args: write monitor --ros-args'),
+        (('--ros-args', '--', '-p', 'x:=1'), '-p has no effect outside --ros-args'),
+        (('--ros-args', '--params-file', 'right.yaml'), ''),
+        (
+            ('--ros-args', '--params-file', 'section.yaml'),
+            "section.yaml has no parameters for '/stickslip_monitor': its sections are monitor; use '/**'",
+        ),
+        (('--ros-args', '-r', '__ns:=/port', '--params-file', 'port.yaml'), ''),
+        (('--ros-args', '--params-file', 'port.yaml'), "for '/stickslip_monitor': its sections are /port"),
+        (('--ros-args', '--params-file', 'section.yaml', '--params-file', 'right.yaml'), ''),
+        (('--ros-args', '--params-file', 'empty.yaml'), 'bearings = [] is empty: give it at least one entry'),
+    ],
+)
+def test_a_slip_in_how_parameters_are_given_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], text: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, section, names in (
+        ('right', '/**', '[aft]'),
+        ('section', 'monitor', '[aft]'),
+        ('port', '/port/stickslip_monitor', '[aft]'),
+        ('empty', '/**', '[]'),
+    ):
+        Path(f'{name}.yaml').write_text(f'{section}:\n  ros__parameters: {{bearings: {names}}}\n')
+    found = node._slip(arguments)
+    assert text in found
+    assert bool(found) == bool(text)
 
 
 def test_the_node_asks_what_check_would_ask(host: Any) -> None:
@@ -114,6 +200,7 @@ def test_signals_end_the_node_cleanly(start: Any, signals: list[Any]) -> None:
 STARTING = """
 import signal, sys
 from stickslip_monitor.ros import process as node
+from stickslip_monitor.ros.node import check_overrides
 install = signal.signal
 def noted(number, handler):
     install(number, handler)
