@@ -28,6 +28,7 @@ from stickslip_monitor.physics.averaging import fold_load, fold_speed, hopf_load
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck, speed_scales
+from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.probability import QUANTILES
 
 Range = tuple[float, float]
@@ -37,6 +38,8 @@ _LABEL_HEIGHT, _LABELLED = 0.91, 0.2
 # Length of the longest label of an amplitude, '0.25 mm' of 9 points, with the gap around it [inch].
 _LABEL_LENGTH = 0.72
 _LOADS_ABOVE_ONSET = 10.0
+# The map goes to twice the load at which friction was measured.
+_LOADS_BELOW_MEASURED = 0.5 * _LOADS_ABOVE_ONSET
 _SPEEDS_TRIED = 200
 _RPM_WITHOUT_SCALE = 60.0
 _LOAD_WITHOUT_SCALE = 1000.0
@@ -128,8 +131,9 @@ def map_ranges(
     if loads is None:
         onset = onset_load(bearing)
         own = bearing.lubrication
-        if not onset > 0.0 and own is not None and own.load_exponent > 0.0:
-            onset = own.load  # every load has boundaries, as at its own speeds
+        if own is not None and own.load_exponent > 0.0:
+            # Light loads have boundaries, too, at creeping speeds: that of the measurement is of interest.
+            onset = float(np.fmax(onset_load(as_measured(bearing)), own.load / _LOADS_BELOW_MEASURED))
         top = _LOADS_ABOVE_ONSET * onset if onset > 0.0 else _LOAD_WITHOUT_SCALE
         loads = 0.0, _ROOM * np.fmax(heaviest, onset) if heaviest > 0.0 else top
     return speeds or (0.0, max(diagram_speeds(bearing, loads[1])[1], 1.05 * fastest)), loads

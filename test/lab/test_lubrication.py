@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction at its load and temperature in scenes and calibrations: against laws written out for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sending import configured
+
+from stickslip_lab.calibration.calibration import courses_of
+from stickslip_lab.scenes.scene import Scene, simulate
+from stickslip_monitor import Stream, hopf_speed
+from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.physics.lubrication import viscosity
+
+LOAD = 2000.0
+SCALE = LOAD / 1000.0 * viscosity(15.0) / viscosity(5.0)
+FRICTION = {'at_load': 1000.0, 'load_exponent': 1.0, 'at_temperature': 15.0}
+HERE = {'friction': FRICTION, 'water_temperature': {'constant': 5.0}}
+WRITTEN_OUT = {'friction': {'decay': 10.0 / SCALE}}
+
+
+def test_a_lining_moves_as_that_of_the_law_written_out(make_scene: Callable[..., Scene]) -> None:
+    truth = []
+    for own in (HERE, WRITTEN_OUT):
+        effects = [
+            {'speed_profile': {'unit': 'rpm', 'points': [[0, 75], [20, 20]]}},
+            {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}},
+            {'lining_motion': {'disturbance': {'standard_deviation': 1.0, 'unit': 'N'}}},
+        ]
+        scene = make_scene(bearings={'aft': own}, duration=20.0, effects=effects)
+        truth.append({c.topic: c for block in simulate(scene) for c in block.truth if len(c.time)})
+    assert truth[0].keys() == truth[1].keys()
+    events = [t for t in truth[0] if 'event' in t]
+    assert events
+    for topic in events:
+        assert len(truth[0][topic].time) == len(truth[1][topic].time) > 0
+        # The disturbance moves s by a thousandth: sticks begin at the same period of the lining.
+        assert np.allclose(truth[0][topic].time, truth[1][topic].time, atol=0.5)
+
+
+def test_a_calibration_takes_reference_points() -> None:
+    config = configured(friction__at_load=1000.0, friction__load_exponent=1.0).bearings[0]
+    seconds = np.arange(60)
+    values = np.column_stack([np.full(60, LOAD), np.linspace(90.0, 30.0, 60)]).ravel()
+    stream = Stream(np.repeat(seconds * 10**9, 2), np.tile([1, 0], 60), values)
+    (course,) = courses_of('aft', BearingScan(config, 0).finish(stream, None))
+    assert course.load.max() == pytest.approx(1000.0)
+    plain = replace(config.bearing, lubrication=None)
+    there = hopf_speed(config.bearing, LOAD) / 2.0
+    assert there == pytest.approx(hopf_speed(plain, 1000.0), rel=1e-12)
+    assert course.speed.max() == pytest.approx(90.0 * np.pi * 0.1 / 60.0 / 2.0, rel=0.02)
