@@ -78,6 +78,18 @@ def factors_of(*names: str) -> dict[str, float]:
     return {name: _BY_NAME[name].factor / _BY_NAME[name].divisor for name in names}
 
 
+def conversion(name: str, other: str) -> float | None:
+    """Return how many of another unit one of a unit is; None where they measure different quantities.
+
+    >>> conversion('kN', 'N')
+    1000.0
+    """
+    own, to = _BY_NAME.get(name), _BY_NAME.get(other)
+    if own is None or to is None or own.quantity != to.quantity:
+        return None
+    return own.factor * to.divisor / (own.divisor * to.factor)
+
+
 def turning_factor(name: str, diameter: float) -> float:
     """Return the surface speed [m/s] that one of a unit of turning is on a journal.
 

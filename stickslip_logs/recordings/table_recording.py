@@ -37,6 +37,7 @@ from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.tables.clock import Cells, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
+from stickslip_logs.units import conversion
 
 _NAME = re.compile(
     r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
@@ -173,13 +174,19 @@ class TableRecording(Recording):
                     yield LogColumn(heading, k, unit=table.units[k])
             return
         name, value = self.names
-        units = [k for k, text in enumerate(table.names) if _UNIT.fullmatch(parse_heading(text).name)]
+        place = self.unit_place
         seen: dict[str, str] = {}
         for row in self._all_rows(name):
-            seen.setdefault(row[name], row[units[0]] if units and len(row) > units[0] else '')
+            seen.setdefault(row[name], row[place] if place is not None and len(row) > place else '')
         for own, unit in seen.items():
             heading, known = with_unit(own, unit)
             yield LogColumn(heading, value, own, known)
+
+    @property
+    def unit_place(self) -> int | None:
+        """The column of units in a table of one value a line, if there is one."""
+        names = enumerate(self.table.names) if self.names is not None else ()
+        return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
     def _status_of(self, column: int) -> int | None:
         """The column that says whether the numbers of another count: called so, or so and behind it."""
@@ -324,7 +331,10 @@ class TableReading:
         self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
         places = self._names or [own.column.place for own in columns.values()]
         statuses = {k for own in columns.values() if (k := own.status) is not None}
-        self._wanted = [*places, *statuses]
+        self._unit_place = recording.unit_place
+        units = set() if self._unit_place is None else {self._unit_place} - statuses
+        self._wanted = [*places, *statuses, *units]
+        self._converted: set[str] = set()
         self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
 
@@ -391,6 +401,9 @@ class TableReading:
                 cells, where = some_cells(cells, named), np.flatnonzero(named)
                 marks = some_cells(marks, named) if marks else marks
             found = self._recording.table.numbers(cells)
+            if own.column.name is not None and self._unit_place is not None:
+                texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
+                self._convert(found, some_cells(texts, named), own.column)
             if status is not None:
                 self._leave_out(found, marks, self._least_good[status])
             self._take_words(topic, found.words)
@@ -399,6 +412,28 @@ class TableReading:
             keep = rows.is_timed[row]
             part.numbers[topic] = number[row[keep]], own.sent(found.value[at[keep]])
         return part
+
+    def _convert(self, found: Numbers, units: Sequence[str], column: LogColumn) -> None:
+        """Convert numbers of a name whose lines have another unit than its first; leave out the others."""
+        name = column.name or ''
+        if column.heading == name and column.unit is None:
+            return  # its first line says no unit: what it is in is a matter of the reader
+        for text in sorted({*units}):
+            own = with_unit(name, text)
+            if text.strip(' []()-') == '' or own == (column.heading, column.unit):
+                continue
+            ratio = conversion(own[1] or '', column.unit or '')
+            rows = np.array([unit == text for unit in units], np.bool_) & found.is_there
+            if ratio is None:
+                found.value[rows] = np.nan
+                found.words[f'in {text.strip()[:17]}'] += int(np.count_nonzero(rows))
+            else:
+                found.value[rows] *= ratio
+            said = f"'{column.heading}' changes its unit: lines in {text.strip()} are "
+            said += 'left out' if ratio is None else f'converted to {column.unit}'
+            if said not in self._converted:
+                self._converted.add(said)
+                self._recording.note(said)
 
     @staticmethod
     def _leave_out(found: Numbers, marks: Sequence[str], least_good: float) -> None:

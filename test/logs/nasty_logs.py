@@ -418,6 +418,18 @@ LOGS = {
     'long, one name after the other': Log(
         'time,tag,value,unit\n@0,n,30,rpm\n@1,n,31,rpm\n@0,F,0.9,kN\n@1,F,1.1,kN\n', load=[900, 1100]
     ),
+    'one value a line, one in a unit of something else': Log(
+        'time,tag,value,unit\n@0,n,30,rpm\n@0,F,0.9,kN\n@1,n,31,rpm\n@1,F,5,bar\n',
+        load=[900, NAN],
+        says="'F' changes its unit: lines in bar are left out",
+    ),
+    'one value a line, units that change': Log(
+        'time,tag,value,unit\n@0,n,30,rpm\n@0,F,0.9,kN\n@1,n,0.5,Hz\n@1,F,1100,N\n@2,n,31,rpm\n@2,F,2,\n',
+        times=after(0, 1, 2),
+        speed=[30, 30, 31],
+        load=[900, 1100, 2000],
+        says="'F' changes its unit: lines in N are converted to kN",
+    ),
     'InfluxDB, annotated': Log(
         '#group,false,false,true,true,false,false,true\r\n'
         '#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string\r\n'

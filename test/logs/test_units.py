@@ -8,7 +8,7 @@ from collections import Counter
 
 import pytest
 
-from stickslip_logs.units import UNITS, factors_of, find_unit, names_of, turning_factor
+from stickslip_logs.units import UNITS, conversion, factors_of, find_unit, names_of, turning_factor
 
 
 def test_factors_are_those_of_the_si_brochure() -> None:
@@ -53,3 +53,11 @@ def test_a_letter_is_a_force_only_beside_one() -> None:
     unit = find_unit('[t]', 'force')
     assert unit is not None
     assert unit.name == 't'
+
+
+def test_units_are_converted_within_a_quantity_only() -> None:
+    """1 Hz is 60 rpm; a unit that is none measures nothing."""
+    assert conversion('Hz', 'rpm') == pytest.approx(60.0, rel=1e-15)
+    assert conversion('rpm', 'rad/s') == pytest.approx(math.tau / 60.0, rel=1e-15)
+    assert conversion('N', 'kN') == 1e-3
+    assert [conversion('N', 'rpm'), conversion('', 'N'), conversion('kip', 'N')] == [None, None, None]
