@@ -18,7 +18,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 .DEFAULT_GOAL := help
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
-SIGNALK := test/links/signalk_server
+SIGNALK := test/monitor/links/signalk_server
 .PHONY: help setup demo demo-ship dashboard signalk-server test test-all lint format docs bags
 .PHONY: bench bench-soak calibration-study fuzz simulate warning-quality colcon-test clean
 

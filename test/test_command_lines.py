@@ -47,8 +47,8 @@ def lines_of(page: Path) -> list[str]:
 
 LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in lines_of(page)}
 COMMANDS = sorted({' '.join(line.split()) for _, line in LINES if line.startswith('stickslip ')})
-# Those that need a cluster, a ship's bus or a node are run in test/offline, test/links and
-# test/ros, which have one; a line with an ellipsis is a pattern, and `init` asks a person.
+# Those that need a cluster, a ship's bus or a node are run in test/monitor: offline, links and
+# ros, which have one; a line with an ellipsis is a pattern, and `init` asks a person.
 # Those of the quick page build on one another.
 QUICK = ROOT / 'docs' / 'quick.md'
 RUN = [
