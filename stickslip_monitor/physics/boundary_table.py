@@ -158,7 +158,8 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     octaves = math.log2(curve.span.top / curve.span.onset)
     points = round(octaves * (_SMOOTH if curve.smooth else _BROKEN)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
-    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0  # beyond it is not in proportion
+    # Beyond the last load it is not in proportion then.
+    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0 or curve.grazing.rises
     if ends:  # in a step of its own: the line to what is unknown is no fold
         grid = np.append(grid, grid[-1] + grid[1])
     load = np.exp(onset + grid)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two folds of a bearing, from the least load with a cycle over the speed.
 
-Over the load a fold begins with an infinite slope, and that of a measured table jumps from one
-range of speeds with cycles to the next. Over the speed the least load is smooth and has one value.
-It is solved there, at many speeds at once, and the last speed at a load is read from that curve.
+At one load the speeds are scanned from the highest that friction can give downward, until the lining
+sticks; a root in that bracket is the fold. For many loads a curve is solved once: over the load a fold
+begins with an infinite slope, and that of a measured table jumps from one range of speeds with cycles
+to the next, but over the speed the least load is smooth and has one value. It is solved at many speeds
+at once, and the last speed at a load is read from that curve. Averaging is neither a guess nor a bound.
 
 The exact fold is where the slip phase only grazes the belt. The orbit from breakaway is followed
 to its turning point against the belt, and the orbit that grazes is followed back in time to its
@@ -19,7 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,50 +44,69 @@ from stickslip_monitor.physics.orbits import (
 )
 from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
-# Rounds of a search, its widest step, that towards where margins are finite, and how far from its
-# guess it goes without having passed what it looks for.
-_MOST_ROUNDS, _WIDEST, _OUTWARD, _FARTHEST = 40, 0.7, 0.4, 3.0
-# Error of long steps at most, how close they lead, and how well slopes are known then: folds of a
-# table are wanted to no more.
-_COARSE, _ROUGHLY, _KNOWN = 1e-7, 1e-5, 0.03
+# Rounds of a search: secants in brackets end within 12, halvings of a bracket within 25.
+_MAX_ROUNDS = 40
+# Widest step of a search in the logarithm, and that towards where margins are finite.
+_WIDEST, _OUTWARD = 0.7, 0.4
+# Error of the long steps that bracket a fold, and how close they lead.
+_COARSE, _ROUGHLY = 1e-7, 1e-5
+# How well, as a share, the slope of a margin is known after long steps.
+_KNOWN = 0.03
 # Orbits that turn take 640 steps of 1e-11 at most, measured up to 0.9 of critical damping, by the eighth
 # root of the error 1.8 times as many of 1e-13, and a fourth of those of 1e-7.
-_MOST_STEPS, _MOST_LONG_STEPS = 1200, 300
+_MAX_STEPS, _MAX_LONG_STEPS = 1200, 300
+# Steps of an orbit that is only asked whether it meets the belt, beyond critical damping.
+_MAX_CONTACT_STEPS = 4000
+# From one speed of the scan to the next of a smooth law, and of one in pieces, whose last speeds may
+# stick over 2 % only.
+_SMOOTH_RATIO, _BROKEN_RATIO = 1.06, 1.02
+# Speeds of the scan at a time, and places in which a peak between them is looked for.
+_ABREAST, _CLOSER = 12, 16
+# Slowest speed of the scan in units of the first scale of a law: below it friction is straight.
+_SLOWEST = 1e-3
+# How far below its guess a search without a bracket goes.
+_FARTHEST = 3.0
 # Times that the speeds of a curve are cut to where orbits turn.
 _CUTS = 2
-# Loads in units of the least with a cycle, and forces ``N Delta/(m omega V)``, up to which
-# averaging has the fold to 1e-10, and orbits gain too little to improve it.
-_WEAKLY, _SLIGHT = 1.003, 1e-6
-# As far as the larger loads of ships [N], or until friction would move the lining by so much [m],
-# and octaves of load from the onset: a steep law has its onset at some newtons, far from Coulomb's
-# 8 octaves above it; a soft lining (50 kg, 3 Hz) has slip so stiff at 200 kN that it takes
-# minutes.
-_LARGE, _GIVES, _OCTAVES = 2e5, 0.1, 8
-# Speeds of the scan for the onset; intervals of Chebyshev's speeds at first and at most; speeds
-# that are read from their series; of a law in pieces speeds of the curve, and of which each
-# so-many-th is solved.
-_SCAN, _FEWEST, _MOST, _READ, _BROKEN, _EVERY = 161, 32, 128, 1200, 1024, 8
-# Share of the onset's speed by averaging at which the exact one is looked for: it lies at 0.6 to 1.
-_BELOW_ONSET = 0.5
+# Loads in units of the least with a cycle up to which averaging has the fold to 1e-10 of a law that
+# falls most at rest: orbits gain too little there to improve it.
+_WEAKLY = 1.003
+# Forces ``N Delta/(m omega V)`` up to which the same holds.
+_SLIGHT = 1e-6
+# Largest load of a curve [N], or until friction would move the lining by so much [m]: a soft lining
+# (50 kg, 3 Hz) has slip so stiff at 200 kN that it takes minutes.
+_LARGE, _GIVES = 2e5, 0.1
+# Octaves of load of a curve from the onset at least: a steep law has its onset at some newtons, far
+# from Coulomb's 8 octaves above it.
+_OCTAVES = 8
+# Speeds of the scan for the onset, by averaging and by orbits.
+_SCAN, _ROUGH_SCAN = 161, 32
+# Intervals of Chebyshev's speeds at first and at most, and speeds that are read from their series.
+_FEWEST, _MOST, _READ = 32, 128, 1200
+# Of a law in pieces speeds of the curve, and of which each so-many-th is solved.
+_BROKEN, _EVERY = 1024, 8
+# Share of the onset's speed at which the curve of a smooth law begins, where a slower one has no fold.
+_BELOW_ONSET = 0.8
+# Share of the highest fold up to which the curve goes of friction that rises far out: at the highest
+# the least load and the largest that stick meet, and the curve is vertical.
+_BELOW_HIGHEST = 0.9
+# Loads at which the highest fold of a curve is looked for.
+_FEW_LOADS = 5
+# Least averaged slope, as a share of the steepest fall, by which a curve in pieces is scaled.
+_LEVEL = 1e-3
+# Loads in units of the largest of use at which a curve may end.
+_BEYOND = 8.0
 # Loads beyond the curve's that are solved one by one.
-_LARGER = 17
+_LARGER = 33
 # Last coefficients of a series that is long enough, and errors in ln N.
 _SHORT, _CLOSE = 1e-9, 1e-10
-# Loads in units of the least at any higher speed, up to which a speed can be the last.
-_MATTERS = 1.5
-# Speeds at which contact is looked for at first, in units of the averaged fold from and up to, and
-# parts of what is left, and steps.
-_FROM, _UP_TO, _SPEEDS, _PARTS, _MOST_OF_CONTACT = 3e-3, 1.05, 160, 8, 4000
-# Loads of such a curve, and the change of ln V from one to the next that is a jump.
+# Loads of a curve over the load, and the change of ln V from one to the next that is a jump.
 _CONTACTS, _JUMPS = 49, 0.5
 # Error of a step where the margin is to be known to all digits that matter.
 _FINE, _FINEST = 1e-11, 1e-13
 # Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
 # m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
 _ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
-_LARGEST_EXPONENT = 700.0
-# How fast ln N has to rise with ln V for a fold read from the curve to be improved by orbits.
-_RISES = 0.02
 # Share of the steepest fall from which a law falls most at rest: the bound is a rounding above it.
 _AS_STEEP = 1.0 - 1e-9
 
@@ -102,19 +123,8 @@ class Grazing:
         self.scales = list(speed_scales(self.law)) or [1.0]
         # What a turn of the free vibration takes of the logarithm of its amplitude.
         self.rate = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
-        self.lasting = self.lasting_speed(self.use.hold - self.use.top, 0.0)
         # Of a step: the margin has to be known to a share of the change that it makes.
         self.fine = min(max(1e-10 * self.rate, _FINEST), _FINE)
-
-    def lasting_speed(self, drop: float, rise: Any) -> Any:
-        """Speed over load [m/(s N)] at which a turn of the free vibration reaches the belt again.
-
-        It starts ``N drop/k`` from its middle at the belt's speed, and must have that speed again
-        when it has lost ``exp(-2 pi zeta)`` of its amplitude; ``rise`` adds to ``zeta``.
-        """
-        exponent = 2.0 * self.rate + 4.0 * math.pi * rise
-        lost = np.expm1(np.minimum(exponent, _LARGEST_EXPONENT))
-        return drop / (self.bearing.momentum * np.sqrt(lost))
 
     def margin(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
         """Logarithm of how far slip goes beyond what grazes.
@@ -135,7 +145,7 @@ class Grazing:
         e[n:], z[n:] = self._drawn(graze, ahead=False)
         e[n:] = np.where(z[n:] > 0.0, e[n:], -graze.offset)
         last, direction = np.where(z[:n] > 1.0, 1, 2), np.repeat([1.0, -1.0], n)
-        most = _MOST_STEPS if error <= _FINE else _MOST_LONG_STEPS
+        most = _MAX_STEPS if error <= _FINE else _MAX_LONG_STEPS
         most += 4 * len(self.use.kinks)  # a kink may take four
         route = Route(np.concatenate([last, np.ones(n, int)]), error, direction, most=most)
         with np.errstate(all='ignore'):
@@ -187,70 +197,220 @@ class Grazing:
         v = np.geomspace(1e-4 * self.scales[0], 1e3 * self.scales[-1], 700)
         return v, np.asarray(self.law.slope(v)), np.asarray(self.law.coefficient(v))
 
-    def by_averaging(self, speed: FloatArray) -> FloatArray:
-        """The least load with a cycle that reaches the belt, by averaging; ``inf`` for none [N].
+    @cached_property
+    def drop(self) -> float:
+        """What the coefficient of friction falls by at most."""
+        lowest = min(np.min(self._course[2]), np.min(self.law.coefficient(self.scales)))
+        return self.use.hold - float(lowest)
 
-        Averaging sees no cycle of a law that falls at once, which a turn of the free vibration
-        tells. Beyond critical damping nothing turns, and slip reaches the belt where steady sliding
-        is unstable.
+    @cached_property
+    def falls_most_at_rest(self) -> bool:
+        """Whether a smooth law falls most at rest: there averaging has the fold near its onset."""
+        return not self.use.kinks and not -float(self.law.slope(ALMOST_REST)) < self.use.fall * _AS_STEEP
+
+    @cached_property
+    def rises(self) -> bool:
+        """Whether friction rises beyond the last speed of its scale: large loads stick less then."""
+        return float(self.law.slope(4.0 * self.scales[-1])) > 0.0
+
+    @cached_property
+    def _gains(self) -> tuple[FloatArray, FloatArray]:
+        """Speeds ``V``, and what friction below ``V`` may exceed that above it by, up to the next speed."""
+        v, _, mu = self._course
+        order = np.argsort(np.append(v, self.scales), kind='stable')
+        v = np.append(v, self.scales)[order]
+        mu = np.append(mu, self.law.coefficient(self.scales))[order]
+        below = np.maximum.accumulate(np.maximum(mu, self.use.hold))
+        above = np.minimum.accumulate(mu[::-1])[::-1]
+        return v, np.append(below[1:], below[-1]) - above
+
+    @cached_property
+    def _swing(self) -> float:
+        """Speed over load and gain [m/(s N)] that no vibration exceeds.
+
+        Friction feeds a vibration most if it is highest wherever the lining moves with the belt and
+        lowest wherever it moves against it. The lining then swings by ``N gain/(2 k) coth(pi zeta'/2)``
+        to both sides, ``exp(-pi zeta')`` being left of the free one after half a turn.
         """
-        if self.bearing.damping_ratio >= 1.0:
-            fall = -np.asarray(self.law.slope(speed))
-        else:
-            fall = averaging.averaged(self.law).cusp_slope(self.law, speed)
-        with np.errstate(all='ignore'):
-            per_load = np.maximum(fall, 0.0) / self.bearing.damping + self.lasting / speed
-            return np.asarray(1.0 / per_load)
+        zeta = self.bearing.damping_ratio
+        half_turn = math.pi * zeta / math.sqrt(1.0 - zeta * zeta) if zeta < 1.0 else math.inf
+        return 0.5 / (self.bearing.momentum * math.tanh(0.5 * half_turn))
 
-    def loads(self, speed: FloatArray, guess: FloatArray, close: float, near: bool = False) -> FloatArray:
-        """The loads that graze at speeds [N], from guesses, to an error in ``ln N``; ``nan``: not found.
+    def highest_speeds(self, load: FloatArray) -> FloatArray:
+        """Return speeds above which the lining cannot stick at loads, whatever the law, shape (n,) [m/s]."""
+        v, gains = self._gains
+        swing = self._swing * load[:, None] * gains
+        last = v.size - 1 - np.argmax((swing >= v)[:, ::-1], axis=1)
+        top = swing[np.arange(load.size), last]
+        return np.where(last < v.size - 1, np.minimum(top, v[np.minimum(last + 1, v.size - 1)]), top)
 
-        With ``near`` guesses are right to 1e-3.
+    def least_loads(self, speed: FloatArray) -> FloatArray:
+        """Return loads below which the lining cannot stick at speeds, shape (n,) [N]."""
+        v, gains = self._gains
+        gain = gains[np.clip(np.searchsorted(v, speed, side='right') - 1, 0, v.size - 1)]
+        with np.errstate(divide='ignore'):
+            return np.maximum(speed / (self._swing * gain), self.bearing.damping / self.use.fall)
+
+    def excess(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
+        """The margin or, where what is drawn may fall off at a kink, whether slip meets the belt at all.
+
+        Args as of :meth:`margin`.
         """
-
-        def margin(x: FloatArray, rows: IndexArray, error: float) -> FloatArray:
-            return self.margin(speed[rows], np.exp(x), error)
-
-        return self._found(margin, np.log(guess), np.full(guess.size, self.rate), close, near)
-
-    def speeds(self, load: FloatArray, guess: FloatArray, close: float, near: bool = False) -> FloatArray:
-        """The speeds that graze at loads [m/s], as :meth:`loads`."""
+        if self.bearing.damping_ratio < 1.0 or not self.use.kinks:
+            return self.margin(speed, load, error)
+        route, begin = Route(3, error, contact=True, most=_MAX_CONTACT_STEPS), np.zeros(speed.size)
         with np.errstate(all='ignore'):
-            ratio = self.by_averaging(guess * 1.001) / self.by_averaging(guess)
-            rise = np.log(ratio) / math.log(1.001)
-        rate = -self.rate * np.where(rise > 1e-9, np.minimum(rise, 10.0), 1.0)
+            end = follow(slip_field(self.bearing, speed, load), begin, begin, route).end
+        return np.where(end == LANDED, np.inf, -np.inf)
 
-        def margin(x: FloatArray, rows: IndexArray, error: float) -> FloatArray:
-            # A fold by itself to 1e-12, where a curve is read to 1e-9.
-            return self.margin(np.exp(x), load[rows], error if error > self.fine else _FINEST)
+    def brackets(self, load: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+        """Bracket the last speed at which the lining sticks.
 
-        return self._found(margin, np.log(guess), rate, close, near)
+        The margin is looked at from the highest speed that friction can give downward.
 
-    def _found(
-        self, margin: _Margin, x: FloatArray, rate: FloatArray, close: float, near: bool
+        Args:
+            load: ``N`` > 0, shape (n,) [N].
+            ratio: From one speed of the scan to the next.
+
+        Returns:
+            A speed at which it sticks and the next one of the scan, at which it does not [m/s];
+            ``nan`` where it sticks at none; each of shape (n,).
+        """
+        low, high = np.full((2, load.size), np.nan)
+        shares = ratio ** -np.arange(-1.0, _ABREAST + 1.0)
+        live, top = np.arange(load.size), self.highest_speeds(load)
+        slowest = np.minimum(_SLOWEST * self.scales[0], _SLOWEST * top)
+        while live.size:
+            speed = top[live, None] * shares
+            inner = speed[:, 1:]
+            excess = self.excess(inner.ravel(), np.repeat(load[live], inner.shape[1]), _COARSE)
+            excess = excess.reshape(inner.shape)
+            sticks = excess > 0.0
+            peak = self._peaks(load[live], inner, excess)
+            for k in np.flatnonzero(sticks.any(axis=1) | np.isfinite(peak)):
+                first = int(np.argmax(sticks[k])) if sticks[k].any() else inner.shape[1] - 1
+                beside = inner[k, first] if sticks[k].any() else 0.0
+                low[live[k]] = max(np.nan_to_num(peak[k]), beside)
+                is_peak = low[live[k]] > beside
+                high[live[k]] = low[live[k]] * ratio ** (2.0 / _CLOSER) if is_peak else speed[k, first]
+            top[live] = inner[:, -1]
+            live = live[np.isnan(low[live]) & (top[live] > slowest[live])]
+        return low, high
+
+    def _peaks(self, load: FloatArray, speed: FloatArray, excess: FloatArray) -> FloatArray:
+        """Return the highest speed between those of a scan at which the lining sticks; ``nan`` for none.
+
+        A range of speeds so narrow shows in margins that rise towards it on both sides by more than
+        is missing.
+        """
+        left, here, right = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
+        with np.errstate(invalid='ignore'):
+            near = (here < 0.0) & (here >= left) & (here >= right)
+            near &= -here < np.maximum(here - left, here - right)
+        out = np.full(load.size, np.nan)
+        row, column = np.nonzero(near)
+        if row.size:
+            share = np.linspace(0.0, 1.0, _CLOSER + 1)[1:-1]
+            begin, end = speed[row, column + 2], speed[row, column]
+            closer = begin[:, None] * (end / begin)[:, None] ** share
+            found = self.excess(closer.ravel(), np.repeat(load[row], share.size), _COARSE) > 0.0
+            places = np.where(found.reshape(closer.shape), closer, np.nan)
+            for k, place in zip(row, np.fmax.reduce(places, axis=1), strict=True):
+                out[k] = np.fmax(out[k], place)
+        return out
+
+    def loads(
+        self, speed: FloatArray, close: float, most: float, rough: FloatArray | None = None
     ) -> FloatArray:
-        """Where margins vanish: by long steps first, then as close as is wanted."""
-        coarse = min(max(1e-5 * float(np.min(np.abs(rate), initial=1.0)), 1e-10), _COARSE)
+        """Return the least loads that graze at speeds [N], ``nan`` for none.
+
+        The search goes from the least load that can give such a speed upward.
+
+        Args:
+            speed: ``V`` > 0, shape (n,) [m/s].
+            close: Error in ``ln N``.
+            most: The largest load of interest [N].
+            rough: Speeds and such loads of a rough scan, ``inf`` for none, shape (2, m).
+        """
+        n = speed.size
+        with np.errstate(divide='ignore'):
+            least = np.log(self.least_loads(speed))
+        least[least == np.inf] = np.nan  # friction falls nowhere about such a speed
+        guess = least
+        if rough is not None:
+            with np.errstate(invalid='ignore'):
+                near = np.interp(np.log(speed), *np.log(rough))
+            guess = np.where(np.isfinite(near) & np.isfinite(least), np.fmax(near, least), least)
+        search = _Search(guess, np.full(n, self.rate), least, np.full(n, np.inf), math.log(most))
+        return self._found(search, lambda x, rows, error: self.margin(speed[rows], np.exp(x), error), close)
+
+    def loads_from(self, speed: FloatArray, guess: FloatArray, close: float) -> FloatArray:
+        """Return the loads that graze at speeds, from guesses that are right to 1e-3 [N]."""
+        x, n = np.log(guess), speed.size
+        endless, most = np.full(n, np.inf), float(np.max(x, initial=0.0)) + _FARTHEST
+        search = _Search(x, np.full(n, self.rate), -endless, endless, most)
+        return self._found(
+            search, lambda x, rows, error: self.margin(speed[rows], np.exp(x), error), close, near=True
+        )
+
+    def speeds(self, load: FloatArray, close: float) -> FloatArray:
+        """Return the last speeds at which the lining sticks at loads [m/s]; ``nan`` for none."""
+        low, high = self.brackets(load, _BROKEN_RATIO if self.use.kinks else _SMOOTH_RATIO)
+        rows = np.flatnonzero(low > 0.0)
+        out = np.full(load.size, np.nan)
+        x, y, n = np.log(low[rows]), np.log(high[rows]), load[rows]
+
+        def margin(x: FloatArray, which: IndexArray, error: float) -> FloatArray:
+            # A fold by itself to 1e-12, where a curve is read to 1e-9.
+            return self.excess(np.exp(x), n[which], error if error > self.fine else _FINEST)
+
+        every = np.arange(rows.size)
+        above, below = (margin(place, every, _COARSE) for place in (x, y))
+        with np.errstate(all='ignore'):
+            secant = (below - above) / (y - x)
+            known = np.isfinite(secant) & (above > 0.0) & (below < 0.0)
+            guess = np.where(known, x - above / secant, 0.5 * (x + y))
+        rate = np.where(known, secant, -self.rate)
+        out[rows] = self._found(_Search(guess, rate, x, y, math.inf), margin, close)
+        return out
+
+    def _found(self, search: _Search, margin: _Margin, close: float, near: bool = False) -> FloatArray:
+        """Return where margins vanish: by long steps first, then as close as is wanted."""
+        coarse = min(max(1e-5 * float(np.min(np.abs(search.rate), initial=1.0)), 1e-10), _COARSE)
         if not near:
-            x, rate = _solved(lambda x, rows: margin(x, rows, coarse), x, rate, _ROUGHLY, 1.0)
+            x, rate = _solved(lambda x, rows: margin(x, rows, coarse), search, _ROUGHLY, 1.0)
+            search = search._replace(guess=x, rate=rate)
         if close < _ROUGHLY:
-            x, rate = _solved(lambda x, rows: margin(x, rows, self.fine), x, rate, close, _KNOWN)
+            x, _ = _solved(lambda x, rows: margin(x, rows, self.fine), search, close, _KNOWN)
         return np.exp(x)
 
 
+class _Search(NamedTuple):
+    """Where margins are to vanish.
+
+    Attributes:
+        guess: Shape (n,).
+        rate: About the slope of the margins, all of one sign, shape (n,).
+        low: Below it no margin vanishes, shape (n,).
+        high: Nor above it, shape (n,).
+        most: The largest place of interest.
+    """
+
+    guess: FloatArray
+    rate: FloatArray
+    low: FloatArray
+    high: FloatArray
+    most: float
+
+
 def _solved(
-    margin: Callable[[FloatArray, IndexArray], FloatArray],
-    guess: FloatArray,
-    rate: FloatArray,
-    close: float,
-    known: float,
+    margin: Callable[[FloatArray, IndexArray], FloatArray], search: _Search, close: float, known: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Where margins vanish, from guesses: secants within brackets, all at once.
+    """Return where margins vanish: secants within brackets, all at once.
 
     Args:
         margin: Of places and their indices; may be infinite.
-        guess: Shape (n,).
-        rate: About the slope of the margins, all of one sign, shape (n,).
+        search: Where they are looked for.
         close: How well a place is to be known.
         known: How well, as a share, the slopes are known.
 
@@ -258,11 +418,12 @@ def _solved(
         The places, ``nan`` where they were not found, and the slopes there, ``inf`` where margins jump,
         each of shape (n,).
     """
+    guess, rate = search.guess, search.rate
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
-    low, high, before, value_before = np.multiply.outer([-np.inf, np.inf, np.nan, np.nan], np.ones(n))
+    low, high, before, value_before = search.low.copy(), search.high.copy(), *np.full((2, n), np.nan)
     live, last = np.flatnonzero(np.isfinite(x) & np.isfinite(slope)), np.full(n, known)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         if not live.size:
             break
         at = x[live]
@@ -287,7 +448,7 @@ def _solved(
         slope[live[jumps]] = np.inf
         before[live], value_before[live], x[live] = at, value, new
         last[live] = np.minimum(np.abs(move), 1.0)
-        far = ~both & (np.abs(new - guess[live]) > _FARTHEST)
+        far = ~both & ((new > search.most) | (new < guess[live] - _FARTHEST))
         x[live[far]] = np.nan
         live = live[~done & ~far & ~jumps]
     x[live] = np.nan
@@ -313,71 +474,20 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
         out[falls & (np.asarray(averaging.fold_speed(bearing, loads)) == np.inf)] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
     if rows.size:
-        read = _by_contact if bearing.damping_ratio >= 1.0 else _read
-        out[rows] = (read if use.kinks else _solve)(bearing, loads[rows])
+        out[rows] = _last_speeds(bearing, loads[rows])
     return out[back]
 
 
-def _solve(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """The exact folds of a smooth law, which has cycles up to one speed."""
-    grazing, law = Grazing(bearing), bearing.friction
-    far = 4.0 * grazing.scales[-1]
-    steady, rise = float(law.coefficient(far)), max(float(law.slope(far)), 0.0)
-    drop = max(grazing.use.hold - (steady - rise * far), 0.0)
-    with np.errstate(all='ignore'):
+def _last_speeds(bearing: Bearing, load: FloatArray) -> FloatArray:
+    """Return the last speeds at which the lining sticks with damping [m/s]; ``nan`` for none."""
+    grazing, out = Grazing(bearing), np.full(load.size, np.nan)
+    slight = np.zeros(load.size, bool)
+    if grazing.falls_most_at_rest:
         averaged = np.asarray(averaging.fold_speed(bearing, load))
-        coulomb = load * grazing.lasting_speed(drop, 0.5 * rise * load / bearing.momentum)
-        guess = np.fmax(averaged, coulomb)
         slight = load * grazing.use.fall < _WEAKLY * bearing.damping
-        slight |= drop * load / bearing.momentum < _SLIGHT * averaged
-        heavy = bearing.damping + rise * load >= 2.0 * bearing.momentum
-        guess = np.where(heavy, np.fmax(np.asarray(averaging.hopf_speed(bearing, load)), coulomb), guess)
-    out = np.where(slight, averaged, np.nan)
-    rows = np.flatnonzero(~slight & (guess > 0.0) & (guess < np.inf))
-    out[rows] = grazing.speeds(load[rows], guess[rows], 1e-10)
-    return out
-
-
-def _read(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """The exact folds of any law: read from its curve, and improved where that is steep enough."""
-    curve = fold_curve(bearing)
-    if curve is None:
-        return np.full(load.size, np.nan)
-    out = curve.exact_fold(load)
-    with np.errstate(all='ignore'):
-        speed, exact = np.log(curve.exact)
-        i = np.clip(np.searchsorted(speed, np.log(out)) - 1, 0, speed.size - 2)
-        steep = (exact[i + 1] - exact[i]) / (speed[i + 1] - speed[i]) > _RISES
-    rows = np.flatnonzero(steep & (out > 0.0))
-    if rows.size:
-        improved = curve.grazing.speeds(load[rows], out[rows], _CLOSE, near=True)
-        near = np.abs(np.log(improved / out[rows])) < _RISES
-        out[rows[near]] = improved[near]
-    return out
-
-
-def _by_contact(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """The last speeds at which slip meets the belt, of many, each time between two of them.
-
-    For much damping of a law in pieces: what is drawn to a slow manifold falls off it at some kink,
-    whatever averaging sees.
-    """
-    averaged = np.asarray(averaging.fold_speed(bearing, load))
-    rows = np.flatnonzero(averaged > 0.0)
-    low, high = averaged[rows] * _FROM, averaged[rows] * _UP_TO
-    out, number = np.full(load.size, np.nan), _SPEEDS
-    route = Route(3, _COARSE, contact=True, most=_MOST_OF_CONTACT)
-    while rows.size and np.max(high / low) > 1.0 + _ROUGHLY:
-        speed = np.exp(np.linspace(np.log(low), np.log(high), number + 1, axis=1))
-        v, begin = speed[:, :-1].ravel(), np.zeros(rows.size * number)
-        with np.errstate(all='ignore'):
-            end = follow(slip_field(bearing, v, np.repeat(load[rows], number)), begin, begin, route).end
-        lands = end.reshape(-1, number) == LANDED
-        some = lands.any(axis=1)
-        last = number - 1 - np.argmax(lands[some, ::-1], axis=1)
-        rows, speed, every = rows[some], speed[some], np.arange(last.size)
-        low, high, number = speed[every, last], speed[every, last + 1], _PARTS
-    out[rows] = low
+        slight |= grazing.drop * load / bearing.momentum < _SLIGHT * averaged
+        out[slight] = averaged[slight]
+    out[~slight] = grazing.speeds(load[~slight], 1e-10)
     return out
 
 
@@ -390,7 +500,7 @@ class FoldRange(NamedTuple):
         high: The fastest one with an exact fold [m/s].
         onset: The least load with a cycle under averaging [N].
         top: The largest load [N].
-        limit: ``N/V`` up to which large loads have a cycle, as Coulomb's law has it [N s/m].
+        rough: Speeds and the least loads that graze there, ``inf`` for none, shape (2, m).
     """
 
     scale: float
@@ -398,7 +508,7 @@ class FoldRange(NamedTuple):
     high: float
     onset: float
     top: float
-    limit: float
+    rough: FloatArray
 
     def places(self, share: FloatArray) -> FloatArray:
         """Speeds at shares of the way from the slowest to the fastest [m/s]."""
@@ -505,46 +615,42 @@ def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
 
 
 def _range(grazing: Grazing) -> FoldRange | None:
-    """The speeds at which the fold lies of loads from the onset to the largest of use."""
+    """Return the loads and speeds of a curve by a rough scan of both; ``None`` for no cycle at all."""
     bearing, law, breaks = grazing.bearing, grazing.law, grazing.scales
-    in_pieces = len(grazing.use.kinks) > 0
-    scan, least = _averaged_curve(grazing)
-    rows = (scan >= 1e-3 * breaks[0]) & (scan <= 300.0 * breaks[-1])
-    scan, least = scan[rows], least[rows]
-    near = grazing.by_averaging(scan)
-    both = np.fmin(least, near)
-    k = int(np.argmin(both))
-    onset = float(both[k])
+    least = _averaged_curve(grazing)[1]
+    lowest = _SLOWEST * breaks[0]
+    averaged = float(np.min(least, initial=np.inf))
+    most = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
+    bounds = (most, bearing.damping / grazing.use.fall, float(grazing.least_loads(np.array([lowest]))[0]))
+    most = max(bounds[0], 2.0**_OCTAVES * bounds[1], 2.0**_OCTAVES * bounds[2])
+    rough = np.geomspace(
+        lowest, max(float(grazing.highest_speeds(np.array([most]))[0]), 4.0 * lowest), _ROUGH_SCAN
+    )
+    exact = np.nan_to_num(grazing.loads(rough, _ROUGHLY, most), nan=np.inf)
+    k = int(np.argmin(exact))
+    onset, octaves = min(averaged, float(exact[k])), _OCTAVES
     if not onset < np.inf:
         return None
-    octaves = _OCTAVES
-    if grazing.lasting == 0.0:
-        if k == 0:  # the least at rest
+    if grazing.use.fall < math.inf:
+        if grazing.falls_most_at_rest:
             onset = bearing.damping / float(-law.slope(ALMOST_REST))
-        most = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
-        octaves = max(octaves, math.ceil(math.log2(max(most / onset, 1.0))))
-    top, low = onset * 2.0**octaves, float(scan[k]) * (_BELOW_ONSET if k else 1.0)
-    fall = grazing.use.hold - float(np.min(law.coefficient(scan)))
-    limit = 1.0 / float(grazing.lasting_speed(max(fall, 1e-300), 0.0))
-    below = np.flatnonzero(near <= top)
-    high = float(scan[below[-1]]) if below.size else low
-    falls_on, rises = bool(np.isfinite(near[-1])), float(law.slope(scan[-1])) > 0.0
-    if falls_on:
-        high = max(high, top / limit)
-    last = high
-    if falls_on or not (in_pieces or rises):  # where friction rises again no load reaches further
-        found = 1.01 * float(grazing.speeds(np.array([top]), np.array([high]), 1e-3)[0])
-        last = found if found > 0.0 else high
+        octaves = max(octaves, math.ceil(math.log2(max(bounds[0] / onset, 1.0))))
+    top = onset * 2.0**octaves
+    reached = rough[exact <= top]
+    last = float(reached[-1]) if reached.size else lowest
+    # Where friction rises with the speed, or damping is strong, larger loads may stick up to lower speeds.
+    loads = np.geomspace(min(float(exact[rough == last][0]), 0.5 * top), top, _FEW_LOADS)
+    folds = grazing.brackets(loads, _SMOOTH_RATIO)[1]
+    highest = max(float(np.fmax.reduce(folds)), last)
+    high = _BELOW_HIGHEST * highest if grazing.rises else highest
+    in_pieces = len(grazing.use.kinks) > 0
+    low = lowest
+    if k and not in_pieces:
+        low = float(rough[k - 1]) if exact[k - 1] < np.inf else _BELOW_ONSET * float(rough[k])
     scale = max(breaks[0], breaks[-1] / 50.0) if in_pieces else breaks[0]
-    return FoldRange(scale, low, max(high, last) if in_pieces else last, onset, top, limit)
-
-
-def _first_guess(grazing: Grazing, span: FoldRange, speed: FloatArray) -> FloatArray:
-    """Loads that graze, to some tens of percent [N]."""
-    least = grazing.by_averaging(speed)
-    far = speed > 10.0 * grazing.scales[0]
-    least = np.where(far, np.minimum(least, span.limit * speed), least)
-    return np.asarray(np.minimum(least, 1.5 * span.top))
+    return FoldRange(
+        scale, low, highest if in_pieces else max(high, 2.0 * low), onset, top, np.stack([rough, exact])
+    )
 
 
 def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatArray]:
@@ -561,7 +667,7 @@ def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatA
     larger = _NOTHING
     if exact[-1] < math.log(span.top):
         x = np.linspace(exact[-1], math.log(span.top), _LARGER)
-        larger = np.stack([x, _solve(grazing.bearing, np.exp(x))])
+        larger = np.stack([x, _last_speeds(grazing.bearing, np.exp(x))])
     return np.stack([known.places(share), np.exp(exact)]), larger
 
 
@@ -575,10 +681,10 @@ def _series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[Float
         share = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)
         speed = span.places(share)
         if not solved.size:
-            solved = np.log(grazing.loads(speed, _first_guess(grazing, span, speed), _CLOSE))
+            solved = np.log(grazing.loads(speed, _CLOSE, _BEYOND * span.top, span.rough))
         else:
             guess = np.exp(np.polynomial.chebyshev.chebval(2.0 * share[1::2] - 1.0, series))
-            fresh = np.log(grazing.loads(speed[1::2], guess, _CLOSE, near=True))
+            fresh = np.log(grazing.loads_from(speed[1::2], guess, _CLOSE))
             solved = np.insert(solved, np.arange(1, solved.size), fresh)
         lost = np.flatnonzero(np.isnan(solved))
         if lost.size:
@@ -592,30 +698,27 @@ def _series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[Float
 
 
 def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
-    """Of a law in pieces: the ratio to averaging is solved at some speeds and joined."""
+    """Return speeds and loads of a law in pieces: the ratio to averaging is solved at some and joined."""
     place = np.arange(_BROKEN + 1) / _BROKEN
     speed = span.places(place)
-    averaged = np.minimum(grazing.by_averaging(speed), 1e3 * span.top)
-    # A speed matters where no higher one has a cycle at less load.
-    above = np.minimum.accumulate(averaged[::-1])[::-1]
-    matters = averaged <= _MATTERS * above
-    rows = np.flatnonzero(matters & (np.arange(speed.size) % _EVERY == 0))
-    guess = np.minimum(_first_guess(grazing, span, speed[rows]), averaged[rows])
-    ratio = np.log(grazing.loads(speed[rows], guess, _ROUGHLY) / averaged[rows])
+    slope = averaging.averaged(grazing.law).cusp_slope(grazing.law, speed)
+    shape = grazing.bearing.damping / np.maximum(slope, _LEVEL * grazing.use.fall)
+    rows = np.arange(0, speed.size, _EVERY)
+    ratio = np.log(grazing.loads(speed[rows], _ROUGHLY, _BEYOND * span.top, span.rough) / shape[rows])
     found = np.isfinite(ratio)
     exact = np.full(speed.size, np.inf)
     if np.count_nonzero(found) > 1:
         lost = np.interp(place, place[rows], ~found) > 0.0
         rows, ratio = rows[found], ratio[found]
         joined = hermite(place[rows], ratio, monotone_slopes(place[rows], ratio), place)
-        exact = np.where(matters & ~lost, averaged * np.exp(joined), np.inf)
+        exact = np.where(lost, np.inf, shape * np.exp(joined))
     return np.stack([speed, exact])
 
 
 def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
     """Of a law in pieces beyond critical damping: over the load, unknown where it jumps."""
     x = np.linspace(math.log(span.onset), math.log(span.top), _CONTACTS)
-    fold = _by_contact(grazing.bearing, np.exp(x))
+    fold = _last_speeds(grazing.bearing, np.exp(x))
     with np.errstate(all='ignore'):
         jumps = np.flatnonzero(np.abs(np.diff(np.log(fold))) > _JUMPS)
     fold[jumps] = np.nan

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -60,6 +60,58 @@ def test_stick_slip_ends_at_the_fold(bearing, load):
     below, above = exact_cycle(bearing, fold * np.array([1.0 - 3e-6, 1.0 + 3e-6]), load).kind
     assert below == CycleKind.STICK_SLIP
     assert above == CycleKind.NONE
+
+
+@dataclass(frozen=True)
+class RisesFarOut:
+    """``0.2 + 0.15 (1 - tanh 10 v) + 0.02 ln(1 + 10 v)``: friction that falls, and rises far out."""
+
+    static: float = 0.35
+    breakpoints: tuple[float, ...] = ()
+
+    def coefficient(self, speed):
+        v = np.asarray(speed, float)
+        u = np.abs(v)
+        falls = 0.15 * (1.0 - np.tanh(10.0 * u))
+        return np.where(v < 0.0, -1.0, 1.0) * (0.2 + falls + 0.02 * np.log1p(10.0 * u))
+
+    def slope(self, speed):
+        u = np.abs(np.asarray(speed, float))
+        return -1.5 / np.cosh(np.minimum(10.0 * u, 300.0)) ** 2 + 0.2 / (1.0 + 10.0 * u)
+
+
+TWO_FALLS = Tabulated([0.0, 0.05, 0.1, 0.15, 0.3, 0.33, 0.6], [0.3, 0.22, 0.2, 0.2, 0.19, 0.12, 0.1])
+RISES_FIRST = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.15, 0.25, 0.3, 0.2, 0.12, 0.1])
+
+
+@pytest.mark.parametrize(
+    ('bearing', 'load', 'slowest', 'fastest'),
+    [
+        # Averaging has its fold far below: stick-slip of 6.8 mm was called stable.
+        (bench(RisesFarOut()), 1e5, 0.5, 2.0),
+        (Bearing(106.0, 4542.5, 8.267e7, TWO_FALLS, 0.1), 8878.0, 0.05, 0.5),
+        (bench(RISES_FIRST), 1160.0, 0.05, 0.5),
+    ],
+)
+def test_the_fold_is_where_a_dense_grid_of_cycles_ends_whatever_averaging_says(
+    bearing, load, slowest, fastest
+):
+    speed = np.geomspace(slowest, fastest, 200)
+    sticks = exact_cycle(bearing, speed, load).kind == CycleKind.STICK_SLIP
+    low, high = speed[np.flatnonzero(sticks)[-1] + np.array([0, 1])]
+    fold = exact_fold_speed(bearing, load)
+    assert low < fold < high
+    below, above = exact_cycle(bearing, fold * np.array([1.0 - 3e-5, 1.0 + 3e-5]), load).kind
+    assert below == CycleKind.STICK_SLIP
+    assert above != CycleKind.STICK_SLIP
+
+
+def test_no_lining_sticks_beyond_the_speeds_that_friction_can_give():
+    """Against the fold of a law that feeds a vibration all it can: Coulomb's falls at once."""
+    for damping in (4.0, 400.0, 8e3):
+        bearing = bench(Coulomb(0.3, 0.1), damping)
+        (highest,) = folds.Grazing(bearing).highest_speeds(np.array([1000.0]))
+        assert 1.0 < highest / exact_fold_speed(bearing, 1000.0) < 100.0
 
 
 def test_a_fold_in_proportion_to_the_load_under_coulombs_law():
@@ -134,7 +186,7 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
     monkeypatch.setattr(folds, 'follow', counted)
     bearing = bench(measured(count, noise, count))
     table = boundary_table(bearing)
-    assert 300 < followed < 800
+    assert 600 < followed < 1800
     # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
     for load, rtol in (500.0, 1e-4), (3000.0, 1e-4), (9000.0, 1e-4), (150_000.0, 1e-3):
         np.testing.assert_allclose(table.exact(load), exact_fold_speed(bearing, load), rtol=rtol)
