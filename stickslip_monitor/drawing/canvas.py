@@ -145,7 +145,7 @@ _STYLE = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The style of every picture, for as long as it is drawn.
+    """Apply the style of every picture, for as long as it is drawn.
 
     Raises:
         DrawingError: matplotlib is not installed.
@@ -165,7 +165,7 @@ def style() -> Iterator[None]:
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
-    """An empty figure of a width and height [inch], unknown to pyplot; inside :func:`style`."""
+    """Make an empty figure of a width and height [inch], unknown to pyplot; inside :func:`style`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -183,7 +183,7 @@ def labelled(
     size: tuple[float, float] = (WIDTH, HEIGHT),
     box: tuple[float, float, float, float] = (0.085, 0.125, 0.89, 0.81),
 ) -> tuple[Figure, Axes]:
-    """A figure with one panel, its title above and a footnote below; inside :func:`style`.
+    """Make a figure with one panel, its title above and a footnote below; inside :func:`style`.
 
     Size is width and height [inch], the box left, bottom, width and height of the panel, as parts
     of the figure.
@@ -236,7 +236,7 @@ def regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> No
 
 
 def envelope(most: int, *columns: Any) -> IndexArray:
-    """Which points of a recording to draw, so that the line keeps its outline.
+    """Choose the points of a recording to draw, so that the line keeps its outline.
 
     The points are taken in blocks of one length; of each block stay the least and the greatest
     value of every column, at its own instant, and an interruption.
@@ -287,7 +287,7 @@ def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     file = io.BytesIO()
     with style():
         figure.savefig(file, format=suffix[1:], dpi=_DPI, metadata=named)
-    with _writing(path):
+    with _translate_os_errors(path):
         write_whole(path, file.getvalue(), mark, force=force)
 
 
@@ -306,12 +306,12 @@ def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: boo
     writer.writerow(columns)
     headings = text.getvalue().encode()
     writer.writerows(['' if v != v else str(v) for v in row] for row in rows)
-    with _writing(path):
+    with _translate_os_errors(path):
         write_whole(path, text.getvalue().encode(), headings, force=force)
 
 
 @contextmanager
-def _writing(path: str | Path) -> Iterator[None]:
+def _translate_os_errors(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -326,7 +326,7 @@ _HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
 def inline_svg(figure: Figure, name: str, text: str) -> str:
-    """A figure as an ``svg`` element to be put into a page.
+    """Return a figure as an ``svg`` element to be put into a page.
 
     The colours of the palette are variables (:func:`variable`) that the page sets, so that a dark
     page has a dark picture.
@@ -354,5 +354,5 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
 
 
 def variable(colour: str) -> str:
-    """The name of the variable that holds a colour of the palette."""
+    """Return the name of the variable that holds a colour of the palette."""
     return f'--c{colour[1:]}'

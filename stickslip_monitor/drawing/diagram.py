@@ -36,7 +36,7 @@ _HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
 
 class BranchMark(NamedTuple):
-    """Where a branch ends: at a Hopf it meets the equilibrium, at a fold another cycle."""
+    """End of a branch: at a Hopf it meets the equilibrium, at a fold another cycle."""
 
     kind: str  # 'Hopf' or 'fold'
     speed: float  # of the surface [m/s]
@@ -67,7 +67,7 @@ class Diagram:
 
 
 def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: int = 400) -> Diagram:
-    """Every limit cycle of the averaged model at a load > 0 [N], and the exact one.
+    """Compute every limit cycle of the averaged model at a load > 0 [N], and the exact one.
 
     From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
     the ends of branches come on top.
@@ -82,8 +82,8 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
     # At both sides of the law's break points the balance may jump.
     between = np.linspace(grid[0], grid[-1], _COLUMNS), corners(bearing, (grid[0], grid[-1]), load)
     scan = np.union1d(grid, np.concatenate(between))
-    cycles = _amplitudes(bearing, scan, load)
-    turns = _turns(bearing, load, scan, cycles)
+    cycles = _find_amplitudes(bearing, scan, load)
+    turns = _find_turns(bearing, load, scan, cycles)
     marks = [turn.mark for turn in turns]
     ends = [mark.speed for mark in marks]
     speed = np.union1d(grid, ends)
@@ -94,9 +94,9 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
         speed=speed,
         sliding_limit=speed / bearing.natural_frequency,
         growth_rate=np.asarray(growth_rate(bearing, speed, load)),
-        branches=tuple(_branches(speed, turns, cycles[rows])),
+        branches=tuple(_join_branches(speed, turns, cycles[rows])),
         marks=tuple(marks),
-        spans=_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
+        spans=_find_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
         exact=np.asarray(exact_amplitude(bearing, speed, load)),
         exact_fold=exact_fold,
     )
@@ -111,18 +111,18 @@ class _Turn(NamedTuple):
     own: slice  # which of those on the side that has more of them appear or vanish
 
 
-def _amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
+def _find_amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
     return stationary_amplitudes(bearing, speed, load).amplitude
 
 
-def _turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray) -> list[_Turn]:
-    """Where the number of cycles changes, between ever closer ones of the rising speeds."""
+def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray) -> list[_Turn]:
+    """Find where the number of cycles changes, between ever closer ones of the rising speeds."""
     counts = np.isfinite(amplitude).sum(axis=1)
     ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, counts))
     while np.any(ends[1] - ends[0] > _ROUNDING * ends[1]):
         low, high = ends[:, cycles[0] != cycles[1]]
         parts = np.linspace(low, high, _PARTS + 1)
-        found = np.isfinite(_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
+        found = np.isfinite(_find_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
         ends, cycles = (
             np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, found.reshape(parts.shape))
         )
@@ -132,13 +132,15 @@ def _turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatAr
     apart = np.flatnonzero(np.diff(ends[0]) > _SAME * ends[0, 1:]) + 1
     groups = np.split(ends, apart, axis=1) if ends.size else []
     known = float(fold_speed(bearing, load)), float(hopf_speed(bearing, load))
-    turns = [_turn(bearing, load, known, float(group[0, 0]), float(group[1, -1])) for group in groups]
+    turns = [
+        _classify_turn(bearing, load, known, float(group[0, 0]), float(group[1, -1])) for group in groups
+    ]
     return [turn for turn in turns if turn.before.size != turn.after.size]
 
 
-def _turn(bearing: Bearing, load: float, known: Range, low: float, high: float) -> _Turn:
-    """What happens between two neighbouring speeds; ``known`` are fold and Hopf speed [m/s]."""
-    rows = _amplitudes(bearing, np.array([low, high]), load)
+def _classify_turn(bearing: Bearing, load: float, known: Range, low: float, high: float) -> _Turn:
+    """Return what happens between two neighbouring speeds; ``known`` are fold and Hopf speed [m/s]."""
+    rows = _find_amplitudes(bearing, np.array([low, high]), load)
     before, after = (row[np.isfinite(row)] for row in rows)
     speed = next((v for v in known if math.isclose(v, high, rel_tol=_SAME)), high)
     more, change = max(before, after, key=len), abs(before.size - after.size)
@@ -152,8 +154,8 @@ def _turn(bearing: Bearing, load: float, known: Range, low: float, high: float) 
     return _Turn(BranchMark('fold', speed, amplitude), before, after, own)
 
 
-def _branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> list[Branch]:
-    """The cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
+def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> list[Branch]:
+    """Return the cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
     most = max((max(turn.before.size, turn.after.size) for turn in turns), default=0)
     # A stretch with more may be too short for a speed.
     missing = max(most - cycles.shape[1], 0)
@@ -161,7 +163,7 @@ def _branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> 
     found: list[Branch] = []
 
     def begun(count: int, own: slice) -> list[Branch]:
-        """Some of so many cycles: the largest is stable, and so is every other one below it."""
+        """Begin branches for some of ``count`` cycles; every other one from the largest down is stable."""
         stable = [(count - k) % 2 == 1 for k in range(count)[own]]
         new = [Branch(each, np.full(speed.size, np.nan)) for each in stable]
         found.extend(new)
@@ -185,7 +187,9 @@ def _branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> 
     return sorted(found, key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
 
 
-def _spans(bearing: Bearing, load: float, edges: Sequence[float]) -> tuple[tuple[float, float, Regime], ...]:
+def _find_spans(
+    bearing: Bearing, load: float, edges: Sequence[float]
+) -> tuple[tuple[float, float, Regime], ...]:
     middles = 0.5 * (np.array(edges[:-1]) + edges[1:])
     spans: list[tuple[float, float, Regime]] = []
     for (low, high), name in zip(pairwise(edges), assess(bearing, middles, load).regime, strict=True):
@@ -196,7 +200,7 @@ def _spans(bearing: Bearing, load: float, edges: Sequence[float]) -> tuple[tuple
 
 
 def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, NDArray[Any]]:
-    """The diagram as the columns of a table, by heading, SI units but for the shaft speed."""
+    """Return the diagram as the columns of a table, by heading, SI units but for the shaft speed."""
     columns: dict[str, NDArray[Any]] = {
         'shaft_speed [rpm]': bearing.speed.from_surface(diagram.speed, 'rpm'),
         'surface_speed [m/s]': diagram.speed,
@@ -239,9 +243,9 @@ def draw_diagram(
         axes.set_ylim(-_BELOW_ZERO * top * 1e3, _HEADROOM * top * 1e3)
         both_ways = (lambda x: np.multiply(x, rpm), lambda x: np.divide(x, rpm))
         axes.secondary_xaxis('top', functions=both_ways).set_xlabel('surface speed [m/s]', labelpad=6.0)
-        _curves(axes, diagram, rpm, 1.1 * top)
+        _draw_curves(axes, diagram, rpm, 1.1 * top)
         canvas.regime_bands(axes, [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans])
-        _marks(axes, diagram, rpm)
+        _draw_marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             why = textwrap.fill(assess(bearing, 0.5 * sum(speeds), load).outcome.sentence, 46)
             axes.text(0.04, 0.85, why, transform=axes.transAxes, va='top', linespacing=1.5)
@@ -249,8 +253,8 @@ def draw_diagram(
         return figure
 
 
-def _curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> None:
-    """The exact cycle wide, what averaging has of it narrow, steady sliding along zero.
+def _draw_curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> None:
+    """Draw the exact cycle wide, that of averaging narrow, steady sliding along zero.
 
     The sliding limit is drawn up to an amplitude [m].
     """
@@ -279,7 +283,7 @@ def _curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> 
     line('sliding limit a = V', v, shown, canvas.MUTED, lw=1.0, ls=':', zorder=2)
 
 
-def _marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
+def _draw_marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
     """Mark the bifurcations; the legend says at which speeds they are."""
     end = diagram.exact_fold
     for kind, edge, fill, shape in (

@@ -80,15 +80,15 @@ _MARKER = {
 }
 
 
-def _scale(bearing: Bearing, load: float | None = None) -> float:
-    """The factor of the law's own speeds at a load [N], by default that of its measurement."""
+def _speed_scale_factor(bearing: Bearing, load: float | None = None) -> float:
+    """Return the factor of the law's own speeds at a load [N], by default that of its measurement."""
     own = bearing.lubrication
     return 1.0 if own is None else float(own.scale(own.load if load is None else load))
 
 
 def law_speed(bearing: Bearing, load: float | None = None) -> float:
-    """A surface speed [m/s] by which friction at a load [N] has done most of its falling."""
-    law, scale = bearing.friction, _scale(bearing, load)
+    """Return a surface speed [m/s] by which friction at a load [N] has done most of its falling."""
+    law, scale = bearing.friction, _speed_scale_factor(bearing, load)
     if isinstance(law, Stribeck):
         return scale * 4.0 / law.decay
     without = float(bearing.speed.to_surface(_RPM_WITHOUT_SCALE, 'rpm'))
@@ -96,7 +96,7 @@ def law_speed(bearing: Bearing, load: float | None = None) -> float:
 
 
 def _boundary_speed(bearing: Bearing, load: float) -> float:
-    """The highest finite boundary at a load [m/s]; the law's own speed without one."""
+    """Return the highest finite boundary at a load [m/s]; the law's own speed without one."""
     exact = float(exact_fold_speed(bearing, load))
     every = (fold_speed(bearing, load), hopf_speed(bearing, load), exact)
     return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing, load))
@@ -110,7 +110,7 @@ def diagram_speeds(bearing: Bearing, load: float) -> Range:
 def onset_load(bearing: Bearing) -> float:
     """Least load [N] with stick-slip at some speed; ``nan`` where no load has it."""
     top = law_speed(bearing)
-    edges = [v for v in _scale(bearing) * np.array(speed_scales(bearing.friction)) if v <= top]
+    edges = [v for v in _speed_scale_factor(bearing) * np.array(speed_scales(bearing.friction)) if v <= top]
     speeds = np.concatenate([np.linspace(0.0, top, _SPEEDS_TRIED), edges])
     return float(np.fmin.reduce(fold_load(bearing, speeds)))
 
@@ -118,7 +118,7 @@ def onset_load(bearing: Bearing) -> float:
 def map_ranges(
     bearing: Bearing, speeds: Range | None = None, loads: Range | None = None, track: Track | None = None
 ) -> tuple[Range, Range]:
-    """The speeds [m/s] and loads [N] a map shows; what is not given is chosen.
+    """Return the speeds [m/s] and loads [N] a map shows; what is not given is chosen.
 
     Loads go from none to a good deal of stick-slip, speeds from rest past the fold at the highest
     load: the map shows the way out. The whole track is inside.
@@ -140,17 +140,17 @@ def map_ranges(
 
 
 def corners(bearing: Bearing, speeds: Range, load: float | None = None) -> FloatArray:
-    """The law's break points at a load [N] between two speeds and both sides of each, not in order [m/s].
+    """Return the law's break points [m/s] at a load [N] between two speeds and both sides, unordered.
 
     There the curves have corners and the balance of work may jump.
     """
-    beside = _scale(bearing, load) * np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    beside = _speed_scale_factor(bearing, load) * np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
     return beside[(beside > speeds[0]) & (beside < speeds[1])]
 
 
 @dataclass(frozen=True, slots=True)
 class Boundaries:
-    """What divides the plane: loads over speed, ``nan`` for none, each of shape (n,)."""
+    """Curves that divide the plane: loads over speed, ``nan`` for none, each of shape (n,)."""
 
     speed: FloatArray  # of the surface, rising [m/s]
     fold_load: FloatArray  # above which there is a stick-slip cycle [N]
@@ -159,7 +159,7 @@ class Boundaries:
 
 
 def boundaries(bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400) -> Boundaries:
-    """The curves of a stability map, with a fold margin below which the alarm says caution [-].
+    """Compute the curves of a stability map, with a fold margin below which the alarm says caution [-].
 
     From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
     the curves' own corners come on top.
@@ -188,7 +188,7 @@ def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArr
 
 
 def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, FloatArray]:
-    """The curves as the columns of a table, by heading, SI units but for the shaft speed."""
+    """Return the curves as the columns of a table, by heading, SI units but for the shaft speed."""
     return {
         'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm'),
         'surface_speed [m/s]': curves.speed,
@@ -229,11 +229,11 @@ def draw_map(
         axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
         axes.set_ylim(loads[0] / 1e3, loads[1] / 1e3)
         curves = boundaries(bearing, speeds, config.alarm.caution_margin)
-        _regions(axes, curves, loads, rpm)
-        _bands(axes, config, loads, rpm)
-        _exact_fold(axes, bearing, loads, rpm)
+        _draw_regions(axes, curves, loads, rpm)
+        _draw_belief_bands(axes, config, loads, rpm)
+        _draw_exact_fold(axes, bearing, loads, rpm)
         room = height - bottom - above
-        _amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3, _LABEL_LENGTH / room)
+        _draw_amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3, _LABEL_LENGTH / room)
         canvas.legend_below(figure, columns, _LEFT / width - 0.01)
         if track is not None:
             draw_track(axes, track, rpm, width)
@@ -243,7 +243,7 @@ def draw_map(
         return figure
 
 
-def _regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
+def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
     """Fill the regions, each over the one below it, and draw the lines between them."""
     x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
 
@@ -267,8 +267,8 @@ def _regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) ->
             axes.plot(x, reached(load), color=colour, lw=width, ls=dashes, zorder=3, label=name)
 
 
-def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
-    """The end of sticking, where it is another line than the fold of averaging."""
+def _draw_exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
+    """Draw the end of sticking, where it is another line than the fold of averaging."""
     load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
     exact = np.asarray(exact_fold_speed(bearing, load))
     averaged = np.asarray(fold_speed(bearing, load))
@@ -277,7 +277,7 @@ def _exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -
         axes.plot(exact / rpm, load / 1e3, label='end of sticking, exact', **look)
 
 
-def _amplitudes(
+def _draw_amplitudes(
     axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int, label: float
 ) -> None:
     """Draw lines of one amplitude of the exact stick-slip cycle, labelled in mm.
@@ -320,8 +320,8 @@ def _exact_amplitudes(
     return speed, load, exact_amplitude(bearing, speed[None, :], load[:, None]) * 1e3
 
 
-def _bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
-    """Where 5 to 95 % of the belief have the Hopf and the fold speed."""
+def _draw_belief_bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
+    """Shade where 5 to 95 % of the belief have the Hopf and the fold speed."""
     if config.belief is None:
         return
     load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
@@ -364,7 +364,7 @@ class Track:
 
 
 def track_of_scan(scan: Verdicts) -> Track:
-    """The track of a bearing's scanned recording, interrupted where an input was lost."""
+    """Return the track of a bearing's scanned recording, interrupted where an input was lost."""
     lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1
     points = scan.assessment.speed, scan.assessment.load
     speed, load = (np.insert(np.asarray(column, dtype=float), lost, np.nan) for column in points)
@@ -394,7 +394,7 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
     drawn = canvas.envelope(int(width * _POINTS_PER_INCH), x, y)
     faint: canvas.Look = {'color': canvas.MUTED, 'lw': 0.7, 'alpha': 0.45, 'zorder': 6}
     named = axes.plot(x[drawn], y[drawn], label='measured', **faint)
-    named += _course(axes, x, y)
+    named += _draw_smoothed_track(axes, x, y)
     ends = x[known[[0, -1]]], y[known[[0, -1]]]
     apart = np.hypot(*np.diff(axes.transData.transform(np.column_stack(ends)), axis=0)[0])
     start: canvas.Look = {'ms': _RING, 'mec': canvas.INK, 'mfc': canvas.PAPER}
@@ -412,17 +412,17 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
     canvas.legend_above(axes, _mark_columns(width), handles=named, handlelength=1.2)
 
 
-def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
-    """The track without noise: means over stretches of time, at least a stride apart.
+def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
+    """Draw the track without noise: means over parts of its time, at least a stride apart.
 
-    It goes from wide and light to narrow and dark, so that ways back can be told.
+    It goes from wide and light to narrow and dark, so that ways back can be distinguished.
 
     Returns:
         A line of it, to be named.
     """
     box = axes.get_window_extent()
     shown = axes.transData.transform(np.column_stack([x, y]))
-    paths = list(_smoothed(shown, _STRIDE * float(np.hypot(box.width, box.height))))
+    paths = list(_smooth_parts(shown, _STRIDE * float(np.hypot(box.width, box.height))))
     steps = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
     total, done = sum(float(each.sum()) for each in steps) or 1.0, 0.0
     lines: list[Any] = []
@@ -436,14 +436,14 @@ def _course(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
                 line = axes.transData.inverted().transform(path[own[0] : own[-1] + 2]).T
                 axes.plot(*line, color=canvas.PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
                 lines += axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt')
-                _arrow(axes, line, colour)
+                _draw_arrow(axes, line, colour)
     for line in lines[:1]:
         line.set_label('smoothed')
     return lines[:1]
 
 
-def _smoothed(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
-    """Of each uninterrupted part of a track its means, shape (m, 2), a stride apart; all in pixels."""
+def _smooth_parts(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
+    """Yield the means of each uninterrupted part of a track, shape (m, 2), a stride apart, in pixels."""
     known = np.all(np.isfinite(shown), axis=1)
     length = max(1, int(known.sum()) // _STOPS)
     for run in np.split(shown, np.flatnonzero(np.diff(known.astype(np.int8))) + 1):
@@ -457,8 +457,8 @@ def _smoothed(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
             yield np.array([*kept, run[-1]])
 
 
-def _arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
-    """The direction of a part of the course, of shape (2, n), before its middle.
+def _draw_arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
+    """Draw the direction of a part of the track, of shape (2, n), before its middle.
 
     On a way back that lies on the way out the arrows are elsewhere.
     """

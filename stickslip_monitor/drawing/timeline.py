@@ -52,7 +52,7 @@ class TimedNumbers(Protocol):
 
 
 class LiningMotion(Protocol):
-    """What the lining did, as far as it is known."""
+    """Motion of the lining, as far as it is known."""
 
     @property
     def episodes(self) -> Sequence[tuple[int, int]]:
@@ -73,7 +73,7 @@ class LiningMotion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """What a timeline shows of one bearing."""
+    """Contents of a timeline of one bearing."""
 
     config: BearingConfig
     scan: Verdicts  # its verdicts and events, or their outline
@@ -105,15 +105,15 @@ def draw_timeline(timeline: Timeline, width: float = 9.0) -> canvas.Figure:
             panels[name] = figure.add_axes(box)
             top -= size + _BETWEEN
         lines = _Lines(timeline, int(width * _POINTS_PER_INCH))
-        _episodes(panels, lines)
-        _speed(panels['speed'], lines)
-        _load(panels['load'], lines)
-        _margins(panels['margin'], lines)
+        _draw_episodes(panels, lines)
+        _draw_speed(panels['speed'], lines)
+        _draw_load(panels['load'], lines)
+        _draw_margins(panels['margin'], lines)
         if 'amplitude' in panels:
-            _amplitude(panels['amplitude'], lines)
-        _alarm(panels['alarm'], lines, int(width * _SPELLS_PER_INCH))
-        _time_axis(panels, lines, width)
-        _event_lines(panels, lines)
+            _draw_amplitude(panels['amplitude'], lines)
+        _draw_alarm(panels['alarm'], lines, int(width * _SPELLS_PER_INCH))
+        _format_time_axis(panels, lines, width)
+        _draw_event_lines(panels, lines)
         return figure
 
 
@@ -138,10 +138,10 @@ class _Lines:
             'hopf_speed': point.hopf_speed / rpm,
             'fold_speed': point.fold_speed / rpm,
             'load': np.asarray(point.load) / 1e3,
-            'hopf_margin': 100.0 * _finite(point.hopf_margin),
-            'fold_margin': 100.0 * _finite(point.fold_margin),
-            'fold_low': 100.0 * _finite(point.fold_margin_low),
-            'fold_high': 100.0 * _finite(point.fold_margin_high),
+            'hopf_margin': 100.0 * _finite_values(point.hopf_margin),
+            'fold_margin': 100.0 * _finite_values(point.fold_margin),
+            'fold_low': 100.0 * _finite_values(point.fold_margin_low),
+            'fold_high': 100.0 * _finite_values(point.fold_margin_high),
         }
 
     def at(self, time_ns: object) -> FloatArray:
@@ -170,11 +170,11 @@ class _Lines:
         return (self._time[kept], *(value[kept] for value in values))
 
 
-def _finite(values: FloatArray) -> FloatArray:
+def _finite_values(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _speed(axes: canvas.Axes, lines: _Lines) -> None:
+def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
     """Speed, over the regions that its boundaries at the load of each instant make."""
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
@@ -195,31 +195,33 @@ def _speed(axes: canvas.Axes, lines: _Lines) -> None:
             axes.plot(*lines.line(name), color=canvas.INK, lw=1.4, ls=dashes, zorder=4, label=name)
     axes.set_facecolor(canvas.REGIME_FILL[Regime.STABLE])
     top = float(np.nanmax(lines.columns['speed'], initial=0.0))
-    edge = float(np.nanmax(_finite(lines.columns['fold_speed']), initial=0.0))
+    edge = float(np.nanmax(_finite_values(lines.columns['fold_speed']), initial=0.0))
     axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
     axes.set_ylabel('speed [rpm]')
     # Numbers of events stand above, and on a narrow picture the names have no room below.
     if axes.get_window_extent().width > _NAMES_BELOW:
-        _legend(axes, 'upper right', -0.03)
+        _draw_legend(axes, 'upper right', -0.03)
     else:
         axes.legend(loc='best', ncols=2, fontsize=8.5, framealpha=0.7, edgecolor='none')
 
 
-def _load(axes: canvas.Axes, lines: _Lines) -> None:
+def _draw_load(axes: canvas.Axes, lines: _Lines) -> None:
     axes.plot(*lines.line('load'), color=canvas.INK, lw=1.2)
     axes.set_ylabel('load [kN]')
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * 1.05 or 1.0)
 
 
-def _margins(axes: canvas.Axes, lines: _Lines) -> None:
+def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
     highest, lowest, most = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
     for word, (regime, colour, dashes) in canvas.BOUNDARY_LINES.items():
         name = f'{word.lower()}_margin'
         if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
             told = getattr(lines.lining, name)
             look: canvas.Look = {'color': canvas.REGIME_COLOUR[regime], 'alpha': 0.4, 'lw': 4.0}
-            axes.plot(lines.at(told.time_ns), 100.0 * _finite(told.value), label=f'{word}, true', **look)
+            axes.plot(
+                lines.at(told.time_ns), 100.0 * _finite_values(told.value), label=f'{word}, true', **look
+            )
         time, margin = lines.line(name)
         axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')
         highest = max(highest, float(np.nanmax(margin, initial=-np.inf)))
@@ -236,10 +238,10 @@ def _margins(axes: canvas.Axes, lines: _Lines) -> None:
     room = 0.06 * (top - lowest)
     axes.set_ylim(lowest - room, min(top + room, most))
     axes.set_ylabel('margin [%]')
-    _legend(axes)
+    _draw_legend(axes)
 
 
-def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
+def _draw_amplitude(axes: canvas.Axes, lines: _Lines) -> None:
     time, possible, predicted = lines.amplitudes()
     red, fill = (colours[Regime.UNSTABLE] for colours in (canvas.REGIME_COLOUR, canvas.REGIME_FILL))
     axes.plot(time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
@@ -256,17 +258,17 @@ def _amplitude(axes: canvas.Axes, lines: _Lines) -> None:
         greatest = max(greatest, limit)
     axes.set_ylim(0.0, 1.12 * greatest or 1.0)
     axes.set_ylabel('ampl. [mm]')
-    _legend(axes)
+    _draw_legend(axes)
 
 
-def _legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0) -> None:
+def _draw_legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0) -> None:
     """Name the lines at the right, above the panel or below it."""
     corner: canvas.Look = {'loc': loc, 'bbox_to_anchor': (1.0, edge), 'borderaxespad': 0.0}
     canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 
-def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
-    """The alarm's condition as a band of colours; its names stand where they fit."""
+def _draw_alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
+    """Draw the alarm's condition as a band of colours; its names stand where they fit."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
     for spell in coarsened(lines.timeline.spells, most):
@@ -282,7 +284,7 @@ def _alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
     axes.set_ylabel('alarm', rotation=0.0, ha='right', va='center')
 
 
-def _episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
+def _draw_episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
     """Shade where the lining stuck, and draw that over the band of the alarm."""
     for k, episode in enumerate(() if lines.lining is None else lines.lining.episodes):
         first, last = map(float, lines.at(episode))
@@ -292,7 +294,7 @@ def _episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
             axes.axvspan(first, last, low, color=_TRUTH, alpha=alpha, lw=0.0, zorder=3, label=label)
 
 
-def _time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> None:
+def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> None:
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     for name, axes in panels.items():
         axes.set_xlim(low, high if high > low else low + 1e-6)
@@ -303,7 +305,7 @@ def _time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> N
             axes.tick_params(labelbottom=False)
             axes.grid(color=canvas.MUTED, alpha=0.18, lw=0.6)
         if lines.dated:
-            _clock_ticks(axes, most=6 if width < 6.0 else 10)
+            _set_clock_ticks(axes, most=6 if width < 6.0 else 10)
         axes.spines[['top', 'right']].set_visible(False)
         axes.yaxis.set_label_coords(-0.6 / (width - _LEFT - _RIGHT), 0.5)
     last = panels['alarm']
@@ -311,7 +313,7 @@ def _time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> N
     last.set_xlabel('time [UTC]' if lines.dated else 'time from the start [s]', size=9.5)
 
 
-def _clock_ticks(axes: canvas.Axes, most: int) -> None:
+def _set_clock_ticks(axes: canvas.Axes, most: int) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     # matplotlib.dates has no types.
@@ -326,15 +328,15 @@ def _clock_ticks(axes: canvas.Axes, most: int) -> None:
 
 
 def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
-    """The events that are marked, with their numbers: of too many the alarms, or none."""
+    """Return the events that are marked, with their numbers: of too many the alarms, or none."""
     numbered = list(enumerate(events, 1))
     if len(numbered) > _MOST_LINES:
         numbered = [(i, e) for i, e in numbered if e.raised and e.after.severity is Severity.ERROR]
     return numbered if len(numbered) <= _MOST_LINES else []
 
 
-def _event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
-    """A line through all panels at each event; numbers above, as far as they do not collide."""
+def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
+    """Draw a line through all panels at each event; numbers above, as far as they do not collide."""
     events = marked_events(lines.timeline.scan.events)
     first = panels['speed']
     free = [-np.inf] * _NUMBER_ROWS

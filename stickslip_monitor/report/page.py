@@ -104,14 +104,14 @@ class RecordingPart:
 
 
 def recording_part(document: Mapping[str, Any], checked: CheckReport | None = None) -> RecordingPart:
-    """What a report says of a recording, by the record and the outlines of its check, if there was one."""
+    """Make the part on a recording from its record and, if it was checked, from its outlines."""
     # A path may be no text.
     anchor = f'bag-{hashlib.sha256(os.fsencode(document["path"])).hexdigest()[:12]}'
     name = printable(os.path.basename(os.path.realpath(document['path'])))  # noqa: PTH119
     if checked is None:
         text = f'this recording could not be checked: {document["error"]}'
         return RecordingPart(anchor, name, document, (Finding('unknown', (text,)),))
-    courses = tuple(_course(checked, item) for item in checked.bearings.values())
+    courses = tuple(_course_of(checked, item) for item in checked.bearings.values())
     findings = tuple(map(finding_of, courses))
     return RecordingPart(anchor, name, document, findings, courses=courses)
 
@@ -140,7 +140,7 @@ class Archive:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
-        """The parts as a page has them: drawn, or for a row."""
+        """Yield the parts as a page has them: drawn, or for a row."""
         urgent = {(n, k) for _, n, k in self._urgent}
         for n, part in enumerate(self.parts):
             bearings: dict[str, BearingPart] = {}
@@ -150,7 +150,7 @@ class Archive:
             yield replace(part, bearings=bearings)
 
 
-def _course(checked: CheckReport, item: BearingReport) -> Course:
+def _course_of(checked: CheckReport, item: BearingReport) -> Course:
     own = checked.config.bearing(item.name)
     doubts = [
         f'{each.quantity} on {each.topic}: {text}'
@@ -167,13 +167,13 @@ def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.
     return draw_map(course.config, track=replace(track, events=track.events[:_MARKS]), size=size)
 
 
-def _timeline(course: Course) -> Timeline:
+def _timeline_of(course: Course) -> Timeline:
     return Timeline(course.config, course.scan, course.spells)
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
     inputs = zip(course.item.inputs, course.config.inputs.values(), strict=True)
-    own = {report.quantity: _input(report, source) for report, source in inputs}
+    own = {report.quantity: _input_facts(report, source) for report, source in inputs}
     part = BearingPart(anchor, finding, own)
     if not course.item.evaluations:
         return part
@@ -196,7 +196,7 @@ def _map_picture(part: BearingPart, course: Course) -> Picture:
 
 
 def _timeline_picture(part: BearingPart, course: Course) -> Picture:
-    timeline, events = _timeline(course), course.item.events
+    timeline, events = _timeline_of(course), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
         f' amplitude and alarm of {course.name} over time, with'
@@ -214,8 +214,8 @@ def _timeline_picture(part: BearingPart, course: Course) -> Picture:
     return Picture(wide, narrow, caption)
 
 
-def _input(item: InputReport, source: InputConfig) -> dict[str, Any]:
-    """What a reader wants to know of an input beside its record."""
+def _input_facts(item: InputReport, source: InputConfig) -> dict[str, Any]:
+    """Return what a reader wants to know of an input beside its record."""
     return {
         'field': source.field_text,
         'type': source.type,
@@ -244,7 +244,7 @@ def html_page(
     made: datetime,
     node: str | None = None,
 ) -> bytes:
-    """The page; ``made`` is the time of its making that it names.
+    """Render the page; ``made`` is the time of its making that it names.
 
     Every text is escaped; only the pictures are taken as they are. Of many recordings those
     without bearings to show are rows of a table.
@@ -269,7 +269,7 @@ def html_page(
     page = environment.get_template('page.html').render(
         parts=whole,
         others=[part for part in parts if not (few or part.bearings)],
-        finding=_overall(parts),
+        finding=_overall_finding(parts),
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
         shown_events=shown_events,
@@ -283,12 +283,12 @@ def html_page(
     return f'{page}\n'.encode(errors='replace')
 
 
-def _overall(parts: Sequence[RecordingPart]) -> Finding:
+def _overall_finding(parts: Sequence[RecordingPart]) -> Finding:
     return overall([(part.name, finding) for part in parts for finding in part.findings])
 
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
-    """The events that a table has room for, with their numbers: the most severe, in order."""
+    """Return the events that a table has room for, with their numbers: the most severe, in order."""
     order = sorted(enumerate(events, 1), key=lambda each: -_ORDER.index(each[1]['severity']))
     return sorted(order[:MOST_EVENTS], key=lambda each: each[0])
 
@@ -296,30 +296,30 @@ def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping
 def parameter_groups(
     values: Mapping[str, Any], bearings: Iterable[str]
 ) -> list[tuple[str, list[ParameterRow]]]:
-    """The parameters in force, those given first: groups with their headings.
+    """Return the parameters in force, those given first: groups with their headings.
 
     ``values`` are those given, by full name; of the others it is the default.
     """
-    own = [(f'Bearing {name}', _rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings]
-    return [('Monitor', _rows(NODE_PARAMETERS, values, '')), *own]
+    own = [(f'Bearing {name}', _parameter_rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings]
+    return [('Monitor', _parameter_rows(NODE_PARAMETERS, values, '')), *own]
 
 
-def _rows(table: Iterable[Parameter], values: Mapping[str, Any], prefix: str) -> list[ParameterRow]:
+def _parameter_rows(table: Iterable[Parameter], values: Mapping[str, Any], prefix: str) -> list[ParameterRow]:
     rows = []
     for row in table:
         given = f'{prefix}{row.name}' in values
         value = values.get(f'{prefix}{row.name}', row.default)
         # A number that only another friction law takes has no default.
         if not (value is REQUIRED or value == () or value != value):
-            rows.append(ParameterRow(row.name, _value(value), row.unit, given))
+            rows.append(ParameterRow(row.name, _value_text(value), row.unit, given))
     return sorted(rows, key=lambda row: not row.given)
 
 
-def _value(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float | int):
         return f'{value:.12g}' if number(float(value)) is not None else 'none'
     if isinstance(value, str):
         return value or '\N{EM DASH}'
-    return ', '.join(_value(item) for item in value)
+    return ', '.join(_value_text(item) for item in value)

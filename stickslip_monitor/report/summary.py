@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def rank(self) -> int:
-        """How bad the grade is, from 0."""
+        """Severity of the grade, from 0."""
         return GRADES.index(self.grade)
 
 
@@ -58,7 +58,7 @@ class Fact(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What happened to one bearing in one recording."""
+    """Course of one bearing in one recording."""
 
     config: BearingConfig
     item: BearingReport  # what the check found, with an outline
@@ -79,13 +79,13 @@ class Course:
 
     @property
     def span(self) -> float:
-        """How long the recording is [s]."""
+        """Duration of the recording [s]."""
         return max(0, self.spells[-1].end_ns - self.spells[0].start_ns) * 1e-9
 
 
 def facts(course: Course) -> tuple[Fact, ...]:
-    """The figures that matter most."""
-    sticking = _total(together(course.spells, STICKING))
+    """Return the figures that matter most."""
+    sticking = _total_seconds(together(course.spells, STICKING))
     note = f'{share(sticking, course.span)} of the time' if sticking else ''
     found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
     for name, title, shown in (
@@ -109,70 +109,79 @@ def facts(course: Course) -> tuple[Fact, ...]:
 
 
 def place(course: Course, extreme: Extreme) -> str:
-    """The operating point of an extreme, in words."""
+    """Describe the operating point of an extreme."""
     speed = float(course.config.bearing.speed.from_surface(extreme.point.speed, 'rpm'))
     return f'{rpm(speed)} and {load(extreme.point.load)}'
 
 
 def finding_of(course: Course) -> Finding:
-    """The sentences on one bearing: the verdict first, and what puts it in doubt last."""
-    found = _verdict(course)
+    """Return the sentences on one bearing: the verdict first, and what puts it in doubt last."""
+    found = _judge_course(course)
     # Of two sources at once a quiet verdict is none.
     grade = 'unknown' if course.sources and found.grade == 'clear' else found.grade
     doubts = [f'In doubt: {text}.' for text in course.sources]
     asked = (text[:1].upper() + text[1:] for text in course.questions)
-    return _finding(grade, *found.sentences, *doubts, *asked)
+    return _make_finding(grade, *found.sentences, *doubts, *asked)
 
 
-def _verdict(course: Course) -> Finding:
+def _judge_course(course: Course) -> Finding:
     name = course.config.name
     if not course.scan.time_ns.size:
         text = f'{name}: no verdict: the recording has no usable operating point.'
-        return _finding('unknown', text, _lost(course))
+        return _make_finding('unknown', text, _lost_sentences(course))
     sticking = together(course.spells, STICKING)
     near = together(course.spells, (Condition.CAUTION, Condition.BISTABLE))
     if sticking:
-        return _finding('alarm', _stuck(course, sticking), _amplitude(course), _lost(course))
+        return _make_finding(
+            'alarm',
+            _stick_slip_sentence(course, sticking),
+            _amplitude_sentence(course),
+            _lost_sentences(course),
+        )
     if near:
-        return _finding('warning', _close(course, near), _least(course), _lost(course))
-    lost = _lost(course)
+        return _make_finding(
+            'warning', _margin_sentence(course, near), _least_margin(course), _lost_sentences(course)
+        )
+    lost = _lost_sentences(course)
     limits = ' while the inputs were valid' if lost else ''
     clear = f'{name}: no stick-slip was predicted, and the bearing kept clear of it{limits}.'
     grade = 'unknown' if _lost_seconds(course) > 0.5 * course.span else 'clear'
-    return _finding('warning' if lost and grade == 'clear' else grade, clear, _least(course), lost)
+    return _make_finding(
+        'warning' if lost and grade == 'clear' else grade, clear, _least_margin(course), lost
+    )
 
 
-def _finding(grade: str, *sentences: str) -> Finding:
+def _make_finding(grade: str, *sentences: str) -> Finding:
     return Finding(grade, tuple(text for text in sentences if text))
 
 
-def _total(parts: Iterable[ConditionInterval]) -> float:
+def _total_seconds(parts: Iterable[ConditionInterval]) -> float:
     return sum(spell.seconds for spell in parts)
 
 
-def _when(parts: Sequence[ConditionInterval]) -> str:
-    """When the spells were, as the end of a sentence."""
+def _spell_times(parts: Sequence[ConditionInterval]) -> str:
+    """Say when the spells were, as the end of a sentence."""
     first, last = parts[0].start_ns, parts[-1].end_ns
     day, other = date(first), date(last)
     zone = ' UTC' if day else ''
     if len(parts) == 1 and day == other:
-        return f'from {minute(first)} to {minute(last)}{zone}' + _on(day)
-    later = f'{minute(last)}{zone}{_on(other)}'
-    earlier = minute(first) if day == other else f'{minute(first)}{zone}{_on(day)}'
+        return f'from {minute(first)} to {minute(last)}{zone}' + _on_date(day)
+    later = f'{minute(last)}{zone}{_on_date(other)}'
+    earlier = minute(first) if day == other else f'{minute(first)}{zone}{_on_date(day)}'
     return f'between {earlier} and {later}'
 
 
-def _on(day: str) -> str:
+def _on_date(day: str) -> str:
     return f' on {day}' if day else ''
 
 
-def _stuck(course: Course, sticking: Sequence[ConditionInterval]) -> str:
-    total = duration(_total(sticking))
+def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) -> str:
+    total = duration(_total_seconds(sticking))
     often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
-    return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_when(sticking)}.'
+    return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_spell_times(sticking)}.'
 
 
-def _amplitude(course: Course) -> str:
+def _amplitude_sentence(course: Course) -> str:
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
@@ -180,23 +189,24 @@ def _amplitude(course: Course) -> str:
     limit = course.config.alarm.amplitude_limit
     above = together(course.spells, (Condition.AMPLITUDE,))
     if above:
-        text += f'; the alarm for the limit of {millimetres(limit)} was active for {duration(_total(above))}'
+        active = duration(_total_seconds(above))
+        text += f'; the alarm for the limit of {millimetres(limit)} was active for {active}'
     elif math.isfinite(limit):
         below = 'below' if extreme.value <= limit else 'and not for long above'
         text += f', {below} the limit of {millimetres(limit)}'
     return f'{text}.'
 
 
-def _close(course: Course, near: Sequence[ConditionInterval]) -> str:
-    inside = _total(together(course.spells, (Condition.BISTABLE,)))
+def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
+    inside = _total_seconds(together(course.spells, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
         text += f' for {duration(inside)} where a disturbance could have started it, and'
-    text += f' within the caution margin or closer for {duration(_total(near))}'
-    return f'{text}, {_when(near)}.'
+    text += f' within the caution margin or closer for {duration(_total_seconds(near))}'
+    return f'{text}, {_spell_times(near)}.'
 
 
-def _least(course: Course) -> str:
+def _least_margin(course: Course) -> str:
     extreme = course.item.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
@@ -205,10 +215,10 @@ def _least(course: Course) -> str:
 
 
 def _lost_seconds(course: Course) -> float:
-    return _total(together(course.spells, (Condition.INPUT_STALE,)))
+    return _total_seconds(together(course.spells, (Condition.INPUT_STALE,)))
 
 
-def _lost(course: Course) -> str:
+def _lost_sentences(course: Course) -> str:
     seconds = _lost_seconds(course)
     if not seconds:
         return ''
@@ -217,12 +227,12 @@ def _lost(course: Course) -> str:
 
 
 def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
-    """The verdict over all bearings: name of the recording and finding of each bearing in it."""
+    """Return the verdict over all bearings: name of the recording and finding of each bearing in it."""
     if len(parts) == 1:
         return parts[0][1]
     grade = max((finding for _, finding in parts), key=lambda finding: finding.rank).grade
     counts = {g: sum(finding.grade == g for _, finding in parts) for g in GRADES}
-    of = f'of {len(parts)} {_cases(parts)}'
+    of = f'of {len(parts)} {_counted_noun(parts)}'
     if counts['alarm']:
         text = f'Stick-slip was predicted in {counts["alarm"]} {of}.'
     elif counts['warning']:
@@ -232,11 +242,11 @@ def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
     else:
         text = f'No stick-slip was predicted in any {of}.'
     worst = [f'{name}, {finding.sentences[0]}' for name, finding in parts if finding.grade != 'clear']
-    return _finding(grade, text, *worst[:_MOST_NAMED])
+    return _make_finding(grade, text, *worst[:_MOST_NAMED])
 
 
-def _cases(parts: Sequence[tuple[str, Finding]]) -> str:
-    """What is counted: recordings, bearings, or both."""
+def _counted_noun(parts: Sequence[tuple[str, Finding]]) -> str:
+    """Name what the report counts: recordings, bearings or both."""
     recordings = len({name for name, _ in parts})
     if recordings == len(parts):
         return 'recordings'
@@ -247,36 +257,38 @@ def _cases(parts: Sequence[tuple[str, Finding]]) -> str:
 
 
 def is_dated(time_ns: int) -> bool:
-    """Whether a time is a date and not a count from some start."""
+    """Return whether a time is a date and not a count from some start."""
     return time_ns >= DATED_FROM
 
 
-def _rounded(time_ns: int, step_ns: int) -> datetime:
+def _round_time(time_ns: int, step_ns: int) -> datetime:
     return _EPOCH + timedelta(microseconds=round(time_ns / step_ns) * (step_ns // 1000))
 
 
 def date(time_ns: int) -> str:
-    """The date in UTC; empty for a time without one."""
-    return f'{_rounded(time_ns, 1000):%Y-%m-%d}' if is_dated(time_ns) else ''
+    """Format the date in UTC; empty for a time without one."""
+    return f'{_round_time(time_ns, 1000):%Y-%m-%d}' if is_dated(time_ns) else ''
 
 
 def clock(time_ns: int) -> str:
-    """The time of day in UTC to a tenth of a second; seconds for a time without a date."""
-    return f'{_rounded(time_ns, 10**8):%H:%M:%S.%f}'[:-5] if is_dated(time_ns) else f'{time_ns * 1e-9:.1f} s'
+    """Format the time of day in UTC to a tenth of a second; seconds for a time without a date."""
+    return (
+        f'{_round_time(time_ns, 10**8):%H:%M:%S.%f}'[:-5] if is_dated(time_ns) else f'{time_ns * 1e-9:.1f} s'
+    )
 
 
 def minute(time_ns: int) -> str:
-    """The time of day in UTC to the second, for a sentence."""
-    return f'{_rounded(time_ns, 10**9):%H:%M:%S}' if is_dated(time_ns) else f'{time_ns * 1e-9:.0f} s'
+    """Format the time of day in UTC to the second, for a sentence."""
+    return f'{_round_time(time_ns, 10**9):%H:%M:%S}' if is_dated(time_ns) else f'{time_ns * 1e-9:.0f} s'
 
 
 def iso(time_ns: int) -> str:
-    """The time as ISO 8601 in UTC, for machines; empty for a time without a date."""
-    return f'{_rounded(time_ns, 1000):%Y-%m-%dT%H:%M:%S.%fZ}' if is_dated(time_ns) else ''
+    """Format a time as ISO 8601 in UTC, for machines; empty for a time without a date."""
+    return f'{_round_time(time_ns, 1000):%Y-%m-%dT%H:%M:%S.%fZ}' if is_dated(time_ns) else ''
 
 
 def duration(seconds: float) -> str:
-    """A duration in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``."""
+    """Format a duration in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``."""
     if not math.isfinite(seconds):
         return 'for ever'
     if seconds < 9.95:
@@ -295,7 +307,7 @@ def duration(seconds: float) -> str:
 
 
 def share(part: float, whole: float) -> str:
-    """A part of a whole in per cent; a small part is never nothing."""
+    """Format a part of a whole in per cent; a small part is never nothing."""
     if whole <= 0.0 or part <= 0.0:
         return f'0{_SPACE}%'
     percent = 100.0 * part / whole
@@ -305,32 +317,32 @@ def share(part: float, whole: float) -> str:
 
 
 def margin(value: float) -> str:
-    """A margin in per cent, with its sign."""
+    """Format a margin in per cent, with its sign."""
     if math.isinf(value):
         return 'no boundary'
     return f'{100.0 * value:+.1f}{_SPACE}%'.replace('-', '\N{MINUS SIGN}')
 
 
 def millimetres(metres: float) -> str:
-    """An amplitude in millimetres to three digits."""
+    """Format an amplitude in millimetres to three digits."""
     return f'{metres * 1e3:.3g}{_SPACE}mm'
 
 
 def rpm(value: float) -> str:
-    """A shaft speed."""
+    """Format a shaft speed."""
     return f'{value:.1f}{_SPACE}rpm'.replace('-', '\N{MINUS SIGN}')
 
 
 def load(newtons: float) -> str:
-    """A load, as in the sentences of alarms."""
+    """Format a load, as in the sentences of alarms."""
     return f'{newtons / 1e3:.4g}{_SPACE}kN'
 
 
 def count(number: int, what: str) -> str:
-    """A number with its noun: ``1 event``, ``1 250 events``."""
+    """Return a number with its noun: ``1 event``, ``1 250 events``."""
     return f'{grouped(number)} {what}{"" if number == 1 else "s"}'
 
 
 def grouped(number: int) -> str:
-    """A whole number with narrow spaces between its thousands."""
+    """Format a whole number with narrow spaces between its thousands."""
     return f'{number:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}')
