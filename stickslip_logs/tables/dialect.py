@@ -90,7 +90,9 @@ def parse_heading(text: str) -> Heading:
     words = re.sub(r'[_\W]+', ' ', name).split()
     unit = bracketed
     if unit is None or unit_of(unit) is None:
-        unit = _bare_unit(name, words) or (text.strip() if unit_of(text) else bracketed)
+        unit = _bare_unit(name, words) or (
+            text.strip() if unit_of(text) and len(text.strip()) > 1 else bracketed
+        )
     if _FACTOR.search(text):
         unit = text.strip()
     return Heading(' '.join(words).lower(), unit)

@@ -73,6 +73,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
     [
         ('time,Shaft RPM,Speed over ground (kn)\n0,30,12\n1,31,12\n', 'load'),
         ('time,Shaft RPM,load [kip]\n0,30,1.2\n1,31,1.2\n', 'load'),
+        ('time,Shaft RPM,n\n0,30,1200\n1,31,1200\n', 'load'),  # a count of samples
         ('time,Shaft RPM,load\ns,rpm,kip\n0,30,1.2\n1,31,1.2\n', 'load'),
         ('time,tag,value,unit\n0,n,30,rpm\n0,load,1.2,kip\n1,n,31,rpm\n1,load,1.2,kip\n', 'load'),
         ('time,Shaft RPM,Thrust (kN)\n0,30,600\n1,31,600\n', 'load'),
