@@ -19,12 +19,13 @@ from collections.abc import MutableSequence, Sequence
 from typing import TypeAlias, TypeVar
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, RuleNumbers, State
+from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEED, RuleNumbers, State
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
     UNKNOWN,
     VIBRATING,
+    doubt_foreign,
     is_over,
     lagged,
     measured,
@@ -254,6 +255,8 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     # The probability follows the load by a lag; where sliding is unstable a cycle exists.
     exists = exists or s.median_rate > 0.0
     s.course = WITHIN if sliding and exists else BEYOND if sliding and not below else IDLE
+    if s.course == BEYOND and not s.sticking:
+        doubt_foreign(s)
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = sliding and (wide if s.sticking else inside)
     # What the latest values end, the medians do not begin.
@@ -411,13 +414,20 @@ def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bo
     elif (s.course == BEYOND and (fresh or s.dying >= c.decay)) or (
         s.course == IDLE and (fresh or s.idle >= c.off_delay)
     ):
-        s.sticking, s.growth, s.borne = 0, 0.0, 0.0
+        end_stick_slip(s, said)
     if s.sticking and said == VIBRATING:
         s.heard = 1
     if not s.sticking or said == VIBRATING:
         s.unseen = NEVER
     elif said == QUIET and s.unseen == NEVER:
         s.unseen = s.now
+
+
+def end_stick_slip(s: State, said: int) -> None:
+    """End stick-slip; where the level alone says so, in the bistable range, that was something else."""
+    s.sticking, s.growth, s.borne = 0, 0.0, 0.0
+    if said == QUIET and s.course == IDLE:
+        s.doubt = 2 * DOUBT
 
 
 def asked(s: State, rung: int, holds: bool, clear: bool) -> int:

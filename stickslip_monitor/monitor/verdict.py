@@ -144,7 +144,7 @@ class Standing:
             return Unknown.LOST
         if s.still > DOUBT:
             return Unknown.STUCK
-        if self.is_loud:
+        if self.is_loud or s.doubt > DOUBT:
             return Unknown.LOUD
         return Unknown.SHORT if rule.measured_now(s, c) == UNKNOWN else None
 

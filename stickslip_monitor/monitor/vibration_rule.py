@@ -63,15 +63,28 @@ def count_level(s: State, high: bool, low: bool, step: int) -> None:
     elif s.level_count <= (0 if s.vibrating == QUIET else -DUE):
         # The end of a vibration is known with a delay.
         if 0 < s.high_for < SHORT + (DUE if s.vibrating == VIBRATING else 0):
-            s.doubt = DOUBT
+            s.doubt = max(s.doubt, DOUBT)
         s.vibrating, s.level_count, s.high_for = QUIET, 0, 0
 
 
 def measured(s: State) -> int:
     """What a level that is not lost says at the latest point; unknown where it is doubted."""
-    if s.still > DOUBT or (s.vibrating == VIBRATING and s.doubt > 0 and s.high_for < SHORT):
+    if (
+        s.still > DOUBT
+        or s.doubt > DOUBT
+        or (s.vibrating == VIBRATING and s.doubt > 0 and s.high_for < SHORT)
+    ):
         return UNKNOWN
     return int(s.vibrating)
+
+
+def doubt_foreign(s: State) -> None:
+    """Doubt a level that has vibrated for long where no stick-slip can be: it hears something else.
+
+    Until ten minutes of quiet it then counts for nothing, as :func:`measured` says.
+    """
+    if s.vibrating == VIBRATING and s.high_for >= SHORT:
+        s.doubt = 2 * DOUBT
 
 
 def is_over(s: State, c: RuleNumbers, raised: bool) -> bool:

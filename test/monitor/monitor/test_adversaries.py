@@ -512,6 +512,11 @@ def _level_knocks() -> Iterable[Case]:
         sent = Sent(bearing, 300.0, share, level=loud(103.0, 202.6 + after, 46.0), period=0.2)
         what = f'the lining rings {after} s after an episode, {bearing}'
         yield case(what, sent, onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal')
+    pump = bursts(lambda t: 400.0 <= t < 440.0 or 500.0 <= t < 540.0)
+    for share, onsets in ((step(450.0, 1.6, 0.9), ()), (0.9, ((400.0, 404.0),))):
+        sent = Sent('ship', 600.0, share, level=pump, unit='mm/s', threshold=20.0)
+        where = 'in the bistable range' if onsets else 'beyond the fold'
+        yield case(f'a pump that has run {where} is known', sent, onsets=onsets, ends='bistable')
     for lasting, rises in product((3.5, 5.5), (True, False)):
         level = bursts(
             lambda t, n=lasting, r=rises: 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0)
