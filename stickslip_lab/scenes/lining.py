@@ -22,6 +22,7 @@ from stickslip_lab.scenes.telemetry import Shaft
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Tabulated
 from stickslip_monitor.physics.integrator import (
     FAST,
@@ -71,6 +72,20 @@ class FrictionCourse:
 
     law: FrictionLaw  # the law of the configuration
     drifts: dict[str, Profile] = field(default_factory=dict)  # by parameter, how it moves
+    water: Profile | None = None  # temperature of the water [C]; None: as the bearing is configured
+
+    @property
+    def moves(self) -> bool:
+        """Whether friction is another one from step to step."""
+        return bool(self.drifts) or self.water is not None
+
+    def bearing_at(self, bearing: Bearing, time: float, *, scaled: bool = True) -> Bearing:
+        """A bearing with the law and the water of a time [s]; args as of :meth:`at`."""
+        law = self.at(time, scaled=scaled)
+        bearing = bearing if law is bearing.friction else replace(bearing, friction=law)
+        if self.water is None:
+            return bearing
+        return bearing.at_temperature(float(self.water.at(np.array([time // STEP * STEP]))[0]))
 
     def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
         """The law at a time since the scene's start [s], with or without its common factor."""
@@ -317,7 +332,7 @@ class Lining:
 
     def _start(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()
-        bearing = replace(self.config.bearing, friction=self._course.at(0.0))
+        bearing = self._course.bearing_at(self.config.bearing, 0.0)
         place = float(bearing.equilibrium(speed, load)) if speed else 0.0
         return MotionState(round(place, _PLACES), speed)
 
@@ -349,7 +364,7 @@ class Lining:
         """First and last node of each stretch with one law and without a knock inside."""
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
-        if self._course.drifts:
+        if self._course.moves:
             inner |= time % STEP == 0.0
         if self.config.bearing.lubrication is not None:
             inner |= np.diff(time // _LOAD_STEP, prepend=-1.0) != 0.0
@@ -359,8 +374,7 @@ class Lining:
 
     def _integrate(self, nodes: FloatArray, times: FloatArray) -> Motion:
         start = float(nodes[0, 0])
-        law, own = self._course.at(start), self.config.bearing
-        bearing = own if law is own.friction else replace(own, friction=law)
+        bearing = self._course.bearing_at(self.config.bearing, start)
         state = self._state
         if impulse := self._knocks.get(start):
             relative = state.relative_speed - impulse / bearing.mass

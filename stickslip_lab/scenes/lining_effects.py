@@ -19,7 +19,6 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -50,6 +49,7 @@ from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 
 # Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
 # recordings must not.
@@ -65,6 +65,26 @@ def friction_drift(settings: Settings, run: SceneRun) -> None:
         name = settings.choice('parameter', parameters_of(law))
         _check_drift(settings, config, name, drift)
         run.courses.setdefault(config.name, FrictionCourse(law)).drifts[name] = drift
+
+
+@effect('lining', 'bearing', 'points', 'table')
+def water_temperature(settings: Settings, run: SceneRun) -> None:
+    """Lets the water at a bearing warm up or cool down, in C; the monitor keeps its configuration."""
+    water = read_profile(settings, 'C', run.duration, run.folder)
+    for time, value in zip(water.times.tolist(), water.values.tolist(), strict=True):
+        if not MIN_TEMPERATURE <= value <= MAX_TEMPERATURE:
+            raise SceneError(
+                f'{settings.name}: {value:g} C at {time:g} s must be from {MIN_TEMPERATURE:g} to'
+                f' {MAX_TEMPERATURE:g} C'
+            )
+    for config in run.bearings(settings):
+        own = config.bearing.lubrication
+        if own is None or math.isnan(own.temperature):
+            raise SceneError(
+                f'{settings.name}: {config.name} has no friction.at_temperature with a'
+                ' water_temperature.constant: its friction does not depend on the water'
+            )
+        run.courses.setdefault(config.name, FrictionCourse(config.bearing.friction)).water = water
 
 
 def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:
@@ -105,13 +125,13 @@ def _operating_point(
     """Speed, load, and the margins with the true friction, each shape (n,)."""
     speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
     # A law is one of its own for each step only if its shape moves: slow where it is solved.
-    step = time // STEP if course.drifts.keys() - {FACTOR} else np.zeros(time.size)
+    changes = course.water is not None or course.drifts.keys() - {FACTOR}
+    step = time // STEP if changes else np.zeros(time.size)
     hopf, fold = np.empty(time.size), np.empty(time.size)
     carried = load * course.factor(time)
     for own in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
         if own.size:
-            law = course.at(float(time[own[0]]), scaled=False)
-            bearing = replace(config.bearing, friction=law)
+            bearing = course.bearing_at(config.bearing, float(time[own[0]]), scaled=False)
             hopf[own] = hopf_speed(bearing, carried[own])
             fold[own] = fold_speed(bearing, carried[own])
     margins = {'hopf_margin': hopf, 'fold_margin': fold}

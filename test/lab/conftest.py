@@ -25,7 +25,13 @@ FORCE = {'type': 'geometry_msgs/msg/WrenchStamped', 'field': 'wrench.force.z'}
 TURN = {'type': 'geometry_msgs/msg/TwistStamped', 'field': 'twist.angular.x'}
 STAMPED: dict[str, Any] = {'speed': TURN, 'load': FORCE}
 MEASURED = STAMPED | {'level': FORCE | {'topic': '/aft/level', 'unit': 'mm/s'}}
-KNOWN = {'stamped': {'aft': STAMPED}, 'measured': {'aft': MEASURED}, None: {'aft': {}}}
+WATERED = MEASURED | {'friction': {'at_temperature': 15.0}, 'water_temperature': {'constant': 10.0}}
+KNOWN = {
+    'stamped': {'aft': STAMPED},
+    'measured': {'aft': MEASURED},
+    'watered': {'aft': WATERED},
+    None: {'aft': {}},
+}
 SCENE: dict[str, Any] = {
     'scene': 'stickslip_monitor/scene/1',
     'description': 'A test.',

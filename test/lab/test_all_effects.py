@@ -70,10 +70,10 @@ def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
 def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
     make_scene: MakeScene, messages_of: MessagesOf
 ) -> None:
-    scene = make_scene('measured', effects=ALL, telemetry=RATES)
+    scene = make_scene('watered', effects=ALL, telemetry=RATES)
     assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
     whole = messages_of(scene)
-    backwards = make_scene('measured', effects=ALL[::-1], telemetry=RATES)
+    backwards = make_scene('watered', effects=ALL[::-1], telemetry=RATES)
     for other in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 0.35))):
         for topic, messages in whole.items():
             for name in ('stamp_ns', 'log_time_ns', 'raw'):
@@ -104,7 +104,7 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
     name: str,
 ) -> None:
     def drawn(effects: list[dict[str, Any]]) -> dict[tuple[str, ...], Any]:
-        scene = make_scene('measured', effects=effects, telemetry=RATES)
+        scene = make_scene('watered', effects=effects, telemetry=RATES)
         streams.clear()
         messages_of(scene)
         return {key: stream.bit_generator.state for key, stream in streams.items()}

@@ -13,6 +13,7 @@ from sending import configured
 from stickslip_lab.calibration.calibration import courses_of
 from stickslip_lab.scenes.scene import Scene, simulate
 from stickslip_monitor import Stream, hopf_speed
+from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.physics.lubrication import viscosity
 
@@ -53,3 +54,29 @@ def test_a_calibration_takes_reference_points() -> None:
     there = hopf_speed(config.bearing, LOAD) / 2.0
     assert there == pytest.approx(hopf_speed(plain, 1000.0), rel=1e-12)
     assert course.speed.max() == pytest.approx(90.0 * np.pi * 0.1 / 60.0 / 2.0, rel=0.02)
+
+
+def test_water_that_warms_up_moves_the_boundaries(make_scene: Callable[..., Scene]) -> None:
+    effects = [
+        {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}},
+        {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}},
+        {'water_temperature': {'points': [[0, 5], [10, 25]]}},
+        {'operating_point': {'rate': 1.0}},
+    ]
+    scene = make_scene(bearings={'aft': HERE}, duration=20.0, effects=effects)
+    margins = np.concatenate([
+        c.values for block in simulate(scene) for c in block.truth if c.topic.endswith('hopf_margin')
+    ])  # fmt: skip
+    # At g = 1 the reference load is 1 kN over the ratio of the viscosities, the Hopf speed by its logarithm.
+    water = np.minimum(5.0 + 2.0 * np.arange(margins.size), 25.0)
+    ratio = viscosity(water) / viscosity(15.0)
+    expected = LOAD / 1000.0 / ratio * np.log(5.0 * ratio) / 10.0
+    assert np.allclose(60.0 * np.pi * 0.1 / 60.0 / expected - 1.0, margins, atol=1e-8)
+
+
+def test_water_needs_the_temperature_of_the_measurement(make_scene: Callable[..., Scene]) -> None:
+    shaft = {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}}
+    load = {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}}
+    effects = [shaft, load, {'water_temperature': {'points': [[0, 5], [10, 25]]}}]
+    with pytest.raises(SceneError, match=r'aft has no friction\.at_temperature'):
+        make_scene(effects=effects)
