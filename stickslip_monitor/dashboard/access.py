@@ -63,11 +63,11 @@ class Access:
     ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_ENDED))
 
     def knows(self, token: str) -> bool:
-        """Whether somebody knows the token; takes as long whatever is wrong with it."""
+        """Return whether a text is the token; takes as long whatever is wrong with it."""
         return hmac.compare_digest(token.encode('utf-8', 'replace'), self.token.encode())
 
     def session(self, number: str = '') -> str:
-        """The content of a cookie, of a new session if no number is given."""
+        """Return the content of a cookie, of a new session if no number is given."""
         number = number or secrets.token_urlsafe(16)
         text = f'stickslip dashboard {number}'.encode('utf-8', 'replace')
         return f'{number}.{hmac.new(self.token.encode(), text, hashlib.sha256).hexdigest()}'
@@ -77,14 +77,14 @@ class Access:
         self.ended.append(request.cookies.get(cookie_name(request), ''))
 
     def signed_in(self, request: web.Request) -> bool:
-        """Whether a request belongs to a session."""
+        """Return whether a request belongs to a session."""
         cookie = request.cookies.get(cookie_name(request), '')
         known = self.session(cookie.partition('.')[0] or '-')
         same = hmac.compare_digest(cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace'))
         return same and cookie not in self.ended
 
     def admits(self, request: web.Request) -> bool:
-        """Whether a request may see what is shown."""
+        """Return whether a request may see what is shown."""
         if not self.token:
             return True
         kind, _, token = request.headers.get('Authorization', '').partition(' ')
@@ -92,7 +92,7 @@ class Access:
         return bearer or self.signed_in(request)
 
     def is_ours(self, host: str) -> bool:
-        """Whether a Host header names this machine: an address, or a name it is known by."""
+        """Return whether a Host header names this machine: an address, or a name it is known by."""
         try:
             name = (urlsplit(f'//{host}').hostname or '').rstrip('.')
             return name in ('localhost', *self.names) or bool(ipaddress.ip_address(name))
@@ -101,7 +101,7 @@ class Access:
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """The middleware that keeps the rules."""
+        """Enforce the rules, as a middleware."""
         refused = self._refusal(request)
         return refused if refused is not None else await handler(request)
 
@@ -120,13 +120,13 @@ class Access:
 
 
 def cookie_name(request: web.Request) -> str:
-    """The name of the page's cookie: browsers keep those of a host's ports in one place."""
+    """Return the name of the page's cookie: browsers keep those of a host's ports in one place."""
     address = request.transport and request.transport.get_extra_info('sockname')
     return f'stickslip_session_{address[1]}' if address else 'stickslip_session'
 
 
 def same_origin(request: web.Request) -> bool:
-    """Whether a request comes from a page of ours, or from no page at all.
+    """Return whether a request comes from a page of ours, or from no page at all.
 
     A browser vouches for it, which no page can forge. Only where it says nothing is the Origin
     held against the Host, which a proxy may have replaced by its own.
@@ -139,7 +139,7 @@ def same_origin(request: web.Request) -> bool:
 
 
 def read_token(path: str) -> str:
-    """The token of a file that holds nothing else.
+    """Read the token of a file that holds nothing else.
 
     Raises:
         DashboardError: It cannot be read, is too short to keep anybody out, or is open to others.
@@ -176,7 +176,7 @@ class Connections:
 
     @web.middleware
     async def count(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """The middleware that knows on which connections a request is being answered."""
+        """Note, as a middleware, on which connections a request is being answered."""
         self._since[request.protocol] = math.inf
         try:
             return await handler(request)

@@ -49,7 +49,7 @@ class Metrics(Collector):
         self._registry.register(self)
 
     def text(self, accept: str) -> tuple[bytes, str]:
-        """The exposition and its content type, in the form that the scraper asks for."""
+        """Return the exposition and its content type, in the form that the scraper asks for."""
         encode, kind = choose_encoder(accept)
         return encode(self._registry), kind
 
@@ -58,7 +58,7 @@ class Metrics(Collector):
         return ()
 
     def collect(self) -> Iterator[Metric]:
-        """Every metric."""
+        """Yield every metric."""
         board = self._board
         yield _family('dashboard_readers', 'Pages that are open.', [], [([], len(self._readers))])
         if board.links:
@@ -153,7 +153,7 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
 
 
 def _family(name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]) -> Metric:
-    """Of each set of labels its value; ``None`` is left out."""
+    """Make a metric with a value for each set of labels; ``None`` is left out."""
     family = GaugeMetricFamily(f'{PREFIX}{name}', text, labels=labels)
     for names, value in values:
         if value is not None:

@@ -79,7 +79,7 @@ def _inputs(value: Any) -> dict[str, Any]:
 
 
 def _checked(value: Any, rule: Any) -> Any:
-    """A value as its rule reads it.
+    """Return a value as its rule reads it.
 
     Args:
         value: Anything that JSON can hold; ``None`` for a field that is missing.
@@ -139,7 +139,7 @@ _ALARMS = {
 
 
 def checked_record(document: Any) -> dict[str, Any] | None:
-    """The record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
+    """Return the record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
     try:
         return dict(_checked(document, _RECORD))
     except ValueError:
@@ -147,7 +147,7 @@ def checked_record(document: Any) -> dict[str, Any] | None:
 
 
 def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
-    """A list of alarms for the page, times in milliseconds; ``None`` where it is none.
+    """Return a list of alarms for the page, times in milliseconds; ``None`` where it is none.
 
     Args:
         document: What should be the monitor's list.
@@ -220,11 +220,11 @@ class EventLog:
 
     @property
     def fault(self) -> str:
-        """Why the newest entries are not on disk; empty where they are, or need not be."""
+        """Reason why the newest entries are not on disk; empty where they are, or need not be."""
         return self._store.fault if self._store is not None else ''
 
     def extend(self, entries: Iterable[Any]) -> None:
-        """Add entries; what is none, or is there already, is passed over."""
+        """Add entries; what is none, or is there already, is skipped."""
         if self._add(entries) and self._store is not None:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
@@ -251,7 +251,7 @@ class EventLog:
         return _in_order(list(self._entries.values())[-SHOWN:])
 
     def csv(self) -> str:
-        """All that is kept as a table, times in UTC by ISO 8601."""
+        """Return all entries as a table, times in UTC by ISO 8601."""
         text = io.StringIO()
         table = csv.writer(text)
         table.writerow(('time', *LOG_TEXTS))

@@ -79,7 +79,7 @@ class Replay:
         self._from_ns, self._since = log_ns, time.monotonic()
 
     def _wanted_ns(self) -> int:
-        """How far it should have come by now [ns]."""
+        """Return the place that should be reached by now [ns]."""
         passed = 0.0 if self._paused else (time.monotonic() - self._since) * self._rate
         return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
 
@@ -120,7 +120,7 @@ class Replay:
         self._board.finish()
 
     def _pause(self) -> float:
-        """How long nothing has to be done [s]."""
+        """Return the time in which nothing has to be done [s]."""
         if self._next == len(self._samples):
             return 0.0
         if self._paused:
@@ -160,7 +160,7 @@ class Replay:
         self._board.play(self._place())
 
     def _place(self) -> dict[str, Any]:
-        """Where it is, for the page."""
+        """Return the place in the recording, for the page."""
         return {
             'at': round((self._log_ns - self._start_ns) * 1e-9, 1),
             'length': round(self._length_ns * 1e-9, 1),
@@ -169,7 +169,7 @@ class Replay:
 
 
 def _samples(recording: Recording, config: MonitorConfig) -> list[_Sample]:
-    """The numbers of a recording in its order."""
+    """Yield the numbers of a recording in its order."""
     sources = [
         (request, bearing.name, place)
         for bearing in config.bearings

@@ -54,7 +54,7 @@ _OF_VIEW = ('rpm', 'caution_margin', 'amplitude_limit', 'topics', *_OF_MAP)
 
 @dataclass(frozen=True, slots=True)
 class BearingView:
-    """What the page gets of a bearing once."""
+    """Facts on a bearing that the page gets once."""
 
     name: str
     rpm: float  # shaft speed at a surface speed of 1 m/s [rpm]
@@ -75,7 +75,7 @@ class BearingView:
 
 @dataclass(slots=True)
 class Watched:
-    """A bearing: what is shown of it, and what has come."""
+    """A bearing: its view, and its records received so far."""
 
     key: str  # its name with the namespace of its node, as the page knows it: ``port/aft``
     view: BearingView  # what the page gets of it once
@@ -104,16 +104,16 @@ class Watched:
         return self.record
 
     def map(self) -> dict[str, Any]:
-        """The stability map for the page."""
+        """Return the stability map for the page."""
         return {name: getattr(self.view, name) for name in _OF_MAP}
 
     def state(self) -> dict[str, Any]:
-        """All that the page shows of it, but for its history."""
+        """Return all that the page shows of it, but for its history."""
         own = {name: getattr(self.view, name) for name in _OF_VIEW}
         return {'name': self.key, **own, 'status': self.record}
 
     def _is_off_map(self, record: Mapping[str, Any]) -> bool:
-        """Whether a record has the fold at its load elsewhere than the map has it."""
+        """Return whether a record has the fold at its load elsewhere than the map has it."""
         if record['fold_speed'] is None or record['load'] is None or not self.view.curves:
             return False
         speed, load = (np.array(self.view.curves[name], dtype=float) for name in ('speed', 'fold'))
@@ -189,7 +189,7 @@ class WatchedMonitor(Sink):
         return f'/{self.space}'
 
     def key(self, bearing: str) -> str:
-        """A bearing's name in the namespace of its node, as in the diagnostics."""
+        """Return a bearing's name in the namespace of its node, as in the diagnostics."""
         return f'{self.space}/{bearing}' if self.space else bearing
 
     @property
@@ -209,7 +209,7 @@ class WatchedMonitor(Sink):
         return [own.key for own in self.bearings.values() if own.at is None or now - own.at >= SILENT]
 
     def faults(self) -> list[str]:
-        """Why what is shown must not be taken for all there is; a sentence each."""
+        """Return the reasons why what is shown must not be taken for all there is; a sentence each."""
         name = self.source
         if self.silent_for is None:
             others = ', '.join(self._others)
@@ -235,7 +235,7 @@ class WatchedMonitor(Sink):
             yield f'The list of alarms of {name} is {about(late)} old: newer alarms are missing.'
 
     def notice(self) -> str:
-        """What the node reports of itself where not all is well, and whose maps are of another file."""
+        """Return the faults that the node reports of itself, and whose maps are of another file."""
         if not self.receiving or self._idle():
             return ''
         level, text = self._health
@@ -247,13 +247,13 @@ class WatchedMonitor(Sink):
         return ' '.join(said)
 
     def _idle(self) -> bool:
-        """Whether the node reports that nobody watches its bearings."""
+        """Return whether the node reports that its bearings are not watched."""
         records = [own.record for own in self.bearings.values() if own.record is not None]
         idle = self.alarms is not None and not self.alarms['monitoring']
         return idle or any(record['reason'] == NOT_MONITORING for record in records)
 
     def take_record(self, document: Any) -> None:
-        """The record of a bearing has come; what is none, or of an unknown one, is ignored."""
+        """Take the record of a bearing; ignore what is none, or of an unknown bearing."""
         record = checked_record(document)
         if record is None:
             return
@@ -266,11 +266,11 @@ class WatchedMonitor(Sink):
         self.send('status', own.take(record, self._received_at), own.key)
 
     def take_health(self, level: int, text: str) -> None:
-        """The diagnostic status of the node itself has come; levels are those of ROS."""
+        """Take the diagnostic status of the node itself; levels are those of ROS."""
         self._health = (level, text)
 
     def take_alarms(self, document: Any) -> None:
-        """The list of alarms has come; what is none is ignored."""
+        """Take the list of alarms; ignore what is none."""
         record = checked_alarms(document, self.bearings)
         if record is None:
             return
@@ -289,7 +289,7 @@ class WatchedMonitor(Sink):
                 done.set_result(answers)
 
     def take_other(self, node: str) -> None:
-        """A message of another monitor than those that are shown has come."""
+        """Note a message of another monitor than those that are shown."""
         self._remember(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:
@@ -303,7 +303,7 @@ class WatchedMonitor(Sink):
             names[name] = self._clock()
 
     def concerned(self, request: ActionRequest) -> bool:
-        """Whether there is anything that a request could change, as far as is known here."""
+        """Return whether there is anything that a request could change, as far as is known here."""
         if request.bearing not in (None, *(own.key for own in self.bearings.values())):
             return False
         return self.alarms is None or any(
@@ -400,13 +400,13 @@ class DashboardState:
         self._tell()
 
     def play(self, place: dict[str, Any]) -> None:
-        """A replay reports where it is."""
+        """Take the place of a replay."""
         if place != self.playing:
             self.playing = place
             self.send('replay', place, '')
 
     def begin_again(self, place: dict[str, Any]) -> None:
-        """The recording starts from its beginning: what came of it is forgotten."""
+        """Forget the results of a recording that starts from its beginning."""
         self.finished, self.playing = False, place
         self.log.clear()
         for monitor in self.monitors:
@@ -437,7 +437,7 @@ class DashboardState:
             self.send('monitor', monitor, '')
 
     def monitor(self) -> dict[str, Any]:
-        """Whether the monitors are there, and why what is shown must not be taken for all there is."""
+        """Return whether the monitors are there, and why what is shown must not be taken for all there is."""
         silences = [monitor.silent_for for monitor in self.monitors]
         known = [round(silent, 1) for silent in silences if silent is not None]
         watched = () if self.finished else self.monitors
@@ -452,7 +452,7 @@ class DashboardState:
         }
 
     def state(self) -> dict[str, Any]:
-        """All that the page shows, for one that has just opened or come back."""
+        """Return all that the page shows, for one that has just opened or come back."""
         names = ', '.join(monitor.source for monitor in self.monitors)
         return {
             'schema': PAGE_SCHEMA,
@@ -470,7 +470,7 @@ class DashboardState:
         }
 
     def history(self, bearing: str) -> dict[str, Any] | None:
-        """The last ten minutes of a bearing, oldest first; ``None`` where there is none."""
+        """Return the last ten minutes of a bearing, oldest first; ``None`` where there is none."""
         own = self.bearings.get(bearing)
         return None if own is None else {'columns': COLUMNS, 'rows': list(own.history)}
 

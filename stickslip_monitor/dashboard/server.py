@@ -80,7 +80,7 @@ class Reader:
         self._something.set()
 
     async def take(self) -> bytes:
-        """All that waits, as soon as there is something."""
+        """Return all waiting events, as soon as there is something."""
         await self._something.wait()
         self._something.clear()
         events, self._waiting = self._waiting, {}
@@ -94,7 +94,7 @@ class Hub:
         self.readers: set[Reader] = set()
 
     def join(self, signed_in: bool = True) -> Reader:
-        """A new reader, who has signed in at the page or not.
+        """Add a reader, who has signed in at the page or not.
 
         Raises:
             DashboardError: There are too many.
@@ -107,7 +107,7 @@ class Hub:
         return reader
 
     def leave(self, reader: Reader) -> None:
-        """A reader has gone."""
+        """Remove a reader that has gone."""
         self.readers.discard(reader)
 
     async def close(self, _: web.Application) -> None:
@@ -123,7 +123,7 @@ class Hub:
 
 
 def event_of(kind: str, document: dict[str, Any]) -> bytes:
-    """An event as it goes over the wire."""
+    """Encode an event for the wire."""
     data = json.dumps(document, allow_nan=False, separators=(',', ':'))
     return f'event: {kind}\ndata: {data}\n\n'.encode()
 
@@ -144,7 +144,7 @@ class Server:
         self._listening: asyncio.Server | None = None
 
     def application(self) -> web.Application:
-        """The application to serve."""
+        """Make the application to serve."""
         app = web.Application(
             middlewares=[self._connections.count, self._access.guard], client_max_size=LARGEST_REQUEST
         )
@@ -204,7 +204,7 @@ class Server:
         await self._runner.cleanup()
 
     async def serve(self, address: str, port: int, started: Callable[[str], None]) -> None:
-        """Listen, and serve until a signal comes; ``started`` is told the page's address."""
+        """Listen, and serve until a signal comes; ``started`` is called with the page's address."""
         stop = asyncio.Event()
         for number in end_signals():
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -312,7 +312,7 @@ def _file(name: str) -> Handler:
 
 
 async def _asked(request: web.Request, read: Callable[[Any], T]) -> T:
-    """What a request asks for, as it is read from its document.
+    """Read the document of a request.
 
     Raises:
         web.HTTPException: It is none, or does not come whole in time: the answer to it.
@@ -329,7 +329,7 @@ async def _asked(request: web.Request, read: Callable[[Any], T]) -> T:
 
 
 def _course(document: Any) -> tuple[bool | None, float | None]:
-    """Whether a replay is to stand still, and where it is to go [s]; ``None`` for as it is.
+    """Return whether a replay is to stand still, and where it is to go [s]; ``None`` for as it is.
 
     Raises:
         ConfigurationError: The request is none.
