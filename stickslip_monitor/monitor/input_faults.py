@@ -217,7 +217,7 @@ def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]
 MOSTLY = 1.0 / 3.0
 """From this share of refused samples on they are a fault."""
 PATIENCE = 3
-"""A fault is reported when so many looks in a row have found it: discovery takes its time."""
+"""A fault is reported when so many looks in a row have found the same cause: discovery takes its time."""
 SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
 """The share of refused samples is that of at least so many, over at least such a time [ns]."""
 _NAMES_SHOWN = 8
@@ -377,8 +377,26 @@ class _Track:
     """The same at the last look that found a new valid sample."""
     marks: deque[tuple[int, IntArray]] = field(default_factory=lambda: deque(maxlen=2))
     rates: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_LOOKS))
-    looks: int = 0  # in a row that found a fault
+    cause: str = ''  # the fault of the last look, without its numbers
+    looks: int = 0  # in a row that found this cause
     reported: str = ''
+
+    def take_fault(self, fault: str) -> tuple[str, bool]:
+        """Take what a look has found, empty for nothing.
+
+        Returns:
+            What is to be said, empty for nothing, and whether that is over.
+        """
+        cause = _NUMBERS.sub('', fault)
+        self.looks = self.looks + 1 if fault and cause == self.cause else int(bool(fault))
+        self.cause, before = cause, self.reported
+        if not fault:
+            self.reported = ''
+            return before, True
+        if self.looks < PATIENCE:
+            return '', False
+        self.reported = fault
+        return ('' if cause == _NUMBERS.sub('', before) else fault), False
 
     def look(self, now_ns: int, counts: IntArray) -> None:
         """Take the counts of now."""
@@ -447,42 +465,44 @@ class InputWatch:
         }
 
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
-        """What is wrong with the lost inputs of a bearing right now; arguments as for look."""
+        """What is wrong with the lost inputs of a bearing right now; arguments as for look.
+
+        What the graph says of a sender that is just being discovered is left out.
+        """
         self._publishers.clear()
-        lost = self._bearings[bearing].lost()
-        found = (
-            input_fault(self._facts(bearing, place, now_ns, without_clock=without_clock))
-            for place, name in enumerate(QUANTITIES)
-            if name in lost
-        )
+        lost, found = self._bearings[bearing].lost(), []
+        for place, name in enumerate(QUANTITIES):
+            if name in lost:
+                facts = self._facts(bearing, place, now_ns, without_clock=without_clock)
+                fault, track = input_fault(facts), self._tracks[bearing][place]
+                is_stable = track.looks >= PATIENCE and track.cause == _NUMBERS.sub('', fault)
+                if is_stable or without_clock or facts.undecodable or facts.refused is not None:
+                    found.append(fault)
         return ' '.join(dict.fromkeys(text for text in found if text))
 
-    def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str]]:
-        """Look at every input, once a second; bearing and sentence of each new fault.
+    def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str, bool]]:
+        """Look at every input, once a second.
 
-        ``without_clock``: time follows ``/clock``, which is silent so far.
+        Args:
+            now_ns: Now, on the steady clock.
+            without_clock: Whether time follows ``/clock``, which is silent so far.
+
+        Returns:
+            Bearing and sentence of each fault that is new or over, and whether it is over.
         """
         self._looks += 1
         if self._lost or self._looks % _GRAPH_PERIOD == 0:
             self._publishers.clear()
         self._lost = False
-        found = [
-            (name, track.reported)
-            for name, tracks in self._tracks.items()
-            for place, track in enumerate(tracks)
-            if self._look_at(name, place, track, now_ns, without_clock=without_clock)
-        ]
+        found = []
+        for name, tracks in self._tracks.items():
+            for place, track in enumerate(tracks):
+                track.look(now_ns, self._bearings[name].counts[place].copy())
+                fault = input_fault(self._facts(name, place, now_ns, without_clock=without_clock))
+                text, is_over = track.take_fault(fault)
+                if text:
+                    found.append((name, text, is_over))
         return list(dict.fromkeys(found))  # that /clock is silent holds for all inputs
-
-    def _look_at(self, bearing: str, place: int, track: _Track, now_ns: int, *, without_clock: bool) -> bool:
-        """Look at one input; whether there is a fault that was not reported before."""
-        track.look(now_ns, self._bearings[bearing].counts[place].copy())
-        fault = input_fault(self._facts(bearing, place, now_ns, without_clock=without_clock))
-        track.looks = track.looks + 1 if fault else 0
-        reported = fault if track.looks >= PATIENCE else ''
-        new = bool(reported) and _NUMBERS.sub('', reported) != _NUMBERS.sub('', track.reported)
-        track.reported = reported
-        return new
 
     def _facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]

@@ -272,9 +272,13 @@ class Session:
             return
         self._looked_ns = now.steady_ns
         looked = self._inputs.look(now.steady_ns, without_clock=now.time_ns == 0) if self._inputs else ()
-        for bearing, text in looked:
-            self._log.warning(f'{bearing}: {text}')
-            self.note('input', f'{bearing}: {text}')
+        for bearing, fault, is_over in looked:
+            text = f'{bearing}: no longer: {fault}' if is_over else f'{bearing}: {fault}'
+            if is_over:
+                self._log.info(text)
+            else:
+                self._log.warning(text)
+            self.note('input', text)
 
     def note(self, what: str, text: str) -> None:
         """Put a lifecycle, parameter, input, node or action on record, with the next list of alarms."""

@@ -16,6 +16,7 @@ from stickslip_monitor.monitor.input_faults import (
     SourceFault,
     SourceFaultKind,
     SourceWatch,
+    _Track,
     fault_text,
     input_fault,
     least_gap,
@@ -246,3 +247,23 @@ def test_signs_of_a_speed_are_no_second_level() -> None:
     values = alternating(49, 1, odd=-30.0)
     time = instants(values.size)
     assert [bool(SourceWatch(gap).see_column(time, values)) for gap in (3.0, 0.0)] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ('looks', 'said'),
+    [
+        (['', 'a 1', 'a 2', 'a 3', 'a 4', ''], ['a 3', 'over: a 4']),
+        # A sender is being discovered: three looks, and three causes.
+        (['No publisher.', 'n is silent.', 'n is of another type.', ''], []),
+        (['a', 'a', 'b', 'b', 'a', 'a'], []),
+        (['a', 'a', 'a', 'b', 'b', 'b', ''], ['a', 'b', 'over: b']),
+        (['a', 'a', '', 'a', 'a', ''], []),
+        (['a', 'a', 'a', '', 'a', 'a', 'a'], ['a', 'over: a', 'a']),
+    ],
+)
+def test_a_fault_is_said_after_three_looks_of_one_cause_and_taken_back(
+    looks: list[str], said: list[str]
+) -> None:
+    track = _Track(SourceWatch())
+    found = [track.take_fault(fault) for fault in looks]
+    assert [f'{"over: " * is_over}{text}' for text, is_over in found if text] == said
