@@ -94,6 +94,7 @@ class LiveAlarm:
     occurred: bool = False  # it was so since the alarm was last normal, or reset
     silenced: bool = False
     recurring: bool = False  # silenced because it has come again, until it lasts
+    is_seen: bool = False  # somebody has acknowledged it since it sounded last
     sounded_ns: int | None = None  # when it began to sound last, on the running time
     suppressed_by: tuple[str, ...] = ()  # why its cause means nothing now
     since_ns: int | None = None  # stamp of the cause's coming
@@ -248,7 +249,10 @@ class Annunciator:
         if causes.take_point(self.now_ns, resting=resting, sticking=verdict.sticking):
             changes = self._sync(name, verdict.time_ns)
         if causes.sticking_ns >= LASTING_NS:
-            recurring = [alarm for alarm in self._sticking_alarms(name) if alarm.recurring]
+            own = self._sticking_alarms(name)
+            # Who has acknowledged a kick of a manoeuvre knows of the next ones.
+            known = causes.is_one_manoeuvre and any(alarm.is_seen for alarm in own)
+            recurring = [alarm for alarm in own if alarm.recurring and not known]
             changes += [self._unsilence(alarm, verdict.time_ns) for alarm in recurring]
         return changes
 
@@ -314,7 +318,7 @@ class Annunciator:
         recurring, ringing = alarm.recurring, self._rings(alarm.bearing)
         alarm.silenced = alarm.recurring = False
         if alarm.sounding:
-            alarm.sounded_ns = self.now_ns
+            alarm.sounded_ns, alarm.is_seen = self.now_ns, False
         change = _change(alarm, time_ns, UNSILENCE, alarm.state, TIMER)
         return replace(change, aloud=recurring and alarm.sounding and not ringing)
 
@@ -380,6 +384,7 @@ class Annunciator:
         if after is before:
             return []
         alarm.changed_ns, alarm.by, alarm.shelved_until_ns = time_ns, by, None
+        alarm.is_seen |= trigger is Trigger.ACKNOWLEDGE and by != MONITOR
         # An alarm that flickers keeps its silence.
         alarm.silenced = alarm.silenced and after in WAITING
         alarm.recurring = alarm.recurring and alarm.silenced
@@ -410,7 +415,7 @@ class Annunciator:
         if known and alarm.sounding:
             alarm.silenced, alarm.silence_end_ns = True, self.now_ns + WINDOW_NS
         if alarm.sounding:
-            alarm.sounded_ns = self.now_ns
+            alarm.sounded_ns, alarm.is_seen = self.now_ns, False
         return replace(change, aloud=alarm.sounding and not ringing)
 
     def _has_sounded(self, alarm: LiveAlarm) -> bool:

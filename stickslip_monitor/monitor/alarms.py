@@ -20,6 +20,8 @@ from stickslip_monitor.monitor.severity import LADDER, Condition, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.verdict import Event
 
+MANOEUVRE_NS = 120 * 10**9
+"""Stick-slip that begins within this time of the one before is of one manoeuvre [ns] (docs/rule.md)."""
 AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
 """Why alarms are suppressed by design."""
 
@@ -79,6 +81,8 @@ class Causes:
         self._resting_since = self._start_up_until = 0
         self.sticking_ns = 0  # for how long stick-slip has been predicted with the shaft turning
         self._turning_since: int | None = None  # the last point, if stick-slip was predicted there
+        self.is_one_manoeuvre = False  # this stick-slip began within a minute of the one before
+        self._ended_ns: int | None = None  # when stick-slip was predicted last, with the shaft turning
 
     def stand(self, condition: Condition) -> None:
         """The condition of the bearing is known from before a restart."""
@@ -158,6 +162,10 @@ class Causes:
             self.sticking_ns += now_ns - self._turning_since
         if not sticking:
             self.sticking_ns = 0
+        elif not resting:
+            if self.sticking_ns == 0 and self._turning_since is None:
+                self.is_one_manoeuvre = self._ended_ns is not None and now_ns - self._ended_ns < MANOEUVRE_NS
+            self._ended_ns = now_ns
         self._turning_since = now_ns if sticking and not resting else None
         if self.recalled and self._recalled_until is None:
             self.recall(self.recalled, now_ns)

@@ -357,10 +357,33 @@ def test_short_stick_slip_again_and_again_sounds_every_ten_minutes(panel: Build)
     assert aft.alarms.flood.most == 14
 
 
+@pytest.mark.parametrize(('answered', 'sounds'), [(True, 4), (False, 34)])
+def test_a_manoeuvre_that_somebody_has_acknowledged_is_one_matter(
+    panel: Build, answered: bool, sounds: int
+) -> None:
+    """Kicks of 25 s each 60 s for 34 minutes; the first sound is acknowledged, or every alarm is left."""
+    aft = panel()
+    for number in range(34):
+        aft.at(60.0 * number).goes('stick_slip').runs(25.0)
+        if answered:
+            aft.does('acknowledge')
+        aft.goes('normal').turns(0.0)
+    assert len(aft.aloud) == sounds
+
+
+def test_after_a_pause_it_is_another_manoeuvre(panel: Build) -> None:
+    aft = panel().at(0.0).goes('stick_slip').runs(25.0)
+    aft.does('acknowledge')
+    aft.goes('normal').turns(0.1)
+    aft.at(25.0 + 121.0).goes('stick_slip').runs(14.0)
+    assert aft.aloud == ['stick_slip']
+    assert aft.runs(1.0).aloud == ['stick_slip'] * 2
+
+
 def test_a_stop_does_not_count_and_a_pause_begins_anew(panel: Build) -> None:
     aft = panel().plays(AGAIN).runs(10.0).runs(20.0, speed=0.0)
     assert not aft.alarms.sounding
-    aft.turns(0.1).runs(14.0)
+    aft.turns(0.1).at(aft.second + 121.0).runs(14.0)
     assert not aft.alarms.sounding
     assert aft.runs(1.0).alarms.sounding
 
