@@ -244,11 +244,18 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def threshold_amplitude(self) -> _Number:
-        """That of the unstable cycle [m]; ``nan`` outside the bistable range.
+        """Amplitude of the unstable cycle [m]; ``nan`` outside the bistable range.
 
-        There a larger disturbance starts stick-slip.
+        There a larger disturbance starts stick-slip. Where averaging has no such cycle, as under
+        Coulomb's law, it is the sliding limit ``V/omega``: what reaches the journal's speed sticks.
         """
-        return self._cycle(averaging.threshold_amplitude, BISTABLE)
+        limit = self._each(np.abs, self.speed) / self.bearing.natural_frequency
+
+        def known(found: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+            return np.where(np.isnan(found) & (code == BISTABLE), limit, found)
+
+        found = self._cycle(averaging.threshold_amplitude, BISTABLE)
+        return self._each(known, found, limit, self.outcome_code)
 
     @cached_property
     def amplitude_exact(self) -> _Number:

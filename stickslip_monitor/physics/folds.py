@@ -73,6 +73,10 @@ _CUTS = 2
 _WEAKLY = 1.003
 # Forces ``N Delta/(m omega V)`` up to which the same holds.
 _SLIGHT = 1e-6
+# Damping ratio that stands for none: a vibration loses 1e-11 of its energy in a turn.
+_NO_DAMPING = 1e-12
+# Damping ratio by which the speeds of a lining without any are bounded: rising friction ends them before.
+_WITHOUT = 1e-4
 # Largest load of a curve [N], or until friction would move the lining by so much [m]: a soft lining
 # (50 kg, 3 Hz) has slip so stiff at 200 kN that it takes minutes.
 _LARGE, _GIVES = 2e5, 0.1
@@ -122,7 +126,7 @@ class Grazing:
         # The speeds at which the law changes; 1 m/s for one that is the same at all [m/s].
         self.scales = list(speed_scales(self.law)) or [1.0]
         # What a turn of the free vibration takes of the logarithm of its amplitude.
-        self.rate = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
+        self.rate = 2.0 * math.pi * max(bearing.damping_ratio, _NO_DAMPING)
         # Of a step: the margin has to be known to a share of the change that it makes.
         self.fine = min(max(1e-10 * self.rate, _FINEST), _FINE)
 
@@ -232,7 +236,7 @@ class Grazing:
         lowest wherever it moves against it. The lining then swings by ``N gain/(2 k) coth(pi zeta'/2)``
         to both sides, ``exp(-pi zeta')`` being left of the free one after half a turn.
         """
-        zeta = self.bearing.damping_ratio
+        zeta = self.bearing.damping_ratio or _WITHOUT
         half_turn = math.pi * zeta / math.sqrt(1.0 - zeta * zeta) if zeta < 1.0 else math.inf
         return 0.5 / (self.bearing.momentum * math.tanh(0.5 * half_turn))
 
@@ -471,7 +475,8 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
     falls = loads * use.fall > bearing.damping
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
-        out[falls & (np.asarray(averaging.fold_speed(bearing, loads)) == np.inf)] = np.inf
+        endless = np.asarray(averaging.fold_speed(bearing, loads)) == np.inf
+        out[falls & (endless | (not speed_scales(bearing.friction)))] = np.inf
     rows = np.flatnonzero(falls & ~(out == np.inf))
     if rows.size:
         out[rows] = _last_speeds(bearing, loads[rows])

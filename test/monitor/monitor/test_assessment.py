@@ -292,3 +292,11 @@ def test_what_only_the_exact_model_sustains_is_not_stable(
     above = assess(_with_law(law), verdict.exact_fold_speed * (1.0 + 1e-5), load)
     assert above.regime is Regime.STABLE
     assert above.stability_margin > 0.0
+
+
+def test_under_coulombs_law_what_reaches_the_journals_speed_sticks() -> None:
+    """Slower than the journal it is a free damped vibration: its velocity amplitude has to be ``V``."""
+    bearing = Bearing(50.0, 400.0, 2.0e6, Coulomb(0.3, 0.1), 0.1)
+    point = assess(bearing, [0.02, -0.02, 0.05], 1000.0)
+    assert [Regime(code) for code in point.regime] == [Regime.BISTABLE, Regime.BISTABLE, Regime.STABLE]
+    np.testing.assert_allclose(point.threshold_amplitude, [1e-4, 1e-4, np.nan], rtol=1e-12)
