@@ -8,10 +8,13 @@ purpose must be found out.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
 import pytest
+from shared import ROOT
 from simulation import DURATION, LENGTH, Run, repeated_by, run
 
 from stickslip_monitor.monitor import rule
@@ -38,6 +41,11 @@ def test_a_run_is_the_same_again() -> None:
     ship = Run(7)
     assert ship.go() == run(7)
     assert LENGTH < ship.time - ship.held <= DURATION
+
+
+def test_the_command_finds_the_simulation() -> None:
+    script = ROOT / 'scripts' / 'simulate.py'
+    subprocess.run([sys.executable, script, '--help'], check=True, capture_output=True)
 
 
 def never_sound(patch: pytest.MonkeyPatch) -> None:
