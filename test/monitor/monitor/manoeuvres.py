@@ -89,8 +89,8 @@ class Manoeuvres:
         yield from self._acknowledge()
         truth.steer(0.4 * side, 3.0)
         yield from self._wait(25.0)
+        # Within two minutes of the last this is one manoeuvre, acknowledged: it may be silent.
         self._expect(STICKING, 'below the Hopf speed')
-        self._judge_sound()
         yield from self._mix()
         if self.sounds > MAX_SOUNDS:
             self._fault(f'{self.sounds} sounds in manoeuvres that deserve {MAX_SOUNDS}')
@@ -115,7 +115,7 @@ class Manoeuvres:
             self._fault(f'stick-slip sounds {heard - began:.1f} s after its onset')
 
     def _mix(self) -> Iterator[None]:
-        """Three of four speeds are from a second publisher: no alarm may clear."""
+        """Two of three speeds are from a second publisher: no alarm may clear."""
         before = self._reports[-1].active & LADDER_ALARMS
         self.mixed = True
         yield from self._wait(25.0)

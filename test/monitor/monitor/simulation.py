@@ -155,9 +155,9 @@ class Run:
         self.manoeuvres = {name: Manoeuvres(name, truth) for name, truth in self.truth.items()}
         self.senders = [self._sender(name, place) for name in NAMES for place in Input]
         del self.senders[2]  # the first bearing has no level
-        # Three times as often as the first, with its clock.
+        # Twice as often as the first, with its clock.
         self.senders += [
-            replace(own, period=own.period / 3.0, second=True)
+            replace(own, period=own.period / 2.0, second=True)
             for own in self.senders
             if own.place is Input.SPEED
         ]
