@@ -278,8 +278,7 @@ def sounds_of(scan: Scan, start_ns: int, end_ns: int) -> tuple[list[int], int]:
         changes = [*alarms.advance(time_ns - start_ns, time_ns), *call()]
         found += [time_ns] * sum(change.aloud for change in changes)
         lasting = alarms.causes[name].sticking_ns
-        manoeuvre = alarms.causes[name].is_one_manoeuvre
-        known = any(a.state is AlarmState.ACKNOWLEDGED or (manoeuvre and a.is_seen) for a in own)
+        known = any(alarm.state is AlarmState.ACKNOWLEDGED for alarm in own)
         heard = (heard and lasting > 0) or alarms.sounding or known
         unheard += lasting >= LASTING_NS and not heard
         heard |= lasting >= LASTING_NS

@@ -96,7 +96,7 @@ class RuleOutput:
     raised: Sequence[tuple[int, int]]
     changes: int  # changes of condition
     sounds: Sequence[int] = ()  # when an alarm sounds, rising [ns]
-    unheard: int = 0  # stretches of stick-slip of 15 s that do not, of which no alarm is acknowledged
+    unheard: int = 0  # stretches of stick-slip of 15 s that do not, while no alarm stands acknowledged
 
 
 @dataclass(frozen=True, slots=True)
