@@ -19,9 +19,10 @@ from mcap.records import Channel
 
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
-from stickslip_logs.recordings.log_times import BlockSteps, question_of_unit
+from stickslip_logs.recordings.log_times import question_of_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
 from stickslip_logs.recordings.mcap_file import DATED, FilePass, McapFile
+from stickslip_logs.recordings.mcap_times import BlockTimes, CourseOfBlocks
 from stickslip_logs.recordings.message_fields import FieldReader, MessageReading, TopicNumbers
 from stickslip_logs.recordings.recording import (
     Columns,
@@ -69,7 +70,7 @@ class Pass:
 
     Args:
         files: The recording.
-        steps: Where the clock of its recorder was set back.
+        course: How its times went on.
         topics: The topics, which are numbered in this order.
         progress: Given the bytes done and the bytes to do after each block.
         spans: The log times wanted; all when None.
@@ -78,16 +79,16 @@ class Pass:
     def __init__(
         self,
         files: Sequence[McapFile],
-        steps: BlockSteps,
+        course: CourseOfBlocks,
         topics: Iterable[str],
         progress: Progress | None = None,
         spans: TimeSpans | None = None,
     ) -> None:
-        self._progress, self._steps = progress, steps
+        self._progress, self._course = progress, course
         self.numbers = {topic: number for number, topic in enumerate(topics)}
         self._ways = [FilePass(file) for file in files]
         blocks = ((block, way) for way in self._ways for block in way.file.blocks)
-        jobs = [Job(k, block, way, *steps.span(k, block)) for k, (block, way) in enumerate(blocks)]
+        jobs = [Job(k, block, way, *course.span(k, block)) for k, (block, way) in enumerate(blocks)]
         masks = {way.file.path: sum(1 << key for key in self._keys(way.file)) for way in self._ways}
         self._jobs = sorted(
             (
@@ -140,8 +141,6 @@ class Pass:
             limit = least + 2 * size
         if waiting:
             yield from _some(_in_order(waiting), most)
-        if self._steps.text:
-            self._ways[0].file.findings.note(self._steps.text)
 
     def _read(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
         """What is made of a block, as far as it can be read.
@@ -162,7 +161,7 @@ class Pass:
                     chosen.append((self.numbers[channel.topic], channel, rows))
             if not chosen:
                 continue
-            piece.log_time_ns = self._steps.follow(job.number, file, piece)
+            piece.log_time_ns = self._course.follow(job.number, file, piece)
             columns = columns_of(job, piece, chosen)
             if job.way.is_over:
                 break
@@ -213,7 +212,8 @@ class McapReading(MessageReading):
     def __init__(self, own: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None) -> None:
         super().__init__(wanted)
         self._least = own.least_ns
-        self._pass = Pass(own.contents, own.steps, [each.topic for each in wanted], progress)
+        topics = [each.topic for each in wanted]
+        self._pass = Pass(own.contents, own.judge(topics), topics, progress)
         for each in wanted:
             known = [
                 self._reader(each, file, channel)
@@ -275,7 +275,6 @@ class McapRecording(Recording):
         contents: What the files hold.
         least_ns: The least log time that is one: among dates, 0 is that of a clock that was not
             set [ns].
-        steps: Where the clock of the recorder was set back.
     """
 
     def __init__(self, path: Path, files: Sequence[McapFile], findings: Findings, scratch: Scratch) -> None:
@@ -295,9 +294,16 @@ class McapRecording(Recording):
         most = max((topic.count for topic in self.topics.values()), default=0)
         if question := question_of_unit(self.start_ns, self.end_ns, most):
             findings.note(question)
-        self.steps = BlockSteps(files, self.least_ns)
-        if self.steps.text:
-            findings.note(self.steps.text)
+        self._times = BlockTimes(files, self.least_ns)
+
+    def judge(self, topics: Sequence[str]) -> CourseOfBlocks:
+        """Judge the order of the messages of some topics; note what is odd, and set start and end by it."""
+        course = self._times.course(topics)
+        for text in course.notes:
+            self._findings.note(text)
+        if course.start_ns is not None:
+            self.start_ns, self.end_ns = course.start_ns, course.end_ns
+        return course
 
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""
@@ -335,7 +341,8 @@ class McapRecording(Recording):
             data[:] = [piece.data[a:b] for a, b in zip(begin.tolist(), end.tolist(), strict=True)]
             return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
 
-        way = Pass(self.contents, self.steps, [name for name, _ in names], spans=spans)
+        topics = [name for name, _ in names]
+        way = Pass(self.contents, self.judge(topics), topics, spans=spans)
         return (
             Message(names[topic][0], names[topic][1], time, data)
             for columns in way.stretches(encoded, 1, _OF_ALL)

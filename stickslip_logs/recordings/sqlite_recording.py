@@ -23,7 +23,6 @@ from mcap.records import Schema
 
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
-from stickslip_logs.recordings.log_times import LATEST_NS, Order, StepClock, no_order
 from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers, definition_of
 from stickslip_logs.recordings.recording import (
     Columns,
@@ -36,16 +35,17 @@ from stickslip_logs.recordings.recording import (
     TimeSpans,
     TopicInfo,
     other_encoding,
-    part,
 )
+from stickslip_logs.time_order import MAX_TIME_NS, Sorter, TimeOrder
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read together, and the largest one that is unpacked [bytes].
 _BATCH, _MOST_MESSAGE = 1 << 15, 128 << 20
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
-# Messages by so much later may come first: they are put in order [ns].
-_DISORDER_NS = 10**9
+# A place in the recording is the number of a file above the rowid in it, as far as that is none that
+# damage made: 32,768 files of 2.8e14 messages.
+_ROWID_BITS = 48
 # Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
 _SKIP, _MOST_SKIPS = 64, 40
 Rows = list[tuple[Any, ...]]
@@ -70,10 +70,11 @@ class SqliteRecording(Recording):
         self._texts: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
         self._types: dict[str, tuple[str, str]] = {}
-        self._unsorted: set[Path] = set()
-        times = [time for file in files for time in self._look(file)]
-        self.start_ns = min(times, default=None)
-        self.end_ns = max(times, default=None)
+        self._order, self._numbers = TimeOrder(), dict[str, int]()
+        for number, file in enumerate(files):
+            self._look(number, file)
+        whole = self._order.course()
+        self.start_ns, self.end_ns = whole.start_ns, whole.end_ns
         self._topics = {name: self._info(name, *self._types[name]) for name in sorted(self._types)}
         self._message_count = self._counts.total()
 
@@ -126,8 +127,8 @@ class SqliteRecording(Recording):
             )
         return copy
 
-    def _look(self, file: Path) -> list[int]:
-        """Take the topics, definitions and counts of a file; its first and last time [ns]."""
+    def _look(self, number: int, file: Path) -> None:
+        """Take the topics, definitions, counts and times of a file."""
         with self._opened(file) as database:
             names: dict[int, str] = {}
             for key, *row in database.execute('SELECT id, name, type, serialization_format FROM topics'):
@@ -144,21 +145,22 @@ class SqliteRecording(Recording):
                 ):
                     if encoding == 'ros2msg' and text and isinstance(text, str):
                         self._texts.setdefault(kind, text)
-            return self._count(file, database, names)
+            self._count(number, file, database, names)
 
-    def _count(self, file: Path, database: sqlite3.Connection, names: Mapping[int, str]) -> list[int]:
-        """Count the messages of a file, and judge their order; its first and last time [ns]."""
-        counts, order, ends = Counter[Any](), Order(), list[int]()
+    def _count(self, number: int, file: Path, database: sqlite3.Connection, names: Mapping[int, str]) -> None:
+        """Count the messages of a file, and take their times for the judgement of their order."""
+        counts = Counter[Any]()
+        sources = {key: self._numbers.setdefault(name, len(self._numbers)) for key, name in names.items()}
         for rows in self._rows(file, database, 'timestamp, topic_id'):
             counts.update(key for _, _, key in rows)
-            times = [time for _, time, _ in rows if _is_time(time)]
-            ends += [min(times), max(times)] if times else []
             # Time 0 is that of a clock that was not set.
-            known = [(time, key) for _, time, key in rows if time and _is_time(time) and key in names]
-            order.add(*np.array(known, np.int64).reshape(-1, 2).T)
-        if order.is_none:
-            self._unsorted.add(file)
-            self._findings.note(no_order(f"file '{file.name}' is written"))
+            known = [
+                (time, sources[key], _place(number, rowid))
+                for rowid, time, key in rows
+                if time and _is_time(time) and key in names
+            ]
+            if known:
+                self._order.add(*np.array(known, np.int64).T)
         for key, count in counts.items():
             if key in names:
                 self._counts[names[key]] += count
@@ -167,7 +169,6 @@ class SqliteRecording(Recording):
                     f"file '{file.name}': {plural(count, 'message')} of topic {key}, which is"
                     ' defined nowhere, were not read'
                 )
-        return ends
 
     def _rows(
         self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
@@ -203,18 +204,6 @@ class SqliteRecording(Recording):
                 yield batch
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 
-    def _by_time(self, file: Path, database: sqlite3.Connection, where: str) -> Iterator[Rows]:
-        """Messages in the order of time."""
-        try:
-            found = database.execute(
-                f'SELECT rowid, timestamp, topic_id, data FROM messages WHERE {where}'
-                ' ORDER BY timestamp, rowid'
-            )
-            while batch := list(islice(found, _BATCH)):
-                yield batch
-        except _ERRORS as error:
-            self._findings.lose(f"file '{file.name}' is damaged ({error}): not read from there on")
-
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` definition of a topic's messages."""
         return self._texts[self._readable(topic).type]
@@ -230,26 +219,22 @@ class SqliteRecording(Recording):
                     yield Message(names[number].name, names[number].type, time_ns, data)
 
     def batches(self, topics: Sequence[str]) -> Iterator[Columns]:
-        """Messages of some topics: times [ns], numbers of topics and data, in the order of events."""
-        clock, waiting = StepClock(0), _columns([])
-        for time_ns, *others in self._written(topics):
-            columns = clock.follow(time_ns)[0], *others
-            waiting = tuple(np.concatenate(pair) for pair in zip(waiting, columns, strict=True))
-            waiting = part(waiting, waiting[0].argsort(kind='stable'))
-            count = int(waiting[0].searchsorted(waiting[0][-1] - _DISORDER_NS))
-            if count:
-                yield part(waiting, slice(count))
-                waiting = part(waiting, slice(count, None))
-        if waiting[0].size:
-            yield waiting
-        for text in clock.notes('of the recorder'):
+        """Yield messages of some topics in order of time: times [ns], numbers of topics, and data."""
+        # A topic without messages has no number.
+        sources = np.array([self._numbers.get(topic, -1) for topic in topics], np.int64)
+        course = self._order.course(sources.tolist())
+        sorter = Sorter(course.wait_ns)
+        for time_ns, topic, data, place in self._written(topics):
+            yield from sorter.add((course.follow(time_ns, sources[topic], place), topic, data))
+        yield from sorter.rest()
+        for text in course.notes('the messages are', 'of the recorder'):
             self._findings.note(text)
 
     def _written(self, topics: Sequence[str]) -> Iterator[Columns]:
-        """The same in the order in which they were written."""
+        """Yield the same and their places, in the order in which they were written."""
         numbers, odd = {topic: number for number, topic in enumerate(topics)}, 0
         unpack = self._unpacker()
-        for file in self.files:
+        for file_number, file in enumerate(self.files):
             with self._opened(file) as database:
                 ids = {
                     key: numbers[str(name)]
@@ -259,15 +244,10 @@ class SqliteRecording(Recording):
                 if not ids:
                     continue
                 where = f'topic_id IN ({",".join(map(str, ids))})'
-                found = (
-                    self._by_time(file, database, where)
-                    if file in self._unsorted
-                    else self._rows(file, database, 'timestamp, topic_id, data', where)
-                )
-                for rows in found:
+                for rows in self._rows(file, database, 'timestamp, topic_id, data', where):
                     sound = [
-                        (time_ns, ids[key], plain)
-                        for _, time_ns, key, data in rows
+                        (time_ns, ids[key], plain, _place(file_number, rowid))
+                        for rowid, time_ns, key, data in rows
                         if _is_time(time_ns)
                         and isinstance(data, bytes)
                         and (plain := unpack(data)) is not None
@@ -299,14 +279,19 @@ class SqliteRecording(Recording):
 
 
 def _is_time(value: Any) -> bool:
-    return isinstance(value, int) and 0 <= value <= LATEST_NS
+    return isinstance(value, int) and 0 <= value <= MAX_TIME_NS
 
 
-def _columns(rows: Sequence[tuple[int, int, bytes]]) -> Columns:
+def _place(file: int, rowid: int) -> int:
+    """Return the place of a message, which rises through the files of a recording."""
+    return (file << _ROWID_BITS) + min(max(rowid, 0), (1 << _ROWID_BITS) - 1)
+
+
+def _columns(rows: Sequence[tuple[int, int, bytes, int]]) -> Columns:
     data = np.empty(len(rows), np.object_)
-    data[:] = [own for _, _, own in rows]
-    times, topics = ([row[k] for row in rows] for k in (0, 1))
-    return np.array(times, np.int64), np.array(topics, np.int64), data
+    data[:] = [row[2] for row in rows]
+    times, topics, places = (np.array([row[k] for row in rows], np.int64) for k in (0, 1, 3))
+    return times, topics, data, places
 
 
 class SqliteReading(MessageReading):

@@ -20,7 +20,6 @@ import numpy as np
 from stickslip_logs.arrays import FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
-from stickslip_logs.recordings.log_times import Order, StepClock, limit_of, no_order
 from stickslip_logs.recordings.recording import (
     Fault,
     Findings,
@@ -36,7 +35,8 @@ from stickslip_logs.recordings.recording import (
 from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.tables.clock import Cells, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
-from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
+from stickslip_logs.tables.table import Numbers, Rows, are_filled, open_table, some_cells, texts_of
+from stickslip_logs.time_order import Course, TimeOrder
 from stickslip_logs.units import conversion
 
 _NAME = re.compile(
@@ -61,6 +61,8 @@ _MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
 _DATES_FROM_NS = 10**17
 # Numbers that are handed on at a time of a table that was sorted.
 _STRETCH = 1 << 16
+# The source of all lines, whichever of the columns they fill; else it is a bit for each column.
+_ALL_LINES = -1
 
 
 class Part(NamedTuple):
@@ -90,23 +92,22 @@ class TableRecording(Recording):
         for text in self.table.losses:
             self._findings.lose(text)
         self._begin_at_zero()
-        self.gap_ns = int(_usual_gap(self._timed(self.table.head)[1]))
-        """The usual time between two lines [ns]."""
         self.names = self._long_columns()
         """The columns of names and of values of a table of one value a line, else None."""
         known, times = self._timed([*self.table.head, *self.table.tail])
-        self.is_ordered = self._judge_order(known, times)
-        """Whether the order of the lines is that of events."""
+        self._may_lack_names = self._are_names_apart(known)
+        order = TimeOrder()
+        if times.size:
+            order.add(times, np.zeros(times.size, np.int64), np.arange(times.size))
+        ends = order.course()
+        self.is_unordered = ends.is_unordered
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
         """What stands for the topics that are delivered."""
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
-        # What a clock that was set back says of a start before the first line is none.
-        whole = StepClock(self.gap_ns).follow(times)[0] if self.is_ordered else times
-        self.start_ns = int(whole.min()) if times.size else None
-        self.end_ns = min(int(times.max()), int(whole.max())) if times.size else None
+        self.start_ns, self.end_ns = ends.start_ns, ends.end_ns
 
     def _begin_at_zero(self) -> None:
         """Let times that begin before zero, or before 1970, count from the first one."""
@@ -127,21 +128,14 @@ class TableRecording(Recording):
         times, is_timed = self.table.clock.read([[row[k] for row in long] for k in self.table.clock.columns])
         return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
 
-    def _judge_order(self, rows: Sequence[Cells], times: IntArray) -> bool:
-        """Whether rows with times are in the order of events; it is said where they are in none."""
-        if times.size > 1 and (np.diff(times) <= 0).all() and times[0] > times[-1]:
-            self._findings.note('the newest line comes first: sorted by time')
+    def _are_names_apart(self, rows: Sequence[Cells]) -> bool:
+        """Return whether the names of a long table come one after the other, so that ends lack some."""
+        if self.names is None:
             return False
-        name = -1 if self.names is None else self.names[0]
-        names = [row[name] if 0 <= name < len(row) else '' for row in rows]
-        head = {row[name] for row in self.table.head if 0 <= name < len(row)}
-        # One name after the other: those of the middle may be in no head and no tail.
-        is_by_name = name >= 0 and (len(head) < 2 or not head >= {*names} - {''})
-        order = Order(limit_of(_usual_gap(np.sort(times))), passes_late=True)
-        order.add(times, np.unique(names, return_inverse=True)[1] if names else times)
-        if order.steps_often or (self.names is None and order.is_none):
-            self._findings.note(no_order('the lines are'))
-        return not (is_by_name or order.is_none)
+        name = self.names[0]
+        names = {row[name] for row in rows if name < len(row)}
+        head = {row[name] for row in self.table.head if name < len(row)}
+        return len(head) < 2 or not head >= names - {''}
 
     def _long_columns(self) -> tuple[int, int] | None:
         """The columns of names and of values of a table with one value a line."""
@@ -209,7 +203,7 @@ class TableRecording(Recording):
     def _all_rows(self, name: int) -> Iterator[Cells]:
         """Rows that have every name, with one row of each at least."""
         yield from (row for row in (*self.table.head, *self.table.tail) if len(row) > name)
-        if not self.is_ordered:
+        if self._may_lack_names or self.is_unordered:
             blank = [''] * len(self.table.names)
             for rows in self.table.blocks([name], _silent, _silent):
                 for text in dict.fromkeys(texts_of(rows.columns[0])):
@@ -258,7 +252,7 @@ class TableRecording(Recording):
             rows = [row for row in rows if row[self.names[0]] == column.name]
         rows = [row for row in rows if str(row[column.place]).strip()]
         times = self._timed(rows)[1]
-        return _usual_gap(times if self.is_ordered else np.sort(times)) * 1e-9
+        return _usual_gap(np.sort(times) if self.is_unordered else times) * 1e-9
 
     def definition(self, topic: str) -> str:
         """The definition of what the sensors would have sent."""
@@ -337,22 +331,55 @@ class TableReading:
         self._converted: set[str] = set()
         self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
+        self._course, self._has_whole_lines = self._judge()
+        for text in self._course.notes('the lines are', 'of the lines'):
+            recording.note(text)
+        if self._course.start_ns is not None:
+            recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
+
+    def _judge(self) -> tuple[Course, bool]:
+        """Judge the order of the lines in a pass for their times.
+
+        Returns:
+            The course, and whether lines fill all columns: then they are one source, else those that fill
+            the same columns are.
+        """
+        order, whole, row = TimeOrder(), TimeOrder(), 0
+        every, has_whole_lines = self._names is None and (1 << len(self._columns)) - 1, False
+        for rows in self._recording.table.blocks(self._wanted, _silent, _silent):
+            filled = self._filled(rows)
+            chosen = rows.is_timed & (filled > 0)
+            time_ns, filled = rows.time_ns[chosen], filled[chosen]
+            place = np.flatnonzero(chosen[rows.is_timed]) + row
+            row += int(np.count_nonzero(rows.is_timed))
+            if time_ns.size:
+                has_whole_lines = has_whole_lines or bool((filled == every).any())
+                order.add(time_ns, filled, place)
+                whole.add(time_ns, np.full(time_ns.size, _ALL_LINES), place)
+        return (whole if has_whole_lines else order).course(), has_whole_lines
+
+    def _filled(self, rows: Rows) -> IntArray:
+        """Return which of the columns each line fills, a bit for each, or the number of its name; else 0."""
+        if self._names is not None:
+            numbers = {own.column.name: k for k, own in enumerate(self._columns.values(), 1)}
+            names = texts_of(rows.columns[0])
+            return np.fromiter((numbers.get(name, 0) for name in names), np.int64, len(names))
+        filled = np.zeros(rows.time_ns.size, np.int64)
+        for k, own in enumerate(self._columns.values()):
+            filled |= are_filled(rows.columns[self._wanted.index(own.column.place)]).astype(np.int64) << k
+        return filled
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other."""
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
-        parts = self._parts() if self._recording.is_ordered else self._sorted()
-        clock, is_empty = StepClock(self._recording.gap_ns), True
-        for part in parts:
+        is_empty = True
+        for part in _sorted(self._parts(), list(self._columns), self._course.wait_ns):
             is_empty = False
-            yield self._series(part, clock)
+            yield self._series(part)
         if is_empty:
             none = np.empty(0, np.int64)
-            yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))), clock)
+            yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))))
         self._tell_rounded()
-        for text in clock.notes('of the lines'):
-            self._recording.note(text)
-            self._recording.end_ns = clock.latest_ns
 
     def _tell_rounded(self) -> None:
         """Say it of a column most of whose numbers have the time of the one before."""
@@ -380,10 +407,18 @@ class TableReading:
 
     def _parts(self) -> Iterator[Part]:
         """The numbers of the columns, block by block."""
-        recording, done = self._recording, 0
+        recording, done, row = self._recording, 0, 0
         wanted = self._wanted
         for rows in recording.table.blocks(wanted, recording.lose, recording.note):
-            yield self._of_rows(rows)
+            part = self._of_rows(rows)
+            place = np.arange(row, row + part.time_ns.size)
+            row += part.time_ns.size
+            if self._course.shifts:
+                source = self._filled(rows)[rows.is_timed]
+                if self._has_whole_lines:
+                    source = np.full(source.size, _ALL_LINES)
+                part = part._replace(time_ns=self._course.follow(part.time_ns, source, place))
+            yield part
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
@@ -453,37 +488,69 @@ class TableReading:
         for word, count in words.items():
             own[word if word in own or len(own) < _MOST_KINDS else 'others'] += count
 
-    def _sorted(self) -> Iterator[Part]:
-        """The numbers of a table in no order of time, sorted, some at a time."""
-        parts = list(self._parts())
-        if not parts:
-            return
-        begins = np.cumsum([0, *(part.time_ns.size for part in parts)])
-        times, ranks = np.unique(np.concatenate([p.time_ns for p in parts]), return_inverse=True)
-        whole = {}
-        for topic in self._columns:
-            own = [part.numbers[topic] for part in parts]
-            rows = np.concatenate([at + begin for (at, _), begin in zip(own, begins, strict=False)])
-            rank = ranks[rows]
-            order = np.argsort(rank, kind='stable')
-            whole[topic] = rank[order], np.concatenate([value for _, value in own])[order]
-        for begin in range(0, times.size, _STRETCH):
-            stretch = Part(times[begin : begin + _STRETCH], {})
-            for topic, (rank, value) in whole.items():
-                own_rows = slice(*rank.searchsorted([begin, begin + _STRETCH]).tolist())
-                stretch.numbers[topic] = rank[own_rows] - begin, value[own_rows]
-            yield stretch
-
-    def _series(self, part: Part, clock: StepClock) -> dict[Request, Series]:
-        """The series of a part, whose rows are in the order of events."""
-        stamp, arrival = clock.follow(part.time_ns)
+    def _series(self, part: Part) -> dict[Request, Series]:
+        """Return the series of a part, whose rows are in the order of events."""
         found: dict[str, Series] = {}
         for k, (topic, (at, value)) in enumerate(part.numbers.items()):
             sequence = (at + self._rows) * len(part.numbers) + k
-            found[topic] = Series(arrival[at], stamp[at], sequence, value, ())
-            self._recording.counts[topic] += at.size
             times = part.time_ns[at]
+            found[topic] = Series(times, times, sequence, value, ())
+            self._recording.counts[topic] += at.size
             self._distinct[topic] += int(np.count_nonzero(np.diff(times, prepend=self._last_ns[topic])))
             self._last_ns[topic] = int(times[-1]) if at.size else self._last_ns[topic]
         self._rows += part.time_ns.size
         return {request: found[request.topic] for request in self._requests}
+
+
+def _sorted(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | None) -> Iterator[Part]:
+    """Yield the numbers of parts in order of time.
+
+    Args:
+        parts: The parts in the order of the file.
+        topics: The topics of their numbers.
+        wait_ns: How long a row waits for its turn [ns]; None for all of them.
+    """
+    waiting: list[Part] = []
+    for part in parts:
+        waiting.append(part)
+        if wait_ns is not None:
+            whole = _merged(waiting, topics)
+            end = int(whole.time_ns.searchsorted(whole.time_ns[-1:].sum() - wait_ns))
+            waiting = [_rows_between(whole, end, whole.time_ns.size)]
+            if end:
+                yield _rows_between(whole, 0, end)
+    whole = _merged(waiting, topics)
+    for begin in range(0, whole.time_ns.size, _STRETCH):
+        yield _rows_between(whole, begin, min(begin + _STRETCH, whole.time_ns.size))
+
+
+def _merged(parts: Sequence[Part], topics: Sequence[str]) -> Part:
+    """Join parts to one in order of time."""
+    if not parts:
+        return Part(np.empty(0, np.int64), {})
+    begins = np.cumsum([0, *(part.time_ns.size for part in parts)])
+    time_ns = np.concatenate([part.time_ns for part in parts])
+    numbers = {}
+    for topic in topics:
+        own = [part.numbers[topic] for part in parts]
+        at = np.concatenate([rows + begin for (rows, _), begin in zip(own, begins, strict=False)])
+        numbers[topic] = at, np.concatenate([value for _, value in own])
+    if (time_ns[1:] >= time_ns[:-1]).all():
+        return Part(time_ns, numbers)
+    order = time_ns.argsort(kind='stable')
+    rank = np.empty(order.size, np.int64)
+    rank[order] = np.arange(order.size)
+    for topic, (at, value) in numbers.items():
+        rows = rank[at]
+        by_time = rows.argsort()
+        numbers[topic] = rows[by_time], value[by_time]
+    return Part(time_ns[order], numbers)
+
+
+def _rows_between(part: Part, begin: int, end: int) -> Part:
+    """Return the rows of a part from one to another."""
+    numbers = {}
+    for topic, (at, value) in part.numbers.items():
+        own = slice(*at.searchsorted([begin, end]).tolist())
+        numbers[topic] = at[own] - begin, value[own]
+    return Part(part.time_ns[begin:end], numbers)

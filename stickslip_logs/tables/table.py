@@ -104,6 +104,13 @@ def some_cells(cells: Any, chosen: BoolArray) -> Any:
     return cells.take(np.flatnonzero(chosen))
 
 
+def are_filled(cells: Any) -> BoolArray:
+    """Return which cells of a block are not empty, shape (n,)."""
+    if not isinstance(cells, list):
+        return np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
+    return np.fromiter(map(bool, map(str.strip, cells)), np.bool_, len(cells))
+
+
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
     """The numbers of cells some of which are words or empty."""
     result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
@@ -204,7 +211,7 @@ class TextTable(NumberTable):
         cells = reader(lines, self._dialect.delimiter)
         for _ in itertools.islice(cells, len(self._dialect.above)):
             pass
-        is_over = False
+        is_over, is_ended = False, self._is_ended
         while not is_over:
             before, batch = cells.line_num, list[list[str]]()
             # A cell longer than any is ends a batch.
@@ -212,9 +219,9 @@ class TextTable(NumberTable):
                 batch.extend(itertools.islice(cells, BLOCK))
             is_over = cells.line_num == before
             lost = cells.line_num - before - len(batch)
-            if len(batch) < BLOCK and batch and not self._is_ended and len(batch[-1]) < len(self.names):
+            if len(batch) < BLOCK and batch and not is_ended and len(batch[-1]) < len(self.names):
                 batch.pop()
-                lost, self._is_ended = lost + 1, True
+                lost, is_ended = lost + 1, True
             yield batch, lost
 
 

@@ -128,10 +128,12 @@ def check_recording(
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     bound = bound_to(bag, config)
-    config, span, times = bound.config, SampleSpan(bag), LogTimes()
+    config, times = bound.config, LogTimes()
     long = is_long(bag, config) if long is None else long
     checks = {own.name: _BearingCheck(own, bound, outlined, long) for own in config.bearings}
     reading = bag.reading({r for each in checks.values() for r in each.requests if r}, progress)
+    # When it begins and ends is known when the order of what is read has been judged.
+    span = SampleSpan(bag)
 
     def hand_on(end_ns: int, heard: Mapping[str, Heard]) -> None:
         for sink in sinks:

@@ -386,7 +386,7 @@ LOGS = {
         times=since(*range(6)),
         speed=range(30, 36),
         load=range(900, 906),
-        says='the clock of the lines leapt ahead and back: 1 time taken from those of the lines beside',
+        says='the clock of the lines leapt ahead and back: 1 time taken from those beside',
     ),
     'in no order of time': Log(
         'time,speed,load\n' + ''.join(f'{10 * k},{k},{900 + k}\n' for k in (3, 0, 5, 9, 1, 7, 4, 8, 2, 6)),
@@ -402,7 +402,7 @@ LOGS = {
         times=after(0, 1, 2),
         speed=[30, 31, 32],
         load=[900, 901, 902],
-        says='newest line comes first',
+        says='the lines are in no order of time: sorted by time',
     ),
     'UTF-16 with its mark': Log('time\tspeed\tload\r\n@0\t30\t900\r\n@1\t31\t901\r\n', encoding='utf-16'),
     'UTF-16 without its mark': Log(
@@ -524,7 +524,7 @@ LOGS = {
         times=since(100, 101, 102, 103, 104, 105),
         speed=range(30, 36),
         load=range(900, 906),
-        says='set back once, by 100 s',
+        says='set back once, by 101 s',
     ),
     'Campbell TOA5: rows of units and of what was averaged': Log(
         '"TOA5","Stern","CR1000X","1234","OS5","CPU:s.CR1X","61234","Fast"\n'

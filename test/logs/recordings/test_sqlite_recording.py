@@ -145,7 +145,7 @@ def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
     series = recording.read([SPEED])[SPEED]
     np.testing.assert_array_equal(series.value, np.arange(float(COUNT)))
     assert (np.diff(series.log_time_ns) >= 0).all()
-    assert 'was set back once, by 7.99 s' in ' '.join(recording.warnings)
+    assert 'was set back once, by 8 s' in ' '.join(recording.warnings)
 
 
 @pytest.mark.parametrize('order', ['topic_id, timestamp', 'timestamp DESC'], ids=['by topic', 'newest first'])
@@ -159,7 +159,9 @@ def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None
         'INSERT INTO messages SELECT * FROM copy',
     )
     judge(path)
-    assert any('is written in no order of time: sorted by time' in text for text in open_bag(path).warnings)
+    recording = open_bag(path)
+    recording.read([SPEED, LOAD])
+    assert 'the messages are in no order of time: sorted by time' in recording.warnings
 
 
 def test_what_is_played_in_a_loop_is_not_sorted(tmp_path: Path) -> None:

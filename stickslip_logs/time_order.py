@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judges in which order a recording happened, by one rule for all formats.
+
+Times come source by source in the order of the file. Where a source steps back, the reason decides: a
+clock that was set shifts what follows, a leap ahead is closed, what came late is sorted. Parts that fit
+together, and what steps back too often, are sorted as a whole.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip_logs.arrays import BoolArray, IntArray
+from stickslip_logs.errors import plural
+
+MAX_TIME_NS = 1 << 62
+"""Of the year 2116: two later times would have no sum of 64 bits [ns]."""
+# Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns].
+_MIN_STEP_NS = 10**9
+# More steps back of one source have no reasons: a loop played 10 times has 9, disorder of 2 s thousands.
+# So have those of a large share of few rows.
+_MAX_STEPS, _MAX_STEP_FRACTION, _FEW_STEPS = 32, 0.25, 2
+# More steps of a few intervals, or unequal ones below 10 s, are disorder: loops have long and equal ones.
+_MAX_SMALL_STEPS = 4
+# Rows that come back after longer were not late: the clock was set back, and a pause followed [ns].
+_MAX_LATE_NS = 60 * 10**9
+# Rows that wait longer for their turn are reported as unordered [ns].
+_MAX_WAIT_NS = 10 * 10**9
+# Intervals whose median is the usual one of a source: the first of them, so that memory is bounded.
+_MAX_INTERVALS = 1 << 12
+# Segments kept of a source (56 bytes each); their resolution is halved where there are more.
+_MAX_SEGMENTS = 1 << 12
+# The resolution that segments begin with [ns]: that of a late row, among all sources.
+_RESOLUTION_NS = 10**9
+
+Columns = tuple[NDArray[Any], ...]
+
+
+class _Run(NamedTuple):
+    """Rows of a source without a leap: place and number of the first, times [ns], step into it [ns]."""
+
+    place: int
+    row: int
+    first_ns: int
+    last_ns: int
+    least_ns: int
+    most_ns: int
+    step_ns: int
+
+
+class _Shift(NamedTuple):
+    """Time to add [ns] to the rows of a source, or of all, from one place to another."""
+
+    begin: int
+    end: int
+    source: int | None
+    add_ns: int
+
+
+class _Step(NamedTuple):
+    """A step back of one source: where, by how much [ns], and behind which interval [ns]."""
+
+    place: int
+    source: int
+    first_ns: int
+    back_ns: int
+    interval_ns: int
+
+
+_END = (1 << 63) - 1
+
+
+@dataclass
+class Course:
+    """How a recording went: what to add to its times, and how long rows wait for their turn.
+
+    Attributes:
+        wait_ns: The longest that a row comes behind a later one [ns]; None where all have to be sorted.
+        is_unordered: Whether rows were written in another order than they happened.
+        steps_ns: By how much the clock was set back, each time [ns].
+        ahead_count: Times that leapt ahead and came back.
+        start_ns: The first resulting time [ns], None where there is none.
+        end_ns: The last resulting time [ns], likewise.
+    """
+
+    shifts: list[_Shift] = field(default_factory=list)
+    wait_ns: int | None = 0
+    is_unordered: bool = False
+    steps_ns: list[int] = field(default_factory=list)
+    ahead_count: int = 0
+    late_count: int = 0
+    start_ns: int | None = None
+    end_ns: int | None = None
+
+    def follow(self, time_ns: IntArray, source: IntArray, place: IntArray) -> IntArray:
+        """Return the times of rows as they went on [ns], shape (n,); places have to rise."""
+        if not self.shifts or not time_ns.size:
+            return time_ns
+        result = time_ns.copy()
+        for shift in self.shifts:
+            begin, end = place.searchsorted([shift.begin, shift.end]).tolist()
+            if begin < end:
+                is_own = source[begin:end] == shift.source if shift.source is not None else True
+                result[begin:end] += shift.add_ns * np.asarray(is_own, np.int64)
+        return result
+
+    def notes(self, subject: str, owner: str) -> Iterator[str]:
+        """Yield what is to be reported: of a subject in the plural, and of its clock's owner."""
+        if self.is_unordered:
+            yield f'{subject} in no order of time: sorted by time'
+        if self.steps_ns:
+            count = 'once' if len(self.steps_ns) == 1 else f'{len(self.steps_ns)} times'
+            yield (
+                f'the clock {owner} was set back {count}, by {max(self.steps_ns) * 1e-9:.6g} s at most:'
+                ' what follows is taken to go on behind what was before'
+            )
+        if self.ahead_count:
+            few = plural(self.ahead_count, 'time')
+            yield f'the clock {owner} leapt ahead and back: {few} taken from those beside'
+
+
+class _Source:
+    """The segments of one source: all that is kept of its times."""
+
+    def __init__(self) -> None:
+        self._intervals = np.empty(0, np.int64)
+        self._segments = np.empty((0, len(_Run._fields)), np.int64)
+        self._leap_ns = _MIN_STEP_NS
+        self.resolution_ns = _RESOLUTION_NS
+        self._last_ns: int | None = None
+        self._count = self._steps = 0
+        self.first_place = self.last_place = 0
+        self.least_ns = self.most_ns = 0
+
+    def add(self, time_ns: IntArray, place: IntArray) -> None:
+        """Take up the next rows: times [ns] and places in the file, shape (n,)."""
+        least, most = int(time_ns.min()), int(time_ns.max())
+        if self._last_ns is None:
+            self.first_place, self.least_ns, self.most_ns = int(place[0]), least, most
+        self.least_ns, self.most_ns = min(least, self.least_ns), max(most, self.most_ns)
+        self.last_place = int(place[-1])
+        step = np.diff(time_ns, prepend=time_ns[0] if self._last_ns is None else self._last_ns)
+        self._last_ns = int(time_ns[-1])
+        if self._intervals.size < _MAX_INTERVALS:
+            self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_INTERVALS]
+            self._leap_ns = max(self._leap_ns, self.leap_ns)
+        self._steps += int(np.count_nonzero(step < -_MIN_STEP_NS))
+        row = self._count
+        self._count += time_ns.size
+        if self._steps > _MAX_STEPS:
+            self._segments = self._segments[:0]
+            return
+        begin = np.flatnonzero(self._begins(step, time_ns))
+        end = np.append(begin[1:], time_ns.size)
+        columns = (
+            place[begin],
+            begin + row,
+            time_ns[begin],
+            time_ns[end - 1],
+            np.minimum.reduceat(time_ns, begin),
+            np.maximum.reduceat(time_ns, begin),
+            step[begin],
+        )
+        self._segments = np.concatenate([self._segments, np.stack(columns, axis=1)])
+        while len(self._segments) > 2 * _MAX_SEGMENTS:
+            self._coarsen()
+
+    def _begins(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
+        """Return which rows, or segments, begin a segment; the first one does."""
+        cell = time_ns // self.resolution_ns
+        begins: BoolArray = _is_leap(step_ns, self._leap_ns) | (np.diff(cell, prepend=cell[0]) != 0)
+        begins[0] = True
+        return begins
+
+    def _coarsen(self) -> None:
+        """Halve the resolution, and forget pauses of less than it."""
+        self.resolution_ns *= 2
+        self._leap_ns = max(self._leap_ns, self.resolution_ns // 4)
+        self._segments = _joined(
+            self._segments, np.flatnonzero(self._begins(self._segments[:, 6], self._segments[:, 2]))
+        )
+
+    @property
+    def interval_ns(self) -> int:
+        """The usual time between two rows that differ in it [ns]."""
+        return int(np.median(self._intervals)) if self._intervals.size else 0
+
+    @property
+    def leap_ns(self) -> int:
+        """Longer steps forward are leaps, or pauses [ns]."""
+        return max(_MIN_STEP_NS, 5 * self.interval_ns // 2)
+
+    @property
+    def steps_often(self) -> bool:
+        """Whether it steps back more often than clocks are set."""
+        few = max(_FEW_STEPS, _MAX_STEP_FRACTION * self._count)
+        return self._steps > min(few, _MAX_STEPS)
+
+    @property
+    def segments(self) -> IntArray:
+        """Its segments, a row of the fields of :class:`_Run` each."""
+        return self._segments
+
+    def runs(self) -> list[_Run]:
+        """Return its rows from leap to leap, two adjoining ones with the leap between them."""
+        segments = self._segments
+        is_first = _is_leap(segments[:, 6], self.leap_ns)
+        is_first[:1] = True
+        runs = _joined(segments, np.flatnonzero(is_first)) if len(segments) else segments
+        return [_Run(*values) for values in runs.tolist()]
+
+
+def _is_leap(step_ns: IntArray, leap_ns: int) -> BoolArray:
+    result: BoolArray = (step_ns < -_MIN_STEP_NS) | (step_ns > leap_ns)
+    return result
+
+
+def _joined(segments: IntArray, begin: IntArray) -> IntArray:
+    """Join the segments from each beginning to the next."""
+    result = segments[begin]
+    result[:, 3] = segments[np.append(begin[1:], len(segments)) - 1, 3]
+    result[:, 4] = np.minimum.reduceat(segments[:, 4], begin)
+    result[:, 5] = np.maximum.reduceat(segments[:, 5], begin)
+    return result
+
+
+class TimeOrder:
+    """Collects the times of a recording by source, and judges their order."""
+
+    def __init__(self) -> None:
+        self._sources: dict[int, _Source] = {}
+
+    def add(self, time_ns: IntArray, source: IntArray, place: IntArray) -> None:
+        """Take up the next rows in the order of the file.
+
+        Args:
+            time_ns: Their times [ns], shape (n,).
+            source: The number of the source of each.
+            place: Where each is in the file: numbers that rise.
+        """
+        for key in np.unique(source).tolist():
+            own = source == key
+            self._sources.setdefault(key, _Source()).add(time_ns[own], place[own])
+
+    def course(self, wanted: Collection[int] | None = None) -> Course:
+        """Judge the order of some sources, or of all."""
+        sources = {k: own for k, own in self._sources.items() if wanted is None or k in wanted}
+        if not sources:
+            return Course()
+        course = Course()
+        if any(own.steps_often for own in sources.values()) or not _explain(course, sources):
+            course = Course(wait_ns=None, is_unordered=True)
+            course.start_ns = min(own.least_ns for own in sources.values())
+            course.end_ns = max(own.most_ns for own in sources.values())
+            return course
+        _find_wait(course, sources)
+        return course
+
+
+def _explain(course: Course, sources: dict[int, _Source]) -> bool:
+    """Find the reasons of all steps back; return False where the rows have to be sorted instead."""
+    steps: list[_Step] = []
+    fits, max_leap_ns = True, max(own.leap_ns for own in sources.values())
+    runs = {key: own.runs() for key, own in sources.items()}
+    if any(run.last_ns < run.first_ns - _MIN_STEP_NS for each in runs.values() for run in each):
+        return False
+    if all(_fit(each, max_leap_ns) for each in runs.values()):
+        return True
+    for key, own in sources.items():
+        open_runs = _close_excursions(course, key, own, runs[key])
+        for before, behind in itertools.pairwise(open_runs):
+            if behind.step_ns < 0:
+                back_ns = before.last_ns + own.interval_ns - behind.first_ns
+                steps.append(_Step(behind.place, key, behind.first_ns, back_ns, own.interval_ns))
+        fits &= _fit(open_runs, max_leap_ns)
+        if _are_disorder([-run.step_ns for run in open_runs if run.step_ns < 0], own):
+            return False
+    if steps and fits:
+        return False
+    _set_clocks(course, sources, sorted(steps), max_leap_ns)
+    latest_ns = max(own.most_ns for own in sources.values())
+    return latest_ns + sum(course.steps_ns) < MAX_TIME_NS or not course.steps_ns
+
+
+def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
+    """Return whether steps back of a source [ns] are many and small, as no clock is set."""
+    if len(back_ns) <= _MAX_SMALL_STEPS or max(back_ns) >= _MAX_WAIT_NS:
+        return False
+    is_unequal = max(back_ns) - min(back_ns) > source.interval_ns
+    return is_unequal or max(back_ns) <= 2 * source.leap_ns
+
+
+def _fit(runs: Sequence[_Run], leap_ns: int) -> bool:
+    """Return whether runs fit together without a seam when they are sorted."""
+    spans = sorted((run.least_ns, run.most_ns) for run in runs)
+    seams = (behind[0] - before[1] for before, behind in itertools.pairwise(spans))
+    return all(-_MIN_STEP_NS <= seam <= leap_ns for seam in seams)
+
+
+def _close_excursions(course: Course, key: int, source: _Source, runs: Sequence[_Run]) -> list[_Run]:
+    """Put runs that were ahead between their neighbours, and leave out those that came late.
+
+    Returns:
+        The runs that are left.
+    """
+    interval_ns, leap_ns = source.interval_ns, source.leap_ns
+    tolerance_ns = leap_ns + interval_ns
+    result: list[_Run] = []
+    for run in runs:
+        while len(result) > 1:
+            before, odd = result[-2:]
+            inside_ns = odd.last_ns - odd.first_ns
+            gap_ns = run.first_ns - before.last_ns
+            if run.step_ns < 0 < odd.step_ns and abs(gap_ns - inside_ns - 2 * interval_ns) <= tolerance_ns:
+                add_ns = (before.last_ns + run.first_ns - odd.first_ns - odd.last_ns) // 2
+                course.shifts.append(_Shift(odd.place, run.place, key, add_ns))
+                course.ahead_count += run.row - odd.row
+                most_ns = before.most_ns
+            elif (
+                odd.step_ns < 0 < run.step_ns
+                and inside_ns <= _MAX_LATE_NS
+                and -_MIN_STEP_NS <= gap_ns <= tolerance_ns
+            ):
+                course.late_count += run.row - odd.row
+                most_ns = max(before.most_ns, odd.most_ns)
+            else:
+                break
+            del result[-2:]
+            run = before._replace(
+                last_ns=max(before.last_ns, run.last_ns),
+                least_ns=min(before.least_ns, run.least_ns),
+                most_ns=max(most_ns, run.most_ns),
+            )
+        result.append(run)
+    return result
+
+
+def _set_clocks(course: Course, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
+    """Shift what follows steps back: of all sources where all that can show the step do, else of one."""
+    while steps:
+        group = [steps.pop(0)]
+        while (
+            steps
+            and steps[0].source not in [step.source for step in group]
+            and abs(steps[0].first_ns - group[0].first_ns) <= 2 * leap_ns
+        ):
+            group.append(steps.pop(0))
+        place, fastest_ns = group[0].place, min(step.interval_ns for step in group)
+        # Slow sources know the step to one of their intervals only; a lost row makes it smaller.
+        back_ns = max(step.back_ns for step in group if step.interval_ns <= 2 * fastest_ns)
+        voices = {
+            key
+            for key, own in sources.items()
+            if own.first_place < place <= own.last_place and own.interval_ns <= back_ns // 2
+        }
+        if voices <= {step.source for step in group}:
+            course.shifts.append(_Shift(place, _END, None, back_ns))
+            course.steps_ns.append(back_ns)
+        else:
+            course.shifts += [_Shift(step.place, _END, step.source, step.back_ns) for step in group]
+            course.steps_ns += [step.back_ns for step in group]
+
+
+def _find_wait(course: Course, sources: dict[int, _Source]) -> None:
+    """Find start, end, and how long rows have to wait for their turn."""
+    parts = []
+    for key, own in sources.items():
+        segments = own.segments
+        source = np.full(len(segments), key)
+        least, most = (course.follow(segments[:, k], source, segments[:, 0]) for k in (4, 5))
+        parts.append(np.stack([segments[:, 0], least, most], axis=1))
+    segments = np.concatenate(parts)
+    segments = segments[segments[:, 0].argsort(kind='stable')]
+    latest_ns = np.maximum.accumulate(segments[:, 2])
+    course.start_ns, course.end_ns = int(segments[:, 1].min()), int(latest_ns[-1])
+    late_ns = int((latest_ns - segments[:, 1]).max())
+    # What is within segments that overlap is known to their resolution only.
+    blur_ns = 2 * max(own.resolution_ns for own in sources.values()) + _MIN_STEP_NS
+    course.wait_ns = late_ns + _MIN_STEP_NS
+    course.is_unordered = late_ns > _MAX_WAIT_NS + blur_ns and not course.late_count
+
+
+class Sorter:
+    """Puts rows in order of time that wait for a while, or until all have come.
+
+    Args:
+        wait_ns: How long rows wait [ns]; None for all of them.
+    """
+
+    def __init__(self, wait_ns: int | None) -> None:
+        self._wait_ns = wait_ns
+        self._waiting: list[Columns] = []
+
+    def add(self, columns: Columns) -> Iterator[Columns]:
+        """Take up rows, their times first [ns], and yield those whose turn it is."""
+        self._waiting.append(columns)
+        if self._wait_ns is None:
+            return
+        columns = self._in_order()
+        count = int(columns[0].searchsorted(int(columns[0][-1]) - self._wait_ns)) if columns[0].size else 0
+        self._waiting = [tuple(column[..., count:] for column in columns)]
+        if count:
+            yield tuple(column[..., :count] for column in columns)
+
+    def rest(self) -> Iterator[Columns]:
+        """Yield the rows that still wait."""
+        if self._waiting and (columns := self._in_order())[0].size:
+            yield columns
+
+    def _in_order(self) -> Columns:
+        columns = tuple(np.concatenate(each, axis=-1) for each in zip(*self._waiting, strict=True))
+        if (columns[0][1:] >= columns[0][:-1]).all():
+            return columns
+        rows = columns[0].argsort(kind='stable')
+        return tuple(column[..., rows] for column in columns)

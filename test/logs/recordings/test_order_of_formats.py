@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One voyage with faults of time gives the same values at the same times in every format."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from mcap.writer import Writer
+from pyarrow import parquet as pq
+
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.writer import encode_float64s
+
+SECOND = 10**9
+START = 1_780_000_000 * SECOND
+COUNT = 600
+Moments = list[tuple[float, int]]
+"""Time that was written [s], and the number of the moment, which is its true time [s]."""
+
+
+def write_mcap(path: Path, moments: Moments) -> None:
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+        channels = [writer.register_channel(name, 'cdr', schema) for name in ('/speed', '/load')]
+        for second, number in moments:
+            for channel in channels:
+                writer.add_message(channel, START + int(second * SECOND), encode_float64s([number])[0], 0)
+        writer.finish()
+
+
+def write_database(path: Path, moments: Moments) -> None:
+    database = sqlite3.connect(path)
+    database.executescript(
+        'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,'
+        ' offered_qos_profiles TEXT);'
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);'
+        "INSERT INTO topics VALUES(1, '/speed', 'std_msgs/msg/Float64', 'cdr', '');"
+        "INSERT INTO topics VALUES(2, '/load', 'std_msgs/msg/Float64', 'cdr', '');"
+    )
+    database.executemany(
+        'INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)',
+        (
+            (topic, START + int(second * SECOND), encode_float64s([number])[0])
+            for second, number in moments
+            for topic in (1, 2)
+        ),
+    )
+    database.commit()
+    database.close()
+
+
+def write_csv(path: Path, moments: Moments) -> None:
+    lines = (f'{START // SECOND + second:.3f},{number},{number}\n' for second, number in moments)
+    path.write_text('time,/speed,/load\n' + ''.join(lines))
+
+
+def write_long_csv(path: Path, moments: Moments) -> None:
+    lines = (
+        f'{START // SECOND + second:.3f},{name},{number}\n'
+        for second, number in moments
+        for name in ('/speed', '/load')
+    )
+    path.write_text('time,name,value\n' + ''.join(lines))
+
+
+def write_parquet(path: Path, moments: Moments) -> None:
+    times = pa.array([START + int(second * SECOND) for second, _ in moments], pa.timestamp('ns', 'UTC'))
+    numbers = [float(number) for _, number in moments]
+    pq.write_table(pa.table({'time': times, '/speed': numbers, '/load': numbers}), path)
+
+
+FORMATS = {
+    'a.mcap': write_mcap,
+    'a.db3': write_database,
+    'a.csv': write_csv,
+    'long.csv': write_long_csv,
+    'a.parquet': write_parquet,
+}
+
+
+def clock(change: Callable[[int], float]) -> Moments:
+    return [(change(k), k) for k in range(COUNT)]
+
+
+def order(numbers: list[int]) -> Moments:
+    return [(float(k), k) for k in numbers]
+
+
+EVERY = list(range(COUNT))
+FAULTS: dict[str, tuple[Moments, str, float]] = {
+    'none': (order(EVERY), '', 0.0),
+    'back by 3 s': (clock(lambda k: k - 3 * (k >= 300)), 'was set back once, by 3 s', 0.0),
+    'back by 200 s': (clock(lambda k: k - 200 * (k >= 300)), 'was set back once, by 200 s', 0.0),
+    'back by 1 h': (clock(lambda k: k - 3600 * (k >= 300)), 'was set back once, by 3600 s', 0.0),
+    'back by 0.5 s': (clock(lambda k: k - 0.5 * (k >= 300)), '', 0.5),
+    'back twice': (clock(lambda k: k - 200 * (k >= 200) - 200 * (k >= 400)), 'set back 2 times', 0.0),
+    'an hour ahead': (clock(lambda k: k + 3600 * (250 <= k < 350)), 'leapt ahead and back', 0.0),
+    'a year ahead': (clock(lambda k: k + 31_536_000 * (k == 200)), 'leapt ahead and back', 0.0),
+    'one late': (order([*EVERY[:200], *EVERY[201:207], 200, *EVERY[207:]]), '', 0.0),
+    'newest first': (order(EVERY[::-1]), 'in no order of time: sorted by time', 0.0),
+    'parts reversed': (
+        order([k for begin in range(540, -1, -60) for k in EVERY[begin : begin + 60]]),
+        'in no order of time: sorted by time',
+        0.0,
+    ),
+}
+
+
+@pytest.mark.parametrize('name', FORMATS)
+@pytest.mark.parametrize('fault', FAULTS)
+def test_values_are_at_the_times_at_which_they_happened(fault: str, name: str, tmp_path: Path) -> None:
+    moments, says, error = FAULTS[fault]
+    FORMATS[name](tmp_path / name, moments)
+    recording = open_bag(tmp_path / name)
+    requests = [Request('/speed', 'data'), Request('/load', 'data')]
+    found = recording.read(requests)
+    for request in requests:
+        np.testing.assert_array_equal(np.sort(found[request].value), EVERY)
+        true_ns = START + found[request].value * SECOND
+        assert np.abs(found[request].log_time_ns - true_ns).max() <= error * SECOND + 1000
+    told = ' '.join(recording.warnings)
+    assert says in told
+    assert bool(says) or not any(word in told for word in ('set back', 'leapt', 'sorted'))
+    assert recording.start_ns == START
+    assert recording.end_ns == pytest.approx(START + (COUNT - 1) * SECOND, abs=error * SECOND)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One voyage with faults of time: the rule gives each row the time at which it happened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from stickslip_logs.arrays import IntArray
+from stickslip_logs.time_order import Course, Sorter, TimeOrder
+
+SECOND = 10**9
+START = 1_780_000_000 * SECOND
+COUNT = 1200
+Rows = list[tuple[float, float, int]]
+"""Time that was written and true time [s], and the source."""
+
+
+def voyage() -> Rows:
+    """Ten minutes of two sources, one of them 1 ms later, twice a second."""
+    return [(k / 2 + source / 1000, k / 2 + source / 1000, source) for k in range(COUNT) for source in (0, 1)]
+
+
+def written(clock: Callable[[float], float]) -> Rows:
+    """Return the voyage under another clock."""
+    return [(clock(time), time, source) for _, time, source in voyage()]
+
+
+def moved(begin: int, count: int, by: int) -> Rows:
+    """Return the voyage with some rows written so many rows later."""
+    rows = voyage()
+    late = rows[begin : begin + count]
+    return [*rows[:begin], *rows[begin + count : begin + count + by], *late, *rows[begin + count + by :]]
+
+
+def a_year_ahead() -> Rows:
+    """Return the voyage with one message a year ahead."""
+    rows = voyage()
+    time, true, source = rows[400]
+    return [*rows[:400], (time + 365 * 86_400, true, source), *rows[401:]]
+
+
+def disordered(seconds: float) -> Rows:
+    """Return the voyage, each row written up to some time late."""
+    order = np.random.default_rng(5).uniform(0.0, seconds, 2 * COUNT)
+    return [row for _, row in sorted(zip(order + [row[0] for row in voyage()], voyage(), strict=True))]
+
+
+def judged(rows: Rows) -> tuple[Course, IntArray, IntArray]:
+    """Judge rows in batches; return the course, and the times and true times in the order that results."""
+    time_ns, true_ns = (np.array([START + round(row[k] * SECOND) for row in rows]) for k in (0, 1))
+    source, place = np.array([row[2] for row in rows]), np.arange(len(rows)) * 7
+    order = TimeOrder()
+    for begin in range(0, len(rows), 500):
+        own = slice(begin, begin + 500)
+        order.add(time_ns[own], source[own], place[own])
+    course = order.course()
+    sorter, parts = Sorter(course.wait_ns), []
+    for begin in range(0, len(rows), 300):
+        own = slice(begin, begin + 300)
+        follow = course.follow(time_ns[own], source[own], place[own])
+        parts += sorter.add((follow, true_ns[own]))
+    parts += sorter.rest()
+    return course, np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+SET_BACK = 'the clock of it was set back {}, by {} s at most'
+SORTED = 'they are in no order of time'
+FAULTS: dict[str, tuple[Rows, str, float]] = {
+    'none': (voyage(), '', 0.0),
+    **{
+        f'set back by {back} s': (
+            written(lambda t, back=back: t - back * (t >= 300)),
+            SET_BACK.format('once', back),
+            0.0,
+        )
+        for back in (3, 200, 3600)
+    },
+    'set back by half a second': (written(lambda t: t - 0.5 * (t >= 300)), '', 0.5),
+    'set back twice': (
+        written(lambda t: t - 200 * (t >= 200) - 200 * (t >= 400)),
+        SET_BACK.format('2 times', 200),
+        0.0,
+    ),
+    'an hour ahead, and right again': (
+        written(lambda t: t + 3600 * (250 <= t < 350)),
+        'the clock of it leapt ahead and back: 400 times',
+        0.0,
+    ),
+    'one message late': (moved(400, 1, 25), '', 0.0),
+    'one moment late': (moved(400, 2, 24), '', 0.0),
+    'ten moments late': (moved(400, 20, 24), '', 0.0),
+    'one message a year ahead': (a_year_ahead(), 'the clock of it leapt ahead and back: 1 time', 0.25),
+    'newest first': (voyage()[::-1], SORTED, 0.0),
+    'source by source': (sorted(voyage(), key=lambda row: row[2]), SORTED, 0.0),
+    'blocks reversed': (
+        [row for begin in range(2 * COUNT - 240, -1, -240) for row in voyage()[begin : begin + 240]],
+        SORTED,
+        0.0,
+    ),
+    'unordered within 2 s': (disordered(2.0), '', 0.0),
+    'unordered within half a second': (disordered(0.5), '', 0.0),
+}
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_each_row_has_the_time_at_which_it_happened(name: str) -> None:
+    rows, says, error = FAULTS[name]
+    course, time_ns, true_ns = judged(rows)
+    assert (np.diff(time_ns) >= 0).all()
+    assert time_ns.size == 2 * COUNT
+    assert np.abs(time_ns - true_ns).max() <= error * SECOND + 2 * 10**6
+    assert (course.start_ns, course.end_ns) == (time_ns[0], time_ns[-1])
+    told = ' | '.join(course.notes('they are', 'of it'))
+    assert says in told
+    if name != 'unordered within 2 s':
+        assert bool(told) == bool(says)
+
+
+def test_the_clock_of_one_sender_shifts_its_rows_only() -> None:
+    rows = [(t - 200 * (s == 1 and t >= 300), t, s) for _, t, s in voyage()]
+    course, time_ns, true_ns = judged(rows)
+    np.testing.assert_array_equal(time_ns, true_ns)
+    assert course.steps_ns == [200 * SECOND]
+
+
+def test_a_slow_source_that_cannot_show_the_step_is_shifted_too() -> None:
+    rows = [(t, t, s) for _, t, s in voyage() if s == 0 or (int(t) % 60 == 5 and t % 1 < 0.1)]
+    course, time_ns, true_ns = judged([(t - 30 * (u >= 300), u, s) for t, u, s in rows])
+    np.testing.assert_array_equal(time_ns, true_ns)
+    assert course.steps_ns == [30 * SECOND]
+
+
+def test_only_the_sources_that_are_asked_for_are_judged() -> None:
+    order, time_ns = TimeOrder(), START + np.arange(600) * SECOND
+    order.add(time_ns, np.zeros(600, np.int64), np.arange(600))
+    order.add(np.random.default_rng(1).permutation(time_ns), np.ones(600, np.int64), np.arange(600) + 600)
+    assert list(order.course([0]).notes('they are', 'of it')) == []
+    assert order.course().is_unordered
+
+
+def test_long_recordings_take_no_memory_for_their_rows() -> None:
+    """A week at 1 Hz with a step in its middle: segments are joined, and the step is still exact."""
+    order, count = TimeOrder(), 7 * 86_400
+    time_ns = START + np.arange(count) * SECOND
+    time_ns[count // 2 :] -= 200 * SECOND
+    source, place = np.zeros(count, np.int64), np.arange(count)
+    for begin in range(0, count, 10_000):
+        own = slice(begin, begin + 10_000)
+        order.add(time_ns[own], source[own], place[own])
+    course = order.course()
+    assert course.steps_ns == [200 * SECOND]
+    np.testing.assert_array_equal(course.follow(time_ns, source, place), START + np.arange(count) * SECOND)
+    (kept,) = order._sources.values()
+    assert len(kept.segments) < count // 50
