@@ -155,12 +155,13 @@ class SqliteRecording(Recording):
             counts.update(key for _, _, key in rows)
             # Time 0 is that of a clock that was not set.
             known = [
-                (time, sources[key], _place(number, rowid))
+                (time, sources[key], rowid)
                 for rowid, time, key in rows
                 if time and _is_time(time) and key in names
             ]
             if known:
-                self._order.add(*np.array(known, np.int64).T)
+                time_ns, source, rowids = np.array(known, np.int64).T
+                self._order.add(time_ns, source, _places(number, rowids))
         for key, count in counts.items():
             if key in names:
                 self._counts[names[key]] += count
@@ -246,7 +247,7 @@ class SqliteRecording(Recording):
                 where = f'topic_id IN ({",".join(map(str, ids))})'
                 for rows in self._rows(file, database, 'timestamp, topic_id, data', where):
                     sound = [
-                        (time_ns, ids[key], plain, _place(file_number, rowid))
+                        (time_ns, ids[key], plain, rowid)
                         for rowid, time_ns, key, data in rows
                         if _is_time(time_ns)
                         and isinstance(data, bytes)
@@ -254,7 +255,8 @@ class SqliteRecording(Recording):
                     ]
                     odd += len(rows) - len(sound)
                     if sound:
-                        yield _columns(sound)
+                        *columns, rowids = _columns(sound)
+                        yield *columns, _places(file_number, rowids)
         if odd:
             self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
 
@@ -282,16 +284,16 @@ def _is_time(value: Any) -> bool:
     return isinstance(value, int) and 0 <= value <= MAX_TIME_NS
 
 
-def _place(file: int, rowid: int) -> int:
-    """Return the place of a message, which rises through the files of a recording."""
-    return (file << _ROWID_BITS) + min(max(rowid, 0), (1 << _ROWID_BITS) - 1)
+def _places(file: int, rowid: IntArray) -> IntArray:
+    """Return the places of messages, which rise through the files of a recording, shape (n,)."""
+    return (file << _ROWID_BITS) + rowid.clip(0, (1 << _ROWID_BITS) - 1)
 
 
 def _columns(rows: Sequence[tuple[int, int, bytes, int]]) -> Columns:
     data = np.empty(len(rows), np.object_)
     data[:] = [row[2] for row in rows]
-    times, topics, places = (np.array([row[k] for row in rows], np.int64) for k in (0, 1, 3))
-    return times, topics, data, places
+    times, topics, rowids = (np.array([row[k] for row in rows], np.int64) for k in (0, 1, 3))
+    return times, topics, data, rowids
 
 
 class SqliteReading(MessageReading):
