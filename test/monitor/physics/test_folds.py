@@ -192,6 +192,18 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
         np.testing.assert_allclose(table.exact(load), exact_fold_speed(bearing, load), rtol=rtol)
 
 
+def test_few_steps_tabulate_a_table_that_scatters(monkeypatch):
+    """Its 100 kinks make steps short: 170,000 of them, as they once were, keep a node busy for 4 s."""
+    monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
+    folds.fold_curve.cache_clear()
+    begun = orbits._Effort.steps
+    bearing = bench(measured(100, 0.004, 3))
+    table = boundary_table(bearing)
+    assert 10_000 < orbits._Effort.steps - begun < 110_000
+    for load in 500.0, 3000.0:
+        assert table.exact(load) == pytest.approx(exact_fold_speed(bearing, load), rel=1e-3)
+
+
 def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
     """At 3 Hz a load of 200 kN would move it by 3 m; orbits there take up to 20000 steps each."""
     steps, step = 0, orbits.slip_step
