@@ -20,7 +20,7 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
-FOLDER = Path(__file__).resolve().parents[1] / 'test' / 'links' / 'signalk_server'
+FOLDER = Path(__file__).resolve().parents[1] / 'test' / 'monitor' / 'links' / 'signalk_server'
 SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'
 _SETTINGS = {
     'vessel': {'name': 'Test', 'mmsi': '230099999'},

@@ -213,7 +213,7 @@ REFUSED = {
     'SCENE --picture a.png': '--picture is for bags',
     'none -c CONFIG': "bag 'none' does not exist",
     'SCENE --sensors none.yaml': 'none.yaml: No such file',
-    'BAG --seeds=0': "--seeds '0' must be ",
+    'BAG --seeds=0': '--seeds = 0 must be ',
 }
 
 

@@ -130,7 +130,7 @@ CALM = [
         ),
         ({'duration': between(9, 3)}, 'duration = {between: [9, 3]} must be two numbers, the lower first'),
         ({'parameter_error': {'dampin': 0.1}}, "did you mean 'damping'?"),
-        ({'parameter_error': {'mass': 2.0}}, 'parameter_error.mass = 2.0 must be a number'),
+        ({'parameter_error': {'mass': 2.0}}, 'mass = 2.0 must be a finite number between 0 and 0.9'),
         ({'config': '.'}, 'is a folder without a .yaml file'),
     ],
 )
