@@ -75,7 +75,7 @@ class SceneRun:
         self._claimed.add((what, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
-        """The channels of a quantity that an effect is for: of its ``bearing``, else of all."""
+        """Return the channels of a quantity that an effect is for: of its ``bearing``, else of all."""
         own = [b.name for b in self._asked(settings)]
         for channel in self.channels:
             if channel.quantity == quantity and any(map(channel.serves, own)):
@@ -83,7 +83,7 @@ class SceneRun:
                 yield channel
 
     def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
-        """The bearings that an effect on the lining is for: its ``bearing``, else all.
+        """Return the bearings that an effect on the lining is for: its ``bearing``, else all.
 
         Where it may be listed once for each part of a bearing, ``part`` names it.
         """
@@ -99,7 +99,7 @@ class SceneRun:
         return [known[settings.choice('bearing', list(known))]]
 
     def course(self, config: BearingConfig) -> FrictionCourse:
-        """The friction of a bearing over time."""
+        """Return the friction of a bearing over time."""
         return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
 
     def sense(self, channel: Channel, memory: Memory) -> None:
@@ -110,7 +110,7 @@ class SceneRun:
     def random(
         self, settings: Settings, channel: Channel | None = None, *purpose: str
     ) -> np.random.Generator:
-        """The random stream of an effect, its own whatever else the scene lists.
+        """Return the random stream of an effect, its own whatever else the scene lists.
 
         It is for a channel or for the whole ship; ``purpose`` separates several of one effect.
         """
@@ -181,7 +181,7 @@ def _on_signal(topic: str, change: Change) -> Callable[[TimeBlock], None]:
 
 
 def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
-    """The ``unit`` of an effect's settings, and the SI value of one on a channel."""
+    """Return the ``unit`` of an effect's settings, and the SI value of one on a channel."""
     unit = settings.choice('unit', UNITS[channel.quantity])
     return unit, channel.factor(unit)
 
@@ -255,13 +255,13 @@ def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
 def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds a profile to the speed."""
+    """Add a profile to the speed."""
     _add_profile(settings, channel, run)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
 def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds steps to the speed."""
+    """Add steps to the speed."""
     _add_steps(settings, channel, run)
 
 
@@ -278,7 +278,7 @@ def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 def _speeds(settings: Settings, unit: str) -> dict[str, float]:
-    """The speed of each order the telegraph has."""
+    """Return the speed of each order the telegraph has."""
     speeds = {'stop': 0.0}
     for way, sign in (('ahead', 1.0), ('astern', -1.0)):
         if way in settings:
@@ -316,7 +316,7 @@ class Response:
 
     @classmethod
     def to(cls, times: FloatArray, targets: FloatArray, time_constant: float) -> Response:
-        """The response to targets, from rest at the first of them."""
+        """Compute the response to targets, from rest at the first of them."""
         values, ways = targets.copy(), times * targets
         response = cls(times, targets, values, ways, time_constant)
         for k in range(1, times.size):
@@ -346,13 +346,13 @@ class Response:
 
 @channel_effect('shaft', ['load'], 'unit', 'points', 'table')
 def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds a profile to the load."""
+    """Add a profile to the load."""
     _add_profile(settings, channel, run)
 
 
 @channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
 def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds steps to the load."""
+    """Add steps to the load."""
     _add_steps(settings, channel, run)
 
 
@@ -365,7 +365,7 @@ _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 @channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
 def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds the load of a sea, the same for all bearings."""
+    """Add the load of a sea, the same for all bearings."""
     unit, factor = unit_of(settings, channel)
     per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
     sea = Sea.of(
@@ -387,7 +387,7 @@ class Sea:
 
     @classmethod
     def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:
-        """A sea of a significant height [m], peak period [s] and peakedness [-]."""
+        """Return a sea of a significant height [m], peak period [s] and peakedness [-]."""
         part = (np.arange(COMPONENTS) + random.random(COMPONENTS)) / COMPONENTS
         frequency = np.interp(part, _energy_below(gamma), _RANGE) / period
         phase = random.random(COMPONENTS)
@@ -402,7 +402,7 @@ class Sea:
 
 
 def _energy_below(gamma: float) -> FloatArray:
-    """The share of the variance below each frequency of the range."""
+    """Return the share of the variance below each frequency of the range."""
     x = _RANGE
     width = np.where(x <= 1.0, 0.07, 0.09)
     peak = exp(math.log(gamma) * exp(-(((x - 1.0) / width) ** 2) / 2.0))
@@ -414,7 +414,7 @@ def _energy_below(gamma: float) -> FloatArray:
 
 @channel_effect('turning', ['speed'], 'blades', 'amplitude')
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds ripple at the rate of the blades, a share of the speed."""
+    """Add ripple at the rate of the blades, a share of the speed."""
     blades = settings.whole('blades', 'the number of blades', 1, 20)
     amplitude = settings.number('amplitude', '-', least=0.0, most=1.0)
     shaft, bearing = run.shaft, channel.bearings[0].name
@@ -428,7 +428,7 @@ def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('turning', ['load'], 'amplitude', 'unit')
 def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Adds ripple once a turn to the load."""
+    """Add ripple once a turn to the load."""
     unit, factor = unit_of(settings, channel)
     amplitude = settings.number('amplitude', unit, least=0.0) * factor
     shaft, bearing = run.shaft, channel.bearings[0].name

@@ -43,14 +43,14 @@ _LOAD_STEP = 0.1
 
 
 def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
-    """What may move: the law's own numbers, and a factor on the whole coefficient."""
+    """Return what may move: the law's own numbers, and a factor on the whole coefficient."""
     # The protocol does not say that a law is a dataclass; those a configuration can name are.
     own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
     return (*own, FACTOR)
 
 
 def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
-    """A law with some parameters replaced, and then multiplied by the factor."""
+    """Replace parameters of a law; ``values['factor']`` scales its coefficients."""
     own = {name: value for name, value in values.items() if name != FACTOR}
     # A dataclass, as above.
     changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
@@ -80,7 +80,7 @@ class FrictionCourse:
         return bool(self.drifts) or self.water is not None
 
     def bearing_at(self, bearing: Bearing, time: float, *, scaled: bool = True) -> Bearing:
-        """A bearing with the law and the water of a time [s]; args as of :meth:`at`."""
+        """Return a bearing with the law and the water of a time [s]; args as of :meth:`at`."""
         law = self.at(time, scaled=scaled)
         bearing = bearing if law is bearing.friction else replace(bearing, friction=law)
         if self.water is None:
@@ -88,14 +88,14 @@ class FrictionCourse:
         return bearing.at_temperature(float(self.water.at(np.array([time // STEP * STEP]))[0]))
 
     def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
-        """The law at a time since the scene's start [s], with or without its common factor."""
+        """Return the law at a time since the scene's start [s], with or without its common factor."""
         step = np.array([time // STEP * STEP])
         moved = {name: own for name, own in self.drifts.items() if scaled or name != FACTOR}
         values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
         return with_parameters(self.law, values) if values else self.law
 
     def factor(self, time: FloatArray) -> FloatArray:
-        """The common factor at some times [s], of their shape: as much as one on the load."""
+        """Return the common factor at some times [s], of their shape: as much as one on the load."""
         drift = self.drifts.get(FACTOR)
         return np.ones_like(time) if drift is None else drift.at(time // STEP * STEP)
 
@@ -141,7 +141,7 @@ class Episodes:
     def see(
         self, changes: Sequence[Change], end: float
     ) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
-        """Ends and durations [s] of the sticks that ended in a stretch, and its events."""
+        """Return ends and durations [s] of the sticks that ended in a stretch, and its events."""
         ended: list[tuple[float, float]] = []
         events: list[EpisodeEvent] = []
         for time, is_stick, now in changes:
@@ -159,7 +159,7 @@ class Episodes:
         return ended, events + self.passed(end)
 
     def stick(self, time: float) -> list[EpisodeEvent]:
-        """A stick begins while the shaft turns."""
+        """Note that a stick begins while the shaft turns."""
         events = self.passed(time)
         if self._sticks == 0:
             self._first = time
@@ -170,7 +170,7 @@ class Episodes:
         return events
 
     def release(self, time: float) -> None:
-        """The stick ends, or the shaft comes to rest while it lasts."""
+        """Note that the stick ends, or the shaft comes to rest while it lasts."""
         if self._open is not None:
             self._sticking += time - self._open
             self._last, self._open = time, None
@@ -209,7 +209,7 @@ class Samples:
         self._kept = np.empty((4, 0))
 
     def until(self, end: float) -> FloatArray:
-        """The next times to sample the motion at, up to and with ``end`` [s]."""
+        """Return the next times to sample the motion at, up to and with ``end`` [s]."""
         size = self._before.size
         last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
         number, place = np.divmod(np.arange(self._asked, max(last * size, self._asked)), size)
@@ -345,7 +345,7 @@ class Lining:
         return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
 
     def _extend(self, end: float) -> FloatArray:
-        """The grid's instants from the last end to this one, and those of knocks, (3, n)."""
+        """Return the grid's instants from the last end to this one, and those of knocks, (3, n)."""
         last = math.floor(end * self.rate)
         time = np.arange(self._number + 1, last + 1) / self.rate
         self._number = last

@@ -88,7 +88,7 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
 
 
 def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:
-    """What holds at the points holds between them: every rule of a law is a bound."""
+    """Refuse a drift that breaks a rule at a point: each rule is a bound, so it holds between points too."""
     for time, value in zip(drift.times.tolist(), drift.values.tolist(), strict=True):
         if value < 0.0:
             what = f'{settings.name}: {name} = {value:g} at {time:g} s'
@@ -104,7 +104,7 @@ _HIGHEST_POINT_RATE = 1000.0
 
 @effect('lining', 'bearing', 'rate')
 def operating_point(settings: Settings, run: SceneRun) -> None:
-    """Records the operating points, each with its friction over time."""
+    """Record the operating points, each with its friction over time."""
     rate = settings.number('rate', 'Hz', above=0.0, most=_HIGHEST_POINT_RATE)
     bearings = [(config, run.course(config)) for config in run.bearings(settings)]
 
@@ -203,7 +203,7 @@ def _blow(settings: Settings, config: BearingConfig) -> float:
 
 
 def _rate(settings: Settings, key: str, most: float) -> float:
-    """The rate of what is asked for [Hz], 0 where it is not."""
+    """Return the rate of what is asked for [Hz], 0 where it is not."""
     if key not in settings:
         return 0.0
     own = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')
@@ -211,7 +211,7 @@ def _rate(settings: Settings, key: str, most: float) -> float:
 
 
 def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel | None:
-    """The channel of a bearing's level, if the scene sends it, at a rate up to the most [Hz]."""
+    """Return the channel of a bearing's level, if the scene sends it, at a rate up to the most [Hz]."""
     try:
         channel = run.shaft.channel(config.name, 'level')
     except KeyError:

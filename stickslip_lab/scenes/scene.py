@@ -99,7 +99,7 @@ def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | 
 
 
 def _document(path: str | Path, kind: str, what: str, schema: str) -> Any:
-    """The mapping in a file of a kind, which its first key names."""
+    """Return the mapping in a file of a kind, which its first key names."""
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
@@ -143,7 +143,7 @@ def _seed(settings: Settings) -> int:
 
 
 def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
-    """The configuration's file; of a folder of them each seed takes the next."""
+    """Return the configuration's file; of a folder of them each seed takes the next."""
     path = folder / settings.text('config', 'the path of a configuration file')
     if not path.is_dir():
         return path
@@ -154,7 +154,7 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
 
 
 def _sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
-    """The file of sensors that was asked for, else that which the scene names, if any."""
+    """Return the file of sensors that was asked for, else that which the scene names, if any."""
     if path is None:
         if 'sensors' not in settings:
             return None
@@ -167,7 +167,7 @@ def _sensors(folder: Path, settings: Settings, seed: int, path: str | Path | Non
 
 
 def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
-    """What happens, and what the sensors make of it; where both name an effect the scene's."""
+    """Return what happens and what the sensors make of it; where both name an effect the scene's."""
     own = read_effects(settings.value('effects', 'the list of what happens'))
     if sensors is None or 'effects' not in sensors:
         return own
@@ -180,7 +180,7 @@ def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ..
 
 
 def read_effects(listed: Any) -> tuple[Settings, ...]:
-    """The settings of the listed effects, in the order in which they act.
+    """Return the settings of the listed effects, in the order in which they act.
 
     The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
     """
@@ -257,7 +257,7 @@ def simulate(
 
 
 def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
-    """What a channel's sensor makes of the shaft from ``start`` to before ``end``."""
+    """Return what a channel's sensor makes of the shaft from ``start`` to before ``end``."""
     span = telemetry.numbers(channel.rate, start, end, scene.duration)
     numbers = np.array(span, np.int64)
     time = numbers / channel.rate

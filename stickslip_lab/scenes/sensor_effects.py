@@ -36,13 +36,13 @@ _HOUR = 3600.0
 # A level is made of its samples already, so memories are for the other quantities.
 @channel_effect('sensing', QUANTITIES, 'time_constant', section='the filter')
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Gives a sensor a first-order lag."""
+    """Give a sensor a first-order lag."""
     lag = settings.number('time_constant', 's', least=_SHORTEST, most=_LONGEST)
     run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
 def low_pass(time_constant: float, step: float, value: float) -> Term:
-    """A filter that has settled on a value; samples are ``step`` [s] apart."""
+    """Return a filter that has settled on a value; samples are ``step`` [s] apart."""
     from scipy.signal import lfilter
 
     left = math.exp(-step / time_constant)
@@ -91,7 +91,7 @@ def moving_mean(window: float, step: float, value: float) -> Term:
 
 @channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
 def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Adds to a level what is not the lining.
+    """Add to a level what is not the lining.
 
     The floor of the sensor, and the engine, given at the fold speed and growing with the square
     of the speed, rise and fall by a share with the sea; each value scatters.
@@ -118,7 +118,7 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
 
 @channel_effect('sensor', INPUTS, 'bias', 'drift', 'unit', section='the error')
 def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Adds an error that is constant or drifts."""
+    """Add an error that is constant or drifts."""
     unit, factor = unit_of(settings, channel)
     drift = settings.number('drift', f'{unit} per hour') / _HOUR if 'drift' in settings else 0.0
     constant, rate = settings.number('bias', unit) * factor, drift * factor
@@ -131,7 +131,7 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', INPUTS, 'standard_deviation', 'unit', section='the noise')
 def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Adds white normal noise."""
+    """Add white normal noise."""
     unit, factor = unit_of(settings, channel)
     deviation = settings.number('standard_deviation', unit, least=0.0) * factor
     random = run.random(settings, channel)
@@ -144,7 +144,7 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', INPUTS, 'size', 'unit', 'windows', 'share', section='the spikes')
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Puts single samples off by a size, up or down."""
+    """Put single samples off by a size, up or down."""
     unit, factor = unit_of(settings, channel)
     size = settings.number('size', unit) * factor
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
@@ -160,7 +160,7 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', INPUTS, 'step', 'unit', section='the step')
 def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Rounds to the nearest multiple of a step."""
+    """Round to the nearest multiple of a step."""
     unit, factor = unit_of(settings, channel)
     step = settings.number('step', unit, least=1e-9) * factor
 
@@ -192,7 +192,7 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', INPUTS, 'windows', 'share', section='when it sends NaN')
 def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Sends NaN in the place of some samples."""
+    """Send NaN in the place of some samples."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def spoil(signal: Signal) -> None:
@@ -271,7 +271,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', INPUTS, 'windows', 'share', section='which messages come twice')
 def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Records some messages twice."""
+    """Record some messages twice."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def repeat(signal: Signal) -> None:
@@ -293,7 +293,7 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', INPUTS, 'value', 'unit', 'rate', section='what it sends')
 def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Sends a constant value on the same topic, between the regular instants of its rate."""
+    """Send a constant value on the same topic, between the regular instants of its rate."""
     unit, factor = unit_of(settings, channel)
     value = settings.number('value', unit) * factor
     rate = settings.number('rate', 'Hz', above=0.0, most=1000.0)
@@ -315,6 +315,6 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
 
 @effect('file', 'time')
 def cut_off(settings: Settings, run: SceneRun) -> None:
-    """Ends the recorder in mid-write."""
+    """End the recorder in mid-write."""
     run.claim(settings.name)
     run.cut = settings.number('time', 's', above=0.0, most=run.duration)

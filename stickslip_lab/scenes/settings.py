@@ -51,17 +51,17 @@ class Settings:
         return key in self._content
 
     def label(self, key: str) -> str:
-        """The key's full name."""
+        """Return the key's full name."""
         return f'{self.name}.{key}' if self.name else key
 
     def value(self, key: str, what: str) -> Any:
-        """The value as it stands in the file; ``what`` says what is missing where it is."""
+        """Return the value as it stands in the file; ``what`` says what is missing where it is."""
         if key not in self._content:
             raise SceneError(f"key '{self.label(key)}' is missing: {what}")
         return self._content[key]
 
     def text(self, key: str, what: str) -> str:
-        """A text that is not empty."""
+        """Return a text that is not empty."""
         value = self.value(key, what)
         if not isinstance(value, str) or not value.strip():
             raise self.broken(key, f'must be a text: {what}')
@@ -76,7 +76,7 @@ class Settings:
     def number(
         self, key: str, unit: str, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
     ) -> float:
-        """A finite number above one bound, or not below another, and not above a third."""
+        """Return a finite number above one bound, or not below another, and not above a third."""
         low, is_open = max(above, least), above > least
         row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, most, above_minimum=is_open)
         value = self.value(key, row.rule())
@@ -85,35 +85,35 @@ class Settings:
         return float(self._checked(key, row))
 
     def whole(self, key: str, what: str, least: int, most: float = math.inf) -> int:
-        """A whole number within bounds; ``what`` says what is missing where it is."""
+        """Return a whole number within bounds; ``what`` says what is missing where it is."""
         self.value(key, what)
         return int(self._checked(key, Parameter(key, 'int', REQUIRED, '', minimum=least, maximum=most)))
 
     def _checked(self, key: str, row: Parameter) -> Any:
-        """The value of a key that keeps a rule."""
+        """Return the value of a key that keeps a rule."""
         try:
             return row.checked(self.label(key), {self.label(key): self._content[key]})
         except ConfigurationError as error:
             raise SceneError(str(error)) from None
 
     def rows(self, key: str, name: str, what: str) -> list[tuple[str, Any]]:
-        """The entries of a list that is not empty, each with its name for sentences."""
+        """Return the entries of a list that is not empty, each with its name for sentences."""
         listed = self.value(key, what)
         if not isinstance(listed, list) or not listed:
             raise self.broken(key, f'must be {what}')
         return [(f'{self.label(key)}: {name} {k}', row) for k, row in enumerate(listed, 1)]
 
     def section(self, key: str, keys: Iterable[str], what: str) -> Settings:
-        """The mapping under a key."""
+        """Return the mapping under a key."""
         return Settings(self.label(key), self.value(key, what), keys)
 
     def broken(self, key: str, rule: str) -> SceneError:
-        """The error that says that a key's value breaks a rule."""
+        """Return the error that says that a key's value breaks a rule."""
         return SceneError(f'{self.label(key)} = {shown(self._content[key])} {rule}')
 
 
 def suggestion(key: Any, known: Sequence[str]) -> str:
-    """What to say about a name that is not among the known ones."""
+    """Return what to say about a name that is not among the known ones."""
     return did_you_mean(key, known).removeprefix('; ') or f'there are: {", ".join(known)}'
 
 
@@ -123,7 +123,7 @@ def is_number(value: Any) -> bool:
 
 
 def too_large(*values: Any) -> str:
-    """What to add to the rule that a value breaks where the rule is :data:`LARGEST`."""
+    """Return what to add to the rule that a value breaks where the rule is :data:`LARGEST`."""
     beyond = any(_is_numeric(value) and abs(value) > LARGEST for value in values)
     return f', of a size up to {LARGEST:g}' if beyond else ''
 
@@ -142,7 +142,7 @@ class Profile:
 
     @classmethod
     def of(cls, points: Sequence[tuple[float, float]]) -> Profile:
-        """The profile through some points (time, value)."""
+        """Return the profile through some points (time, value)."""
         times, values = np.array(points, float).T.copy()
         pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(times)
         return cls(times, values, np.cumsum([times[0] * values[0], *pieces]))
@@ -161,7 +161,7 @@ class Profile:
 
 
 def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
-    """The ``points`` or, in its place, the ``table`` of an effect, with numbers in a unit.
+    """Return the ``points`` or, in its place, the ``table`` of an effect, with numbers in a unit.
 
     The table's path counts from the folder of the scene file.
     """
@@ -175,7 +175,7 @@ def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -
 
 
 def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
-    """The ``steps`` and ``rise`` of an effect, with levels in a unit.
+    """Return the ``steps`` and ``rise`` of an effect, with levels in a unit.
 
     Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
     the load on a bearing jumps. The first level holds from the scene's start.
@@ -229,7 +229,7 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
 
 
 def _table_rows(path: Path) -> list[tuple[str, Any]]:
-    """The rows of a table headed ``time,value``, each with its name for sentences."""
+    """Return the rows of a table headed ``time,value``, each with its name for sentences."""
     rows, _ = read_table(path, _LARGEST_TABLE, SceneError)
     if not rows or rows[0].cells != ['time', 'value']:
         raise SceneError(f"table '{path}' must begin with a line 'time,value'")
@@ -251,7 +251,7 @@ Hit = Callable[[FloatArray], BoolArray]
 
 
 def read_windows(settings: Settings, duration: float) -> Hit:
-    """The ``windows``: pairs [start, end) in s, in order of time."""
+    """Return the ``windows``: pairs [start, end) in s, in order of time."""
     rows = settings.rows('windows', 'window', 'a list of windows [start in s, end in s]')
     for name, window in rows:
         _check_pair(name, window, '[start in s, end in s]')
@@ -277,7 +277,7 @@ def read_windows(settings: Settings, duration: float) -> Hit:
 
 
 def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
-    """The ``windows`` and the ``share`` of samples, of which at least one is there.
+    """Return the ``windows`` and the ``share`` of samples, of which at least one is there.
 
     The random stream is drawn from only where there is a share.
     """
@@ -306,7 +306,7 @@ PARAMETERS = (
 
 
 def random_stream(seed: int, *names: str) -> np.random.Generator:
-    """The random stream of a name: of the effect, and within it the topic.
+    """Return the random stream of a name: of the effect, and within it the topic.
 
     It depends on the scene's seed and the names alone, on every machine.
     """
@@ -316,7 +316,7 @@ def random_stream(seed: int, *names: str) -> np.random.Generator:
 
 
 def drawn(document: Any, seed: int, place: str = '') -> Any:
-    """A parsed scene with a number in place of each ``{between: [low, high]}``.
+    """Return a parsed scene with a number in place of each ``{between: [low, high]}``.
 
     Each is drawn evenly from a random stream of its own, named after its place in the file.
     """
@@ -341,7 +341,7 @@ def _draw(limits: Any, seed: int, place: str) -> float:
 
 
 def _names(entries: list[Any]) -> list[str]:
-    """What the entries of a list are called: effects by name, so that others change nothing."""
+    """Return the names of a list's entries: effects by name, so that others change nothing."""
     seen: Counter[str] = Counter()
     found = []
     for number, entry in enumerate(entries):
@@ -353,7 +353,7 @@ def _names(entries: list[Any]) -> list[str]:
 
 
 def read_parameter_error(settings: Settings) -> dict[str, float]:
-    """The ``parameter_error``: by parameter the largest relative error."""
+    """Return the ``parameter_error``: by parameter the largest relative error."""
     if 'parameter_error' not in settings:
         return {}
     own = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')

@@ -35,7 +35,7 @@ def count(rate: float, duration: float) -> int:
 
 
 def numbers(rate: float, start: float, end: float, duration: float) -> range:
-    """The ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
+    """Return the ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
 
     Stretches that join cover every instant of the scene once, and the last one, which ends at
     ``duration``, has the instant at its end too.
@@ -126,7 +126,7 @@ class Channel:
         return self.bearings[0].bearing.speed.factor(unit)
 
     def ratio(self, bearing: str) -> float:
-        """A bearing's own SI value of one of the channel's: journals may differ in diameter."""
+        """Return a bearing's own SI value of one of the channel's: journals may differ in diameter."""
         if self.quantity != 'speed':
             return 1.0
         diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
@@ -147,7 +147,7 @@ class Signal:
     arrival_ns: IntArray | None = None
 
     def messages(self) -> Messages:
-        """What the recorder writes: of SI values the numbers that the monitor will take for them."""
+        """Return what the recorder writes: of SI values the numbers that the monitor will take for them."""
         source = self.channel.input
         raw = np.repeat((self.value / source.factor - source.offset) / source.scale, self.copies)
         stamp = np.repeat(self.stamp_ns, self.copies)
@@ -168,7 +168,7 @@ _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 
 
 def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
-    """The channels of a scene, one for each topic, in the configuration's order.
+    """Return the channels of a scene, one for each topic, in the configuration's order.
 
     The scene's section ``telemetry`` is ``{speed: {rate: Hz}, load: {rate: Hz}}``, or one such
     mapping for each bearing.
@@ -189,7 +189,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 
 
 def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
-    """The telemetry of one bearing: its own section, or the common one."""
+    """Return the telemetry of one bearing: its own section, or the common one."""
     names = set(telemetry) if isinstance(telemetry, dict) else set()
     if names.isdisjoint(bearings) or not names.isdisjoint(INPUTS):
         return Settings('telemetry', telemetry, INPUTS)
@@ -272,7 +272,7 @@ class Shaft:
         return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
 
     def turns(self, bearing: str, time: FloatArray) -> FloatArray:
-        """Turns of a bearing's journal since the start, shape (n,)."""
+        """Return the turns of a bearing's journal since the start, shape (n,)."""
         channel = self.channel(bearing, 'speed')
         way = _sum(self._ways[channel.topic], time)
         return way / (math.pi * channel.bearings[0].bearing.journal_diameter)
@@ -287,7 +287,7 @@ class Shaft:
         return self.value(self.channel(bearing, 'load').topic, time)
 
     def channel(self, bearing: str, quantity: str) -> Channel:
-        """The channel of a quantity of a bearing.
+        """Return the channel of a quantity of a bearing.
 
         Raises:
             KeyError: The scene has none.
@@ -318,7 +318,7 @@ class TimeBlock:
     truth: list[Column] = field(default_factory=list)
 
     def instants(self, rate: float) -> FloatArray:
-        """The regular instants of this block at a rate [Hz], shape (n,) [s].
+        """Return the regular instants of this block at a rate [Hz], shape (n,) [s].
 
         Those of all blocks together are ``k / rate`` from 0 to the scene's end, each once.
         """

@@ -75,7 +75,7 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
 
 
 def known_truth(bag: Recording, bearing: str) -> TruthRecord:
-    """What a recording holds of the truth about a bearing: no episodes if no lining was followed.
+    """Return what a recording holds of the truth about a bearing: no episodes if no lining was followed.
 
     Raises:
         BagError: It is not of the kind this version knows.
@@ -147,11 +147,11 @@ class Column:
 
 
 def topic(bearing: str, name: str) -> str:
-    """The truth topic of a bearing."""
+    """Return the truth topic of a bearing."""
     return f'{ROOT}/{bearing}/{name}'
 
 
 def event_text(bearing: str, event: str, time_ns: int, **more: float) -> str:
-    """An event of the lining as JSON; docs/interfaces.md has the schema."""
+    """Return an event of the lining as JSON; docs/interfaces.md has the schema."""
     record = {'schema': EVENT_SCHEMA, 'bearing': bearing, 'event': event, 'time': time_ns}
     return json.dumps(record | more)
