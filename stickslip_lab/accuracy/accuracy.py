@@ -216,7 +216,7 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
 
 
 def columns(rows: Sequence[Row]) -> dict[str, list[object]]:
-    """The measurement as columns for a CSV file."""
+    """Return the measurement as columns for a CSV file."""
     return {field.name: [getattr(row, field.name) for row in rows] for field in fields(Row)}
 
 
@@ -258,7 +258,7 @@ WIDTHS = (1e-3, 1e-4, 1e-5)
 def _single_and_bulk(
     name: str, amplitude: Callable[[int, Bearing, float, float], MethodResult]
 ) -> tuple[Method, Method]:
-    """A method for one operating point, and for many in one call."""
+    """Return a method for one operating point, and one for many in one call."""
     bulk = Method(f'{name}, {AT_ONCE} at once', name, partial(amplitude, AT_ONCE), points=AT_ONCE)
     return Method(name, name, partial(amplitude, 1)), bulk
 

@@ -51,12 +51,12 @@ class MethodResult:
 
 
 def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
-    """A result: a cycle where the amplitude is a number, none where it is ``nan``."""
+    """Return a result: a cycle where the amplitude is a number, none where it is ``nan``."""
     return MethodResult(amplitude, CYCLE if math.isfinite(amplitude) else NO_CYCLE, evaluations)
 
 
 def not_converged(evaluations: int | None = None) -> MethodResult:
-    """A result of a method that gave up within its allowed number of steps."""
+    """Return a result of a method that gave up within its allowed number of steps."""
     return MethodResult(math.nan, NOT_CONVERGED, evaluations)
 
 
@@ -70,7 +70,7 @@ def breakaway(bearing: Bearing, speed: float, load: float) -> float:
 
 
 def typical_period(bearing: Bearing, speed: float, load: float) -> float:
-    """A cycle's duration, to plan with: a free vibration and the stick of a weak damper [s]."""
+    """Estimate the duration of a cycle to plan with: a free vibration and the stick of a weak damper [s]."""
     lead = breakaway(bearing, speed, load) - float(bearing.equilibrium(speed, load))
     return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
 
@@ -216,7 +216,7 @@ _MOST_STRETCHES = 400
 
 
 def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """The package's integrator of the motion, from breakaway until the motion repeats.
+    """Integrate the motion with the package's integrator, from breakaway until the motion repeats.
 
     Stick and slip are phases, with transitions located to rounding. It ends where two stretches
     of motion have the same amplitude.
@@ -357,7 +357,7 @@ class _Problem:
         return e * (lean - s.project @ v), jacobian
 
     def solved(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
-        """The balance from a guess by damped semi-smooth Newton; the phase is ``b_1 = 0``.
+        """Solve the balance from a guess by damped semi-smooth Newton; the phase is ``b_1 = 0``.
 
         scipy's least-squares solvers find the same roots in five to sixty times the time.
         """

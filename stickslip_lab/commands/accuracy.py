@@ -85,7 +85,7 @@ def measured(*, quick: bool) -> list[Row]:
 
 
 def to_json(rows: Sequence[Row]) -> dict[str, Any]:
-    """The measurement as the documented JSON object."""
+    """Return the measurement as the documented JSON object."""
     return {
         'schema': SCHEMA,
         'base': BASE.name,
@@ -99,7 +99,7 @@ def _plain(record: Row | Summary) -> dict[str, object]:
 
 
 def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
-    """The typical case, and the worst of all cases."""
+    """Return the typical case, and the worst of all cases."""
     typical = [row for row in rows if row.case == TYPICAL and row.outcome != 'refused']
     one = [(row.family, row.points, row.seconds, abs(row.error)) for row in typical]
     every = [
@@ -124,14 +124,14 @@ def _marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
 
 
 def footnote(rows: Sequence[Row]) -> str:
-    """What the picture should be read with."""
+    """Return the caveats to read the picture with."""
     disturbed = sum(row.disturbed for row in rows)
     text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
     return text + (f'; {disturbed} of {len(rows)} times disturbed' if disturbed else '')
 
 
 def error_text(row: Row | None) -> str:
-    """An error in a table's cell."""
+    """Return an error in a table's cell."""
     if row is None:
         return ''
     if row.outcome in _WORDS:
@@ -141,7 +141,7 @@ def error_text(row: Row | None) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time in a table's cell."""
+    """Return a time in a table's cell."""
     for unit, factor in (('s', 1.0), ('ms', 1e3)):
         if seconds * factor >= 1.0:
             return f'{seconds * factor:.3g} {unit}'
@@ -165,7 +165,7 @@ def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table in Markdown."""
+    """Return the table in Markdown."""
     headings, lines = table_cells(rows)
     rule = ['---', *['--:'] * (len(headings) - 1)]
     return ''.join(f'| {" | ".join(line)} |\n' for line in [headings, rule, *lines])

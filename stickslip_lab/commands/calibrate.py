@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
-    """The source of when the bearings of a configuration vibrated: an operator's file, if any."""
+    """Return the source of when the bearings of a configuration vibrated: an operator's file, if any."""
     names = [bearing.name for bearing in config.bearings]
     return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 

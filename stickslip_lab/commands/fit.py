@@ -125,7 +125,7 @@ def boundaries(belief: Belief, load: float) -> Boundaries:
 
 
 def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
-    """The probability of each regime at ``--speed``."""
+    """Return the probability of each regime at ``--speed``."""
     if not args.speed:
         return None
     speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
@@ -136,7 +136,7 @@ def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str,
 
 
 def point_columns(fit: StribeckFit) -> dict[str, Any]:
-    """The points with what the fit says of each, for a CSV file in SI units."""
+    """Return the points and the fit's values at each as columns, for a CSV file in SI units."""
     curve = fit.points
     return {
         'line': curve.line,
@@ -162,7 +162,7 @@ def _footnote(args: argparse.Namespace, fit: StribeckFit, found: Found) -> str:
 
 
 def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Found) -> dict[str, Any]:
-    """The fit as the documented JSON object."""
+    """Return the fit as the documented JSON object."""
     points, test = point_columns(fit), fit.viscous_test
     return {
         'schema': SCHEMA,
@@ -202,7 +202,7 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Foun
 
 
 def _conditions(fit: StribeckFit) -> dict[str, Any] | None:
-    """The load and the water of the reference points, and the exponent; ``None`` without columns of them."""
+    """Return load and water of the reference points, and the exponent; ``None`` without columns of them."""
     if not isinstance(fit, PooledFit):
         return None
     return {
@@ -216,7 +216,7 @@ def _conditions(fit: StribeckFit) -> dict[str, Any] | None:
 
 
 def fragment(source: str, fit: StribeckFit) -> str:
-    """The law as a bearing's entry in the parameter file."""
+    """Return the law as a bearing's entry in the parameter file."""
     written = [name for name in UNITS if name != 'viscous' or name in fit.names]
     values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
     both = zip(fit.names, fit.standard_error, strict=True)

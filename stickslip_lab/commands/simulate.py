@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary(path: str, scene: Scene, written: Mapping[str, int]) -> str:
-    """What was written, in one sentence."""
+    """Say in one sentence what was written."""
     topics = [channel.topic for channel in scene.channels]
     telemetry = sum(written[topic] for topic in topics)
     cuts = [settings.value('time', '') for settings in scene.effects if settings.name == 'cut_off']

@@ -51,7 +51,7 @@ def draw_friction_fit(
 
 
 def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
-    """The law with its band, and axes that hold it and the points."""
+    """Draw the law with its band, on axes that hold it and the points."""
     top = _BEYOND * float(fit.curve.speed.max())
     speed = np.linspace(0.0, top, 400)
     law, half = fit.law.coefficient(speed), fit.band(speed)
@@ -85,7 +85,7 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
 
 
 def _mark(axes: canvas.Axes, name: str, low: float, middle: float, high: float) -> None:
-    """A boundary speed as a line in its interval, named at the foot of the axes."""
+    """Draw a boundary speed as a line in its interval, named at the foot of the axes."""
     if not middle > 0.0:
         return
     regime, colour, dashes = canvas.BOUNDARY_LINES[name]
@@ -164,7 +164,7 @@ def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
 
 
 def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
-    """The ends that count as at the fold, at their height; the doubtful ones crossed."""
+    """Draw the ends that count as at the fold, at their height; the doubtful ones crossed."""
     doubtful = {id(end) for end, _ in found.doubts}
     tracks = {track.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
     low, high = axes.get_ylim()

@@ -114,7 +114,7 @@ def read_curve(
 
 
 def _rows(path: str | Path) -> tuple[list[TableRow], str]:
-    """The rows, the headings with their units first, and what separates their cells."""
+    """Return the rows, the headings with their units first, and what separates their cells."""
     rows, delimiter = read_table(path, _LARGEST, FitError)
     if len(rows) > _MOST_POINTS:
         raise FitError(
@@ -133,7 +133,7 @@ def _rows(path: str | Path) -> tuple[list[TableRow], str]:
 
 
 def _split(heading: str) -> tuple[list[str], str]:
-    """The words of a heading in lower case, and its unit as it is written."""
+    """Return the words of a heading in lower case, and its unit as it is written."""
     match = _HEADING.fullmatch(heading)
     name, *units = match.groups() if match else (heading,)
     words, unit = name.replace('_', ' ').lower().split(), next(filter(None, units), '').strip()
@@ -149,7 +149,7 @@ def _split(heading: str) -> tuple[list[str], str]:
 
 
 def _quantity(words: Iterable[str]) -> str:
-    """The quantity that a heading of some words is of; '' for none."""
+    """Return the quantity that a heading of some words is of; '' for none."""
     found = set(words)
     name = next((name for name, own in NAMES.items() if found & {*own.split()}), '')
     if name in ('std', 'weight'):
@@ -161,13 +161,13 @@ def _quantity(words: Iterable[str]) -> str:
 
 
 def _speed_unit(text: str) -> str | None:
-    """A unit of speed as this program writes it; None for any other text."""
+    """Return a unit of speed as this program writes it; None for any other text."""
     unit = unit_of(re.sub(r'[\s^·⋅]', '', text))
     return unit if unit in _LINEAR or unit in SPEED_UNITS else None
 
 
 def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
-    """The index of each quantity's column; std and weight only where there is one."""
+    """Return the index of each quantity's column; std and weight only where there is one."""
     asked = {quantity: columns.get(quantity) for quantity in NAMES}
     if asked['std'] is not None and asked['weight'] is not None:
         raise FitError('give --std-column or --weight-column, not both')
@@ -215,7 +215,7 @@ def _index(where: str, cells: list[str], quantity: str, asked: str | None) -> in
 
 
 def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
-    """The unit of the speeds and where it was found."""
+    """Return the unit of the speeds and where it was found."""
     written = _split(heading)[1]
     unit = _speed_unit(written)
     if written and unit is None:
@@ -231,7 +231,7 @@ def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
 
 
 def _share(where: str, heading: str) -> float:
-    """What a coefficient in the heading's unit is multiplied by: percent, or none."""
+    """Return the factor of a coefficient in the heading's unit: percent or no unit."""
     unit = _split(heading)[1].lower()
     if unit not in _SHARES:
         raise FitError(
@@ -252,7 +252,7 @@ _CONDITION_UNITS = {
 
 
 def _in_unit(where: str, quantity: str, heading: str, values: FloatArray) -> FloatArray:
-    """Loads in N, temperatures in C."""
+    """Convert loads to N and temperatures to C."""
     unit, known = _split(heading)[1].lower(), _CONDITION_UNITS[quantity]
     if unit not in known:
         names = 'N or kN' if quantity == 'load' else 'C, K or F'

@@ -208,7 +208,7 @@ class StribeckFit:
         return tuple(_warnings(self))
 
     def _gradient(self, speed: FloatArray) -> FloatArray:
-        """Derivatives of the law at speeds, shape (n,), by the free coefficients, (n, k)."""
+        """Return derivatives of the law at speeds, shape (n,), by the free coefficients, (n, k)."""
         decay = math.exp(self.values[2])
         left = np.exp(-decay * speed)
         by_decay = -self.values[0] * speed * np.exp(decay * (self.curve.speed.min() - speed))
@@ -234,7 +234,7 @@ def _law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
 
 
 def _rounding(curve: FrictionCurve) -> float:
-    """The least scale: what rounding leaves of exact data."""
+    """Return the least scale: what rounding leaves of exact data."""
     return _ROUNDING * float(np.max(np.abs(curve.coefficient / curve.std), initial=1e-14))
 
 
@@ -263,7 +263,7 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
 
 
 def _chosen(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
-    """The fit with or without a viscous slope."""
+    """Return the fit with or without a viscous slope."""
     if lack := _lack_of_points(curve, RISING if viscous == 'yes' else PLAIN):
         raise FitError(lack)
     if _lack_of_points(curve, RISING):
@@ -282,7 +282,7 @@ def _chosen(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
 
 
 def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) -> StribeckFit:
-    """The robust fit with some coefficients free, whether or not it makes sense.
+    """Compute the robust fit with some coefficients free, whether or not it makes sense.
 
     A ``scale`` > 0 is that of the residuals, in place of one by their median.
     """
@@ -295,7 +295,7 @@ def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) 
 
 
 def _start(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
-    """The best law over ten decays a decade, from a straight line to a step at the lowest speed."""
+    """Find the best law over ten decays a decade, from a straight line to a step at the lowest speed."""
     path = curve.speed - curve.speed.min()
     place = np.unique(path)
     top = min(math.log10(40.0 * place[-1] / place[1]), 12.0)
@@ -315,7 +315,7 @@ def _start(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
 
 
 def _descend(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray:
-    """The values that fit best, from those on, by a loss of the residuals over the scale."""
+    """Find the values that fit best, from those on, by a loss of the residuals over the scale."""
     free = np.array([name in fit.names for name in UNITS])
 
     def whole(part: FloatArray) -> FloatArray:
@@ -332,7 +332,7 @@ def _descend(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray
 
 
 def _robust_scale(fit: StribeckFit) -> float:
-    """Standard deviation from the median absolute residual.
+    """Estimate the standard deviation from the median absolute residual.
 
     k residuals are small by construction, so the smallest k - 1 are left out (Street, Carroll and
     Ruppert 1988).
@@ -356,7 +356,7 @@ def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
 
 
 def _identified(free: StribeckFit) -> StribeckFit:
-    """The fit, if the curve identifies it.
+    """Return the fit if the curve identifies it.
 
     Raises:
         FitError: It does not; the text says what is missing.
@@ -434,7 +434,7 @@ def _require_decay(fit: StribeckFit) -> None:
 
 
 def _questions(curve: FrictionCurve) -> list[str]:
-    """What a user is asked about numbers that look like another unit, one question each."""
+    """Return a question to the user for each quantity whose numbers look like another unit."""
     found = []
     top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
     if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
@@ -477,7 +477,7 @@ def _warnings(fit: StribeckFit) -> Iterator[str]:
 
 
 def unchecked(fit: StribeckFit) -> str:
-    """The point that no other checks, as a sentence; '' for none."""
+    """Return the point that no other checks, as a sentence; '' for none."""
     leverage = fit.leverage
     top = int(np.argmax(leverage))
     if leverage[top] <= _MUCH_LEVERAGE:
@@ -539,7 +539,7 @@ def _likeness(fit: StribeckFit, order: IndexArray) -> float:
 
 
 def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
-    """What the fit's uncertainty leaves of a bearing's boundaries, at a load > 0 [N].
+    """Propagate the fit's uncertainty to a bearing's boundaries, at a load > 0 [N].
 
     Boundaries go with ``r = 1/beta`` and, by the load, with
     ``kappa = (c/N + nu)/((mu_s - mu_k) beta)``; both to first order in the coefficients. The

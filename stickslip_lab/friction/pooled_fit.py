@@ -149,7 +149,7 @@ def _require(curve: FrictionCurve, name: str, values: FloatArray, possible: Bool
 
 
 def _exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:
-    """The exponent with the least misfit by Cauchy's loss at one scale."""
+    """Return the exponent with the least misfit by Cauchy's loss at one scale."""
     tried = [solve_law(reduced(float(g)), names) for g in _EXPONENTS]
     # Nearly absolute residuals choose the start and the scale, which outliers move little.
     best = int(np.argmin([float(np.sum(np.abs(fit.residual / fit.curve.std))) for fit in tried]))
