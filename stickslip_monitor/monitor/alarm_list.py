@@ -66,7 +66,7 @@ class Flood:
         self._flooding = False
 
     def add(self, now_ns: int) -> None:
-        """An alarm was raised."""
+        """Count an alarm that was raised."""
         self._pass(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
@@ -177,14 +177,14 @@ class Annunciator:
                     self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
 
     def restart(self) -> None:
-        """The monitor starts afresh: what it knew holds until it knows again."""
+        """Start afresh: what was known holds until it is known again."""
         for name, old in self.causes.items():
             active = {alarm.kind for alarm in self.alarms[name].values() if alarm.active}
             self.causes[name] = Causes(old.config, active)
             self.causes[name].shaft_locked = old.shaft_locked
 
     def follow(self, step_ns: int) -> None:
-        """The clock of the stamps was set; shelves end after their time all the same."""
+        """Follow a set of the stamps' clock; shelves end after their time all the same."""
         for alarm in self:
             if alarm.shelved_until_ns is not None:
                 alarm.shelved_until_ns += step_ns
@@ -200,7 +200,7 @@ class Annunciator:
         return changes
 
     def take_event(self, event: Event) -> list[AlarmChange]:
-        """The condition of a bearing has changed."""
+        """Take a change of a bearing's condition."""
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
         changes = self._sync(name, time_ns)
@@ -231,7 +231,7 @@ class Annunciator:
     def take_fault(
         self, bearing: str, place: int, what: str, time_ns: int, *, mixed: bool = False
     ) -> list[AlarmChange]:
-        """A sample of one input was refused for its value, or is from one of two sources (mixed).
+        """Take a refused sample of one input, or one from either of two sources (mixed).
 
         As a lost input clears no other alarm, a mix of two sources does not.
         """
@@ -351,7 +351,7 @@ class Annunciator:
         return changes
 
     def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
-        """The worse alarm of the ladder that stands for one, if there is any."""
+        """Return the worse alarm of the ladder that stands for one, if there is any."""
         if not alarm.active or alarm.kind not in RUNG_OF:
             return None
         for kind, other in self.alarms[alarm.bearing].items():  # worst first

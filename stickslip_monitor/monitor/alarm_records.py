@@ -80,7 +80,7 @@ def change_record(change: AlarmChange) -> dict[str, Any]:
 
 
 def _common(alarm: LiveAlarm) -> dict[str, Any]:
-    """What a record of an alarm and the row of its bearing both have."""
+    """Return what a record of an alarm and the row of its bearing both have."""
     return {
         'bearing': alarm.bearing,
         'alarm': alarm.kind.value,
@@ -145,7 +145,7 @@ def row_records(
 def state_record(
     annunciator: Annunciator, time_ns: int, memories: Mapping[str, dict[str, Any]] | None = None
 ) -> dict[str, Any]:
-    """What is to be kept over a restart: the alarms, and what is remembered of each bearing."""
+    """Return what to keep over a restart: the alarms, and what is remembered of each bearing."""
     return {
         'schema': STATE_SCHEMA,
         'time': time_ns,
@@ -249,7 +249,7 @@ class ActionRequest:
 
 
 def request_record(request: ActionRequest) -> dict[str, Any]:
-    """A request for JSON; the fields are in interfaces.md."""
+    """Return a request for JSON; the fields are in interfaces.md."""
     return {
         'schema': ACTION_SCHEMA,
         'action': request.action.value,

@@ -85,7 +85,7 @@ class Causes:
         self._ended_ns: int | None = None  # when stick-slip was predicted last, with the shaft turning
 
     def stand(self, condition: Condition) -> None:
-        """The condition of the bearing is known from before a restart."""
+        """Take the condition of the bearing as known from before a restart."""
         self._lost = condition is Condition.INPUT_STALE
         self._condition = Condition.NORMAL if self._lost else condition
 
@@ -118,7 +118,7 @@ class Causes:
         return [reason for reason, holds in reasons.items() if holds]
 
     def take_event(self, event: Event, now_ns: int) -> None:
-        """The bearing's condition has changed."""
+        """Take a change of the bearing's condition."""
         if event.after is Condition.INPUT_STALE:
             self._lost, self._lost_until = True, 0
             self.texts[AlarmKind.INPUT_LOST] = event.text
@@ -135,7 +135,7 @@ class Causes:
                 self.texts[kind] = says
 
     def take_fault(self, place: int, what: str, now_ns: int) -> None:
-        """A sample's value was not valid, or is of nobody knows which source.
+        """Take a sample with an invalid value, or of an unknown one of two sources.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the off-delay of one
         another, for the on-delay. It is gone when none has come for the inputs' own off-delay.
@@ -284,7 +284,7 @@ TABLE = {
 
 
 def follow(state: AlarmState, trigger: Trigger, facts: Facts) -> AlarmState:
-    """The state after something happened; the same one where the table has no row for it."""
+    """Return the state after a trigger; the same one where the table has no row for it."""
     for fact, target in TABLE.get((state, trigger), ()):
         if not fact or getattr(facts, fact):
             return target

@@ -132,7 +132,7 @@ class _Assessed(Generic[_Number]):
             return as_measured(self.bearing), self.speed / self.scale, self.load / self.scale
 
     def _each(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
-        """A function of flat arrays, element by element, of columns of one shape, finite or not."""
+        """Apply a function of flat arrays to columns of one shape, element by element, finite or not."""
         shape, flat = flatten(*columns)
         with np.errstate(all='ignore'):
             return restore(in_blocks(lambda *parts: (function(*parts),), *flat)[0], shape)
@@ -146,7 +146,7 @@ class _Assessed(Generic[_Number]):
     def _cycle(
         self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
     ) -> _Number:
-        """An amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
+        """Return an amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
         reference, *point = self._reference
 
         def solved(*columns: FloatArray) -> FloatArray:
@@ -162,7 +162,7 @@ class _Assessed(Generic[_Number]):
         return found * self.scale
 
     def _load_of(self, boundary: Callable[[Bearing, ArrayLike], Any]) -> _Number:
-        """The load of a boundary at each speed [N]; ``nan`` without one."""
+        """Return the load of a boundary at each speed [N]; ``nan`` without one."""
         own = self.bearing.lubrication
         if own is None or self.temperature is None:
             return mapped(lambda v, _: boundary(self.bearing, v), self.speed, self.load)
@@ -364,7 +364,7 @@ class Assessments(_Assessed[FloatArray]):
     def at(self, rows: IndexArray | slice) -> Assessments: ...
 
     def at(self, rows: int | IndexArray | slice) -> Assessment | Assessments:
-        """Some of the points, of one-dimensional arrays; one of them for a number."""
+        """Return some of the points, of one-dimensional arrays; one of them for a number."""
         single = isinstance(rows, int | np.integer)
         columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         known = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}

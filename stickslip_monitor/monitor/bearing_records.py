@@ -32,7 +32,7 @@ WITHOUT_CYCLE = {item.name: 0.0 for item in record_fields.NUMBERS if item.is_zer
 
 
 def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str]:
-    """The topics of a node of that full name, with their message types, in order.
+    """Return the topics of a node of that full name, with their message types, in order.
 
     Bearings with tolerances or a calibration have more of them.
     """
@@ -69,7 +69,7 @@ def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
 
 
 def verdict_value(name: str, verdict: Verdict) -> float | str:
-    """What a topic of a bearing, by its last part, says of a verdict."""
+    """Return what a topic of a bearing, by its last part, says of a verdict."""
     if name == 'measured':
         return str(verdict.measured)
     point = verdict.assessment
@@ -77,19 +77,19 @@ def verdict_value(name: str, verdict: Verdict) -> float | str:
 
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
-    """A number of one point or many as its topic says it, worked out only where somebody wants it."""
+    """Work out a number of one point or many as its topic says it, only where it is wanted."""
     value = _number_of(points, name)
     return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
 
 def _number_of(points: Assessment | Assessments, name: str) -> FloatArray:
-    """A number of points as it is published: any fold's margin is better than none."""
+    """Return a number of points as it is published: any fold's margin is better than none."""
     value = np.asarray(getattr(points, name))
     return np.asarray(points.any_fold_margin) if name == 'fold_margin' and np.isinf(value).any() else value
 
 
 def number(value: float) -> float | None:
-    """A float for JSON, which has no infinity and no NaN."""
+    """Convert a float for JSON, which has no infinity and no NaN; ``None`` for those."""
     return value if math.isfinite(value) else None
 
 
@@ -193,14 +193,14 @@ class BearingState:
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
-    """The records of some bearings as the text of a message."""
+    """Write the records of some bearings as the text of a message."""
     records = [bearing_record(state) for state in states]
     document = {'schema': BEARINGS_SCHEMA, 'time': time_ns, 'bearings': records}
     return json.dumps(document, allow_nan=False)
 
 
 def bearing_record(state: BearingState) -> dict[str, Any]:
-    """A bearing as page, metrics, buses and diagnostics read it; see docs/interfaces.md."""
+    """Return a bearing as page, metrics, buses and diagnostics read it; see docs/interfaces.md."""
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
     time_ns, lost = bearing.now_ns or 0, bearing.lost()
     clears = None if point is None or lost else bearing.clears
@@ -245,7 +245,7 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
-    """The diagnostic status of a bearing, by a node of that full name without the leading slash.
+    """Return the diagnostic status of a bearing, by a node of that full name without the slash.
 
     One number a key, with its unit in the key.
     """
@@ -278,7 +278,7 @@ def _written(value: str | float | None) -> str:
 
 
 def hardware_id(node: str, bearing: str) -> str:
-    """A bearing's name in the namespace of its node: ``aft``, ``port/aft``."""
+    """Return a bearing's name in the namespace of its node: ``aft``, ``port/aft``."""
     space = node.rpartition('/')[0]
     return f'{space}/{bearing}' if space else bearing
 
@@ -383,7 +383,7 @@ class NodeHealth:
 
 
 def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:
-    """The diagnostic status of the node of that full name, without the leading slash."""
+    """Return the diagnostic status of the node of that full name, without the leading slash."""
     return DiagnosticRecord(
         level=health.severity,
         name=f'{node}: {NODE_STATUS}',

@@ -116,7 +116,7 @@ class ClipRecorder:
             self.finish()
 
     def clips(self) -> list[Clip]:
-        """The clips that have become whole since the last call."""
+        """Return the clips that have become whole since the last call."""
         done, self._done = self._done, []
         return done
 

@@ -50,7 +50,7 @@ class _UnusableCalibration(ConfigurationError):
 
 
 def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The object in the file of a bearing's calibration, made with sensors as :data:`INPUT_KEYS` say now."""
+    """Read the file of a bearing's calibration, made with sensors as :data:`INPUT_KEYS` say now."""
     try:
         document = read_json(path, LARGEST_JSON)
     except OSError as error:
@@ -89,7 +89,7 @@ def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]])
 def _calibrated(
     path: str, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
 ) -> tuple[Bearing, Belief]:
-    """The bearing by which alarms go after a calibration, and what is believed of it and its sensors.
+    """Return the bearing by which alarms go after a calibration, and what is believed of it.
 
     Mass, stiffness and diameter are those that are configured.
     """
@@ -113,7 +113,7 @@ def _calibrated(
 
 
 def _with_law(bearing: Bearing, own: Mapping[str, Any]) -> Bearing:
-    """A bearing with the damping and the law of a calibration."""
+    """Return a bearing with the damping and the law of a calibration."""
     every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)
     rows = {row.name: replace(row, default=REQUIRED) for row in every}
     make, names = LAWS[rows['friction.law'].checked('friction.law', own)]
@@ -176,7 +176,7 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """The validated list ``bearings``."""
+    """Return the validated list ``bearings``."""
     names: tuple[str, ...] = parameters.BEARINGS.checked('bearings', values)
     if not names:
         raise ConfigurationError('bearings = [] must name at least one bearing')
@@ -192,7 +192,7 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
-    """A sentence on each parameter without effect; what is not known at all is refused."""
+    """Return a sentence on each parameter without effect; refuse what is not known at all."""
     known, notes = parameters.parameters_of(names), []
     for key in (each for each in values if each not in known):
         head, _, own = key.partition('.')
@@ -209,7 +209,7 @@ def _retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
 
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The parameters with mass, damping and stiffness, where torsional values are given."""
+    """Return the parameters with mass, damping and stiffness, where torsional values are given."""
     rows = {row.name: row for row in parameters.LINING_PARAMETERS}
     given = [row for row in parameters.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
     if not given:
@@ -229,7 +229,7 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _in_any_water(bearing: Bearing) -> Bearing:
-    """The bearing that a belief is made of: it is the same in water of any temperature."""
+    """Return the bearing that a belief is made of: the same in water of any temperature."""
     own = bearing.lubrication
     if own is None:
         return bearing
@@ -253,13 +253,13 @@ class _Section:
         self.name, self._own = name, {row.name: row.checked(f'{name}.{row.name}', values) for row in rows}
 
     def _shown(self, key: str, unit: str = '') -> str:
-        """A parameter and its value, as every refusal names them."""
+        """Write a parameter and its value, as every refusal names them."""
         value = self._own[key]
         text = f'{value:g} {unit}'.rstrip() if isinstance(value, float) else repr(value)
         return f'{self.name}.{key} = {text}'
 
     def build(self) -> BearingConfig:
-        """The bearing, or one sentence why not."""
+        """Build the bearing, or raise with one sentence why not."""
         own, name = self._own, self.name
         lining = {row.name: own[row.name] for row in parameters.LINING_PARAMETERS}
         tolerance = Tolerance(
@@ -286,7 +286,7 @@ class _Section:
         return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
     def _believed(self, bearing: Bearing, tolerance: Tolerance) -> tuple[Bearing, Belief | None]:
-        """The bearing by which alarms go, and how uncertain its boundaries are; ``None`` for not at all."""
+        """Return the bearing by which alarms go, and its belief; ``None`` for no uncertainty."""
         own, path = self._own, self._own['calibration']
         if path:
             sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
@@ -316,7 +316,7 @@ class _Section:
         return make(*(self._own[f'friction.{key}'] for key in names))
 
     def _lubrication(self) -> Lubrication | None:
-        """The load and the water at which friction was measured; ``None`` where neither matters."""
+        """Return the load and the water at which friction was measured; ``None`` where neither matters."""
         own = self._own
         exponent, water = own['friction.load_exponent'], own['water_temperature.constant']
         for given, key, needed, what in (
@@ -341,7 +341,7 @@ class _Section:
         return lubrication if math.isnan(water) else lubrication.at(water)
 
     def unused(self, config: BearingConfig) -> Iterator[str]:
-        """A sentence on each parameter that this bearing does not take, of friction and of probability.
+        """Yield a sentence on each parameter of friction and probability that is not used.
 
         One at its default is passed over: over ROS all of them are declared.
         """
@@ -368,7 +368,7 @@ class _Section:
                 yield f'{shown}: alarms go by margins without tolerances, and after a calibration'
 
     def _load(self, speed: InputConfig) -> parameters.LoadConfig:
-        """The input of the load, or the constant that stands for it, which comes with the speed."""
+        """Return the input of the load, or the constant that stands for it, which comes with the speed."""
         own, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
         if math.isnan(own['load.constant']):
             return self._input(parameters.LoadConfig, 'load', factor)
@@ -394,7 +394,7 @@ class _Section:
         return filled(parameters.LoadConfig, 'load.', own | beside, **more)
 
     def _input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
-        """The configuration of one input, of that dataclass."""
+        """Return the configuration of one input, of that dataclass."""
         name, own = f'{self.name}.{quantity}', self._own
         topic = own[f'{quantity}.topic']
         if not topic and not own[f'{quantity}.column']:
@@ -425,7 +425,7 @@ class _Section:
                 )
 
     def _level(self, others: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
-        """The input of measured vibration; ``None`` where there is none."""
+        """Return the input of measured vibration; ``None`` where there is none."""
         own = self._own
         if not own['level.topic'] and not own['level.column']:
             for row in parameters.INPUT_PARAMETERS['level']:
@@ -476,7 +476,7 @@ BREAKAWAY = 0.5
 
 
 def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
-    """What should be asked about a bearing at a load [N]: clauses on its ``speed`` and its ``load``.
+    """Return what to ask about a bearing at a load [N]: clauses on its ``speed`` and its ``load``.
 
     At 0 or below only what needs no load is asked.
     """
@@ -484,7 +484,7 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
 
 
 def asked(config: BearingConfig, load: float | None = None) -> list[str]:
-    """The :func:`questions` as sentences; without a load at the constant one, if there is one."""
+    """Write the :func:`questions` as sentences; without a load at the constant one, if any."""
     if load is None:
         load = config.load.offset * config.load.factor if config.load.is_assumed else 0.0
     found = questions(config, load)
@@ -541,7 +541,7 @@ def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def blade_question(bearing: Bearing, load: float) -> str:
-    """A clause where the blades of a propeller meet the natural frequency near the boundaries; else ''.
+    """Write a clause where a propeller's blades meet a natural frequency near the boundaries; else ''.
 
     Far from it the mean load counts; there a swing of 5 % moves the onset by a fifth (docs/physics.md).
     """
@@ -580,7 +580,7 @@ def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
-    """What of a verdict at a load rests on speeds at which friction was not measured."""
+    """Yield what of a verdict at a load rests on speeds at which friction was not measured."""
     law = bearing.friction
     if not isinstance(law, Tabulated) or not load > 0.0:
         return
@@ -605,7 +605,7 @@ def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
 
 
 def note_on_table(bearing: Bearing) -> str:
-    """A clause on a measured curve that ends in the midst of its fall; '' of any other."""
+    """Write a clause on a measured curve that ends in the midst of its fall; '' of any other."""
     law = bearing.friction
     if not isinstance(law, Tabulated) or bearing.damping == 0.0:
         return ''

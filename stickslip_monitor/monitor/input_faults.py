@@ -74,7 +74,7 @@ class SourceFault:
 
 
 def least_gap(config: BearingConfig, place: int) -> float:
-    """The least distance between two levels of an input that is no resolution of a sensor [SI].
+    """Return the least distance of two levels of an input that is no sensor's resolution [SI].
 
     A pulse counter at dead slow toggles between two neighbouring numbers; three revolutions a
     minute are beyond that.
@@ -83,7 +83,7 @@ def least_gap(config: BearingConfig, place: int) -> float:
 
 
 def fault_text(fault: SourceFault, config: InputConfig) -> str:
-    """The fault as a clause, with its levels in the unit of the input."""
+    """Write the fault as a clause, with its levels in the unit of the input."""
     low, high = (level / config.factor for level in fault.levels)
     return f'{fault.kind.sentence} (here {low:.4g} and {high:.4g} {config.unit})'
 
@@ -159,7 +159,7 @@ class SourceWatch:
         return True
 
     def standing(self, now_ns: int) -> SourceFault | None:
-        """The fault that stands at a time of arrival [ns]."""
+        """Return the fault that stands at a time of arrival [ns]."""
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken(self._count)
         return self._fault
@@ -207,7 +207,7 @@ def _may_jump(values: FloatArray) -> BoolArray:
 
 
 def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]) -> str:
-    """The sentence on a speed or load whose valid values are a mix of two levels; empty for none."""
+    """Write the sentence on a speed or load that is a mix of two levels; empty for none."""
     for quantity, fault in zip(QUANTITIES, standing, strict=False):
         if fault is not None and fault.is_mixed:
             return f'On {config.inputs[quantity].topic}, {fault_text(fault, config.inputs[quantity])}.'
@@ -261,7 +261,7 @@ class InputFacts:
 
 
 def input_fault(facts: InputFacts) -> str:
-    """The sentence on an input, the most fundamental fault first; empty where there is none."""
+    """Write the sentence on an input, the most fundamental fault first; empty where there is none."""
     topic, publishers = facts.topic, facts.publishers
     if facts.without_clock:
         return 'use_sim_time is set, but nothing comes on /clock: no input can be used.'
@@ -320,7 +320,7 @@ def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str
 
 
 def _silence(facts: InputFacts) -> str:
-    """That nothing comes, though nothing speaks against it."""
+    """Say that nothing comes, though nothing speaks against it."""
     topic, publishers = facts.topic, facts.publishers
     if not publishers:
         return f'No messages on {topic}.'
@@ -345,7 +345,7 @@ class Graph:
         return None
 
     def other_names(self, topic: str) -> Sequence[str]:
-        """The elements that messages on a topic of that full name have which are not for an input."""
+        """Return the elements of messages on a topic of that full name that are for no input."""
         del topic
         return ()
 
@@ -412,7 +412,7 @@ class _Track:
         self.last = counts
 
     def rate(self) -> float:
-        """Valid samples lately [Hz]; ``nan`` while unknown."""
+        """Return the rate of valid samples lately [Hz]; ``nan`` while unknown."""
         if len(self.rates) < 2:
             return math.nan
         (begin, before), (end, after) = self.rates[0], self.rates[-1]
@@ -458,14 +458,14 @@ class InputWatch:
         return mixed_sentence(self._bearings[bearing].config, standing)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
-        """The inputs of a bearing by quantity."""
+        """Return the inputs of a bearing by quantity."""
         return {
             name: InputState(_age(track, now_ns), track.rate(), track.reported)
             for name, track in zip(INPUTS, self._tracks[bearing], strict=False)
         }
 
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
-        """What is wrong with the lost inputs of a bearing right now; arguments as for look.
+        """Explain the lost inputs of a bearing right now; arguments as for look.
 
         What the graph says of a sender that is just being discovered is left out.
         """

@@ -97,7 +97,7 @@ class BearingMonitor(Standing):
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
 
     def copy(self) -> BearingMonitor:
-        """The same bearing once more: what happens to one does not happen to the other."""
+        """Copy the bearing: what happens to one does not happen to the other."""
         other = copy.copy(self)
         other.state = self.state.copy()
         return other
@@ -112,7 +112,7 @@ class BearingMonitor(Standing):
             state.began += held_ns
 
     def follow(self, step_ns: int) -> None:
-        """The clock of the arrivals was set by so much [ns]: the memory's own time goes on."""
+        """Follow a set of the arrivals' clock by so much [ns]: the memory's own time goes on."""
         self.state.shift -= step_ns
 
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
@@ -196,7 +196,7 @@ class Monitor:
         return [event for b in self.bearings.values() for event in b.advance(time_ns)]
 
     def condition(self, name: str) -> Condition:
-        """What the alarm of a bearing says now."""
+        """Return what the alarm of a bearing says now."""
         return self._bearing(name).condition
 
     def retune(self, config: MonitorConfig) -> None:

@@ -178,14 +178,14 @@ class Scan:
         return self.assessed(slice(None))
 
     def assessed(self, rows: IndexArray | slice) -> Assessments:
-        """The models' assessments of some of the points."""
+        """Return the models' assessments of some of the points."""
         own, table = self.config, self.settings.boundaries
         speed, load, chances = self.speed[rows], self.load[rows], self.chances[rows].T
         return assess(own.bearing, speed, load, own.belief, table, chances)
 
 
 def joined(parts: Sequence[Scan]) -> Scan:
-    """The verdicts on a recording from those on its parts."""
+    """Join the verdicts on the parts of a recording."""
     columns: dict[str, Any] = {
         each.name: np.concatenate([getattr(part, each.name) for part in parts])
         for each in fields(Scan)
@@ -280,7 +280,7 @@ class BearingScan:
         self._taken += size
 
     def _point(self, count: int) -> FloatArray | None:
-        """The latest of so many points: speed, load and chances."""
+        """Return the latest of so many points: speed, load and chances."""
         if not count:
             return None
         speed, load, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'chances'))
@@ -294,7 +294,7 @@ class BearingScan:
         self._held = held
 
     def _room(self, size: int) -> tuple[tuple[Any, ...], Any]:
-        """The columns of the points, with room for so many beside the one that is held back."""
+        """Make the columns of the points, with room for so many beside the one held back."""
         if not self._points or self._points['time_ns'].size <= size:
             numbers, before = 0 if self.config.belief is None else 3, self._points
             self._points = {name: np.empty(size + 1, kind) for name, kind in _POINT.items()}
@@ -351,7 +351,7 @@ class BearingScan:
         return made, changes, kept
 
     def _standing(self, state: State, count: int) -> Standing:
-        """The bearing with a memory, after so many operating points."""
+        """Return the bearing with a memory, after so many operating points."""
         standing, point = Standing(self.config, self.settings, state), self._point(count)
         if point is not None:
             standing.judge(point.tolist())

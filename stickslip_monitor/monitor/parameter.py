@@ -57,7 +57,7 @@ class Parameter:
         return bool(value == self.default or value != value)
 
     def rule(self) -> str:
-        """The rule a value must keep, in words that follow 'must be'."""
+        """Return the rule a value must keep, in words that follow 'must be'."""
         if self.choices:
             return f'one of {", ".join(self.choices)}'
         words = ['a number' if self.default == math.inf else _WORDS[self.kind]]
@@ -73,7 +73,7 @@ class Parameter:
         return ' and '.join([' '.join(words[:2]), *words[2:]]) + f' {self.unit}'.rstrip()
 
     def checked(self, name: str, values: Mapping[str, Any]) -> Any:
-        """The value of that full name, or the default.
+        """Return the checked value of that full name, or the default.
 
         Raises:
             ConfigurationError: It is missing, of the wrong type, or breaks its rule; the text
@@ -113,7 +113,7 @@ def _remedy(value: Any) -> str:
 
 
 def _converted(kind: str, value: Any) -> Any:
-    """A value as the plain Python type of its kind; ``None`` if it is of another."""
+    """Convert a value to the plain Python type of its kind; ``None`` if it is of another."""
     if kind in ('bool', 'str'):
         return value if isinstance(value, bool if kind == 'bool' else str) else None
     if isinstance(value, bool) or not isinstance(value, Integral if kind == 'int' else Real):

@@ -140,7 +140,7 @@ def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
 
 
 def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]:
-    """The parameters that a file gives a node, by their dotted names, in the file's order.
+    """Load the parameters that a file gives a node, by their dotted names, in the file's order.
 
     Without the node's full name it is the only one that the file names.
 
@@ -187,7 +187,7 @@ def _sections(
 
 
 def _own_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
-    """The sections that may be for our node: of the patterns those that speak of bearings."""
+    """Yield the sections that may be for our node: of the patterns those that speak of bearings."""
     listed = [content['bearings'] for _, content in sections if 'bearings' in content]
     words = {'bearings', *(str(name) for names in listed if isinstance(names, list) for name in names)}
     for section, content in sections:
@@ -196,7 +196,7 @@ def _own_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator
 
 
 def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str:
-    """The full name of the node that is meant."""
+    """Return the full name of the node that is meant."""
     if node is not None:
         return f'/{node.strip("/")}'
     named = list(dict.fromkeys(name for name in map(_meant_by, sections) if name))
@@ -207,7 +207,7 @@ def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str
 
 
 def _meant_by(section: str) -> str:
-    """The full name of our node in the namespace that a section names, as `/port/**`; else ''."""
+    """Return our node's full name in the namespace that a section names, as `/port/**`; else ''."""
     steps = section.strip('/').split('/')
     named = list(takewhile(lambda step: '*' not in step, steps))
     name = '/'.join(['', *(step for step in named if step != NODE_NAME), NODE_NAME])
@@ -270,7 +270,7 @@ def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
 
 
 def load_section(path: str | Path, section: str) -> dict[str, Any]:
-    """The parameters of one section of a parameter file, by their dotted names.
+    """Load the parameters of one section of a parameter file, by their dotted names.
 
     Raises:
         ConfigurationError: The file cannot be read, or has no such section.

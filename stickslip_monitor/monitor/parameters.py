@@ -28,14 +28,14 @@ Section = TypeVar('Section')
 
 
 def nanoseconds(seconds: float) -> int:
-    """A duration of the configuration [s] as whole nanoseconds."""
+    """Convert a duration of the configuration [s] to whole nanoseconds."""
     return round(seconds * 1e9)
 
 
 def parameter(
     default: Any, text: str, unit: str = '', within: tuple[float, float] = (-math.inf, math.inf), **rules: Any
 ) -> Any:
-    """A field of a dataclass that is a configuration parameter.
+    """Declare a field of a dataclass that is a configuration parameter.
 
     In the text ``{input}`` stands for the name of the section. Rules are further attributes of
     :class:`Parameter`, where they are not as the field's name and annotation say, and ``convert``, which
@@ -49,12 +49,12 @@ def parameter(
 
 
 def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK), **rules: Any) -> Any:
-    """A field ``*_ns`` [ns] of a parameter in seconds that goes without the ``_ns``."""
+    """Declare a field ``*_ns`` [ns] of a parameter in seconds that goes without the ``_ns``."""
     return parameter(default, text, 's', within, convert=nanoseconds, kind='float', **rules)
 
 
 def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
-    """The parameters that a dataclass declares, each name after a prefix; changes are by that name."""
+    """Return the parameters a dataclass declares, names after a prefix; changes are by that name."""
     found = []
     for item in fields(section):
         if item.metadata:
@@ -71,7 +71,7 @@ def _name(item: Field[Any]) -> str:
 
 
 def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
-    """The dataclass with the checked values of its parameters, and those of its other fields."""
+    """Fill the dataclass with its parameters' checked values, and those of its other fields."""
     own = {
         item.name: item.metadata['convert'](values[prefix + _name(item)])
         for item in fields(section)  # type: ignore[arg-type]
@@ -335,7 +335,7 @@ class MonitorConfig:
     faults: tuple[str, ...] = field(default=(), compare=False)
 
     def bearing(self, name: str) -> BearingConfig:
-        """The bearing of that name.
+        """Return the bearing of that name.
 
         Raises:
             ConfigurationError: There is none.
@@ -349,7 +349,7 @@ class MonitorConfig:
 
 
 def _optional(name: str, unit: str, text: str, most: float, *, above: bool = True) -> Parameter:
-    """A number that is not given as a rule."""
+    """Declare a number that is not given as a rule."""
     return Parameter(name, 'float', math.nan, text, unit, 0.0, most, above_minimum=above)
 
 
@@ -517,6 +517,6 @@ RETIRED = {'alarm.trend_window': 'times to a boundary are not forecast any more'
 
 
 def parameters_of(names: tuple[str, ...]) -> dict[str, Parameter]:
-    """The declaration of every full parameter name of these bearings."""
+    """Return the declaration of every full parameter name of these bearings."""
     found = {row.name: row for row in NODE_PARAMETERS}
     return found | {f'{name}.{row.name}': row for name in names for row in BEARING_PARAMETERS}

@@ -71,7 +71,7 @@ SIZED = 10**9
 
 
 def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
-    """A number as it stands in a message in SI units (a level in its own), deadband applied.
+    """Convert a message's number to SI units (a level stays in its own), deadband applied.
 
     It may be an array of them as well.
     """
@@ -132,7 +132,7 @@ def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
 
 
 def own_time(s: State, place: int, stamp: int, arrival: int) -> int:
-    """The time of a sample on the monitor's own clock, which never goes back [ns].
+    """Return a sample's time on the monitor's own clock, which never goes back [ns].
 
     Stamps may be wrong and arrivals may be late: a stamp counts where the two agree.
     """
@@ -227,7 +227,7 @@ def keep_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
 
 
 def middle(first: float, second: float, third: float) -> float:
-    """The median of three values; the first where the others have not come yet."""
+    """Return the median of three values; the first where the others have not come yet."""
     if third != third:
         return first
     return max(min(first, second), min(max(first, second), third))
@@ -431,7 +431,7 @@ def end_stick_slip(s: State, said: int) -> None:
 
 
 def asked(s: State, rung: int, holds: bool, clear: bool) -> int:
-    """The bit of a rung if it should change: a lower one holds, or a raised one is clear."""
+    """Return the bit of a rung if it should change: a lower one holds, or a raised one is clear."""
     change = clear if s.raised & (1 << rung) else holds
     return 1 << rung if change else 0
 
@@ -456,14 +456,14 @@ def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
 
 
 def due(s: State, c: RuleNumbers, rung: int) -> int:
-    """The net time that changes a rung [ns]: growth is a delay of its own."""
+    """Return the net time that changes a rung [ns]: growth is a delay of its own."""
     if s.raised & (1 << rung):
         return c.off_delay if s.cleared[rung] == NEVER else HOLD * c.off_delay
     return 0 if rung == STICK_SLIP and c.onset_growth > 0.0 else c.on_delay
 
 
 def rung_of(s: State) -> int:
-    """The place in the ladder on which the alarm stands, 0 for normal."""
+    """Return the place in the ladder on which the alarm stands, 0 for normal."""
     top = 0
     for rung in range(RUNGS):
         if s.raised & (1 << rung) and (rung != AMPLITUDE or top == STICK_SLIP + 1):
@@ -483,5 +483,5 @@ def hears(s: State, c: RuleNumbers) -> bool:
 
 
 def measured_now(s: State, c: RuleNumbers) -> int:
-    """What the level says at the latest point; unknown where it is lost or doubted."""
+    """Return what the level says at the latest point; unknown where it is lost or doubted."""
     return measured(s) if hears(s, c) else UNKNOWN

@@ -120,7 +120,7 @@ class State:
     unseen: int = _time('since when stick-slip is predicted and not measured')
 
     def copy(self) -> State:
-        """The same memory once more."""
+        """Copy the memory."""
         other = State.__new__(State)
         for name in _NAMES:
             part = getattr(self, name)
@@ -128,21 +128,21 @@ class State:
         return other
 
     def record(self) -> dict[str, Any]:
-        """The memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""
+        """Return the memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""
         return {name: _plain(getattr(self, name)) for name in _NAMES}
 
     def row(self) -> Any:
-        """The memory as an array of one row, of :data:`STATE_TYPE`."""
+        """Return the memory as an array of one row, of :data:`STATE_TYPE`."""
         return _row(self, STATE_TYPE)
 
     @classmethod
     def of_row(cls, row: Any) -> State:
-        """The memory that a row of :data:`STATE_TYPE` holds."""
+        """Return the memory that a row of :data:`STATE_TYPE` holds."""
         return cls(*(part.tolist() if isinstance(part, np.ndarray) else part for part in row.item()))
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> State:
-        """The memory from what :meth:`record` gave, or what that of 0.2.0 did.
+        """Read the memory from what :meth:`record` gave, or what that of 0.2.0 did.
 
         Raises:
             ValueError: A field is missing, or is not of its kind, number and range.
@@ -164,7 +164,7 @@ _AFRESH = (
 
 
 def _type_of(owner: type) -> np.dtype[Any]:
-    """The numbers of a class as a record."""
+    """Return the numbers of a class as a record type."""
     parts = []
     for each in fields(owner):
         size = each.metadata.get('size', 3 if 'list' in str(each.type) else 0)
@@ -184,7 +184,7 @@ STATE_TYPE = _type_of(State)
 
 
 def _checked(part: Any, found: Any) -> Any:
-    """What was kept of a part of the memory."""
+    """Check what was kept of a part of the memory, and return it."""
     size, kept = part.metadata['size'], found if isinstance(found, list) else [found]
     if len(kept) != max(size, 1) or isinstance(found, list) != bool(size):
         raise ValueError(f'{part.name} = {found!r} must be {size or "a"} number{"s"[:size]}')
@@ -270,7 +270,7 @@ class RuleSettings:
 
 
 def settings_of(config: BearingConfig) -> RuleSettings:
-    """The settings of a bearing; its boundaries are tabulated now, once for each bearing."""
+    """Return the settings of a bearing; tabulate its boundaries, once for each bearing."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
     table, own = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
     inputs = [config.speed, config.load, config.speed if level is None else level]

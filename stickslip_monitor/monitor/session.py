@@ -41,7 +41,7 @@ class Log(Protocol):
         """Something that is as it should be."""
 
     def warning(self, text: str, /) -> object:
-        """What people should look at."""
+        """Log what people should look at."""
 
     def error(self, text: str, /) -> object:
         """Something that does not work."""
@@ -55,7 +55,7 @@ class Store(Protocol):
         """Where it is kept."""
 
     def read(self) -> object:
-        """The document, ``None`` where there is none yet; raises an AlarmStateError if it is damaged."""
+        """Read the document, ``None`` if there is none yet; raise an AlarmStateError if damaged."""
 
     def write(self, document: dict[str, Any]) -> None:
         """Put a new document in the place of the old one, which an OSError leaves untouched."""
@@ -159,7 +159,7 @@ class Session:
         return known
 
     def inherit(self, old: Session) -> None:
-        """The monitor starts afresh with other inputs; the alarms of before go on."""
+        """Take over the alarms of before, as the monitor starts afresh with other inputs."""
         self.annunciator, self._sequence = old.annunciator, old._sequence
         self._notes, self.damage = old._notes, old.damage
         self.annunciator.retune(self.config)
@@ -309,7 +309,7 @@ class Session:
             self._sink.take_states(states, whole=False)
 
     def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
-        """The state of some bearings."""
+        """Return the state of some bearings."""
         looked = self._inputs if self.monitoring else None
         return [
             BearingState(
@@ -389,7 +389,7 @@ class Session:
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _explained(self, events: list[Event], now: Moment) -> list[Event]:
-        """The events; where an input is lost or a mix, with why."""
+        """Return the events; where an input is lost or a mix, with why."""
         if self._inputs is None:
             return events
         found = []
@@ -406,6 +406,6 @@ class NoLog:
     """A log that nobody reads."""
 
     def info(self, text: str, /) -> None:
-        """Passed over."""
+        """Pass over the text."""
 
     warning = error = info

@@ -149,7 +149,7 @@ class Standing:
         return Unknown.SHORT if rule.measured_now(s, c) == UNKNOWN else None
 
     def lost(self, now: int | None = None) -> dict[str, float]:
-        """The inputs that are lost at a time [ns], the latest as a rule, with their ages [s]."""
+        """Return the inputs lost at a time [ns], the latest as a rule, with their ages [s]."""
         s, found = self.state, dict[str, float]()
         if s.began == NEVER:
             return found
@@ -162,7 +162,7 @@ class Standing:
         return found
 
     def text(self) -> str:
-        """What the alarm says now, for a person."""
+        """Write what the alarm says now, for a person."""
         return describe(self, self.lost() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
@@ -185,7 +185,7 @@ class Standing:
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 
     def event(self, before: int, time_ns: int, *, onset: bool = False) -> Event:
-        """The change of alarm, or the onset, that fell due at a time of the memory [ns]."""
+        """Return the change of alarm, or the onset, that fell due at a time of the memory [ns]."""
         then = Standing(self.config, self.settings, self.state.copy(), self.verdict)
         lost, was = then.lost(time_ns) if then.state.lost else {}, CONDITIONS[before]
         return Event(time_ns - then.state.shift, was, then, lost, describe(then, lost, was), onset)
@@ -257,7 +257,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
 
 
 def _water_text(config: BearingConfig) -> str:
-    """The temperature of the water, where friction goes by it."""
+    """Write the temperature of the water, where friction goes by it."""
     own = config.bearing.lubrication
     water = math.nan if own is None else own.water_temperature
     return '' if math.isnan(water) else f', water at {rounded(water)} C'
@@ -273,7 +273,7 @@ _OVER = {
 
 
 def _what(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
-    """What the alarm says, and what is about to change."""
+    """Write what the alarm says, and what is about to change."""
     condition, clears = b.condition, b.clears
     if clears is not None:
         held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''
@@ -356,7 +356,7 @@ def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
 
 
 def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
-    """A magnitude of the surface speed, in the direction in which the shaft turns."""
+    """Write a magnitude of the surface speed, in the direction in which the shaft turns."""
     rpm = float(config.bearing.speed.from_surface(speed, 'rpm'))
     return f'{rounded(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
 
@@ -365,7 +365,7 @@ _YEAR = 31_557_600.0  # a Julian year [s]
 
 
 def rounded(number: float, digits: int = 3) -> str:
-    """A number to some digits, without an exponent where it is of usual size."""
+    """Write a number to some digits, without an exponent where it is of usual size."""
     text = f'{number:.{digits}g}'
     return f'{float(text):.9g}' if 'e' in text and abs(number) < 1e9 else text
 
@@ -376,7 +376,7 @@ def age_text(seconds: float) -> str:
 
 
 def about(seconds: float) -> str:
-    """A time to a precision that matters."""
+    """Write a time to a precision that matters."""
     if seconds < 20.0:
         return f'{seconds:.0f} s'
     if seconds < 100.0:
@@ -449,7 +449,7 @@ def _way_out(given: SpeedOrder | None) -> str:
 
 
 def _clear_speed(b: Standing, point: Assessment) -> float:
-    """The speed above which caution, the mildest condition, clears at this load [m/s]."""
+    """Return the speed above which caution, the mildest condition, clears at this load [m/s]."""
     alarm, belief = b.config.alarm, b.config.belief
     if belief is None or not b.config.alarms_by_chance or not math.isfinite(point.probability_can):
         return float(point.stability_limit) * (1.0 + alarm.caution_margin + alarm.hysteresis)

@@ -68,7 +68,7 @@ def count_level(s: State, high: bool, low: bool, step: int) -> None:
 
 
 def measured(s: State) -> int:
-    """What a level that is not lost says at the latest point; unknown where it is doubted."""
+    """Return what a level that is not lost says at the latest point; unknown where doubted."""
     if (
         s.still > DOUBT
         or s.doubt > DOUBT
@@ -94,10 +94,10 @@ def is_over(s: State, c: RuleNumbers, raised: bool) -> bool:
 
 
 def decibels(c: RuleNumbers, si: float) -> float:
-    """A level in decibels."""
+    """Return a level in decibels."""
     return si if c.in_db else 20.0 * math.log10(max(si, 1e-20))
 
 
 def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
-    """A mean that follows a value by a first-order lag [s]."""
+    """Return a mean that follows a value by a first-order lag [s]."""
     return mean + (value - mean) * (1.0 - math.exp(-seconds / lag))
