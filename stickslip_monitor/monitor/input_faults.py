@@ -37,6 +37,8 @@ _LEAST_RPM = 3.0
 MIXED = 0.2
 """From this share of the values on the rarer level makes every verdict doubtful; the medians of three
 values leave out what is rarer: a spike in 137, 2 % of signs, a zero of 2 s a minute."""
+STILL_MIXED = 0.1
+"""Down to this share a mix that was found goes on: of one value in four some runs have less than a fifth."""
 _RUNS = 6
 """The share is that of about so many runs on each level."""
 
@@ -66,11 +68,11 @@ class SourceFault:
     raised_ns: int  # of that with which there was enough evidence
     levels: tuple[float, float]  # the two, rising, SI
     share: float = 0.5  # of the values that are on the rarer of them
+    is_mixed: bool = True  # whether the rarer level is so frequent that no verdict can be relied on
 
-    @property
-    def is_mixed(self) -> bool:
-        """Whether the rarer level is so frequent that no verdict can be relied on."""
-        return self.share >= MIXED
+    def with_share(self, share: float) -> SourceFault:
+        """Return the fault with a later share; a mix ends below a smaller share than it begins."""
+        return replace(self, share=share, is_mixed=share >= (STILL_MIXED if self.is_mixed else MIXED))
 
 
 def least_gap(config: BearingConfig, place: int) -> float:
@@ -172,7 +174,7 @@ class SourceWatch:
             self._here = self._there = 0.0
         self._here, self._there, self._run = self._there, self._here, 1
         if self._fault is not None:
-            self._fault = replace(self._fault, share=self._share())
+            self._fault = self._fault.with_share(self._share())
 
     def _share(self) -> float:
         """Return the share of the values that are on the rarer level."""
@@ -195,7 +197,8 @@ class SourceWatch:
         # Only a speed has a least distance: a load may well come and go.
         pulses = self.least_gap > 0.0 and 0.0 in levels
         kind = SourceFaultKind.FEW_PULSES if pulses else SourceFaultKind.TWO_LEVELS
-        self._fault = SourceFault(kind, self._since_ns, now_ns, levels, self._share())
+        share = self._share()
+        self._fault = SourceFault(kind, self._since_ns, now_ns, levels, share, share >= MIXED)
         return self._fault
 
 

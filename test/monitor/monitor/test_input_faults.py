@@ -267,3 +267,22 @@ def test_a_fault_is_said_after_three_looks_of_one_cause_and_taken_back(
     track = _Track(SourceWatch())
     found = [track.take_fault(fault) for fault in looks]
     assert [f'{"over: " * is_over}{text}' for text, is_over in found if text] == said
+
+
+def test_a_mix_goes_on_down_to_a_tenth_of_the_values() -> None:
+    """One in four is a mix, and goes on at one in seven; one in seven alone is none, one in 21 ends it."""
+
+    def share_of(watch: SourceWatch, start: int, majority: int, rounds: int) -> bool:
+        fault = None
+        for k in range(rounds * (majority + 1)):
+            rpm = 20.0 if k % (majority + 1) == majority else 60.0
+            watch.see((start + k) * 10**8, rpm)
+            fault = watch.standing((start + k) * 10**8)
+        assert fault is not None
+        return fault.is_mixed
+
+    watch = SourceWatch(1.0)
+    assert share_of(watch, 0, 3, 20)
+    assert share_of(watch, 80, 6, 20)
+    assert not share_of(watch, 220, 20, 20)
+    assert not share_of(SourceWatch(1.0), 0, 6, 20)
