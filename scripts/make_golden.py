@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test' / 'monitor' / 'monitor'))
+sys.path.insert(0, str(ROOT / 'test' / 'monitor'))
 
 from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
 

@@ -157,8 +157,8 @@ def check_recording(
     usual = (each.gaps.usual for report in reports.values() for each in report.inputs[:2])
     if (coarse := max((every for every in usual if every >= COARSE), default=0.0)) > 0.0:
         bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
-    for own in (own for report in reports.values() for own in report.inputs[:2] if own.crowd):
-        bag.lose(own.crowd)
+    for own in (own for report in reports.values() for own in report.inputs[:2] if own.loss):
+        bag.lose(own.loss)
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 

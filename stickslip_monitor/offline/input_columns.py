@@ -204,8 +204,9 @@ class ColumnBinding:
         """An input as the table gives it; what was guessed is said."""
         unit = column.unit if column.unit in _units_of(quantity, source) else None
         is_geared = quantity == 'speed' and bool(_GEARED & {*parse_heading(column.heading).name.split()})
-        # What came over a bus is what the sensor sent, and the scale of an engine's speed is its gear.
-        is_scaled = unit is not None and not (self._is_sent or is_geared)
+        # What came over a bus is what the sensor sent, the scale of an engine's speed is its gear, and
+        # what is written beside a named column is meant for it.
+        is_scaled = unit is not None and not (self._is_sent or is_geared or source.column)
         sent = SourceColumn(column)
         if unit is not None:
             ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)

@@ -16,6 +16,7 @@ from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.configuration import FACTOR, questions
 from stickslip_monitor.monitor.input_faults import (
+    MOSTLY,
     InputFacts,
     Publisher,
     SourceFault,
@@ -156,6 +157,12 @@ class InputReport:
     values: str = 'none'  # the range of the valid ones, for a person
     without_value: int = 0  # messages that hold no number, or one that means "no value"
     crowd: str = ''  # why nothing comes of messages without time between them
+    is_refused: bool = False  # whether so many of its numbers are implausible that it is a fault live, too
+
+    @property
+    def loss(self) -> str:
+        """The reason why most of the input is lost to the verdict; empty where it is not."""
+        return self.crowd or (self.fault if self.is_refused else '')
 
     @property
     def complaints(self) -> list[str]:
@@ -212,8 +219,9 @@ class InputCheck:
             worst = max(Status, key=lambda status: int(self._counts[status]))
             sender = (Publisher('', self._source.type),)
             return input_fault(replace(facts, publishers=sender, refused=worst))
-        behind = self._delay_ns * 1e-9
-        return input_fault(replace(facts, lost=False, receiving=True, behind=behind))
+        received = replace(facts, lost=False, receiving=True, behind=self._delay_ns * 1e-9)
+        share = int(self._counts[Status.IMPLAUSIBLE]) / self._messages
+        return input_fault(replace(received, share=share, reason=Status.IMPLAUSIBLE))
 
     def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...], clock: str) -> InputReport:
         """What came of the input, by the faults of its messages and clock, and questions."""
@@ -246,6 +254,7 @@ class InputCheck:
             values=self._values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
             crowd=self._gaps.crowd(self._source.topic),
+            is_refused=int(self._counts[Status.IMPLAUSIBLE]) >= MOSTLY * max(self._messages, 1),
         )
 
     def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:

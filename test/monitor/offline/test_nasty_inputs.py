@@ -232,3 +232,23 @@ def test_one_column_is_not_the_load_of_two_bearings(
     config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
     bound = bind(opened(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n'), load_config(config))
     assert bound.absent.keys() == lost
+
+
+def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
+    """The engine of a 4:1 gear at 80 rpm turns the shaft at 20 rpm, whatever unit its heading has."""
+    config = tmp_path / 'ship.yaml'
+    own = "unit: rpm, scale: 0.25, column: 'ME [rpm]'"
+    config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
+    recording = opened(tmp_path, 'time,ME [rpm],load [N]\n0,80,900\n1,80,901\n')
+    (bearing,) = bind(recording, load_config(config)).config.bearings
+    request = Request(bearing.speed.topic, 'data')
+    assert bearing.speed.scale * recording.read([request])[request].value[0] == pytest.approx(20.0)
+    assert any('times its scale 0.25' in said for said in recording.warnings)
+
+
+@pytest.mark.parametrize(('every', 'code'), [(3, 1), (4, 0)])
+def test_a_third_of_implausible_speeds_is_no_quiet_voyage(every: int, code: int, tmp_path: Path) -> None:
+    """As live, where a third of the samples refused is a fault: 4000 rpm is beyond any shaft of a ship."""
+    rows = ''.join(f'{t},{4000 if t % every == 0 else 136},1000\n' for t in range(1, 121))
+    (tmp_path / 'voyage.csv').write_text(f'time,speed [rpm],load [N]\n{rows}')
+    assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) == code
