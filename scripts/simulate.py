@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 TEST = Path(__file__).resolve().parents[1] / 'test'
-sys.path[:0] = [str(TEST / folder) for folder in ('', 'logs', 'monitor/monitor')]
+sys.path[:0] = [str(TEST / folder) for folder in ('', 'logs', 'monitor')]
 from simulation import DURATION, repeated_by, runs  # noqa: E402
 
 
