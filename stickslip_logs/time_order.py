@@ -77,7 +77,7 @@ _END = (1 << 63) - 1
 
 
 @dataclass
-class Course:
+class TimeCourse:
     """How a recording went: what to add to its times, and how long rows wait for their turn.
 
     Attributes:
@@ -248,14 +248,14 @@ class TimeOrder:
             own = source == key
             self._sources.setdefault(key, _Source()).add(time_ns[own], place[own])
 
-    def course(self, wanted: Collection[int] | None = None) -> Course:
+    def course(self, wanted: Collection[int] | None = None) -> TimeCourse:
         """Judge the order of some sources, or of all."""
         sources = {k: own for k, own in self._sources.items() if wanted is None or k in wanted}
         if not sources:
-            return Course()
-        course = Course()
+            return TimeCourse()
+        course = TimeCourse()
         if any(own.steps_often for own in sources.values()) or not _explain(course, sources):
-            course = Course(wait_ns=None, is_unordered=True)
+            course = TimeCourse(wait_ns=None, is_unordered=True)
             course.start_ns = min(own.least_ns for own in sources.values())
             course.end_ns = max(own.most_ns for own in sources.values())
             return course
@@ -263,7 +263,7 @@ class TimeOrder:
         return course
 
 
-def _explain(course: Course, sources: dict[int, _Source]) -> bool:
+def _explain(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     """Find the reasons of all steps back; return False where the rows have to be sorted instead."""
     steps: list[_Step] = []
     fits, max_leap_ns = True, max(own.leap_ns for own in sources.values())
@@ -303,7 +303,7 @@ def _fit(runs: Sequence[_Run], leap_ns: int) -> bool:
     return all(-_MIN_STEP_NS <= seam <= leap_ns for seam in seams)
 
 
-def _close_excursions(course: Course, key: int, source: _Source, runs: Sequence[_Run]) -> list[_Run]:
+def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Sequence[_Run]) -> list[_Run]:
     """Put runs that were ahead between their neighbours, and leave out those that came late.
 
     Returns:
@@ -341,7 +341,7 @@ def _close_excursions(course: Course, key: int, source: _Source, runs: Sequence[
     return result
 
 
-def _set_clocks(course: Course, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
+def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
     """Shift what follows steps back: of all sources where all that can show the step do, else of one."""
     while steps:
         group = [steps.pop(0)]
@@ -367,7 +367,7 @@ def _set_clocks(course: Course, sources: dict[int, _Source], steps: list[_Step],
             course.steps_ns += [step.back_ns for step in group]
 
 
-def _find_wait(course: Course, sources: dict[int, _Source]) -> None:
+def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     """Find start, end, and how long rows have to wait for their turn."""
     parts = []
     for key, own in sources.items():

@@ -14,7 +14,7 @@ from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece, load, walk
 from stickslip_logs.recordings.mcap_file import McapFile
-from stickslip_logs.time_order import MAX_TIME_NS, Course, TimeOrder
+from stickslip_logs.time_order import MAX_TIME_NS, TimeCourse, TimeOrder
 
 # A place is the number of a block above the byte in it, of which there are at most 2^27.
 _BYTE_BITS = 32
@@ -45,7 +45,7 @@ class CourseOfBlocks:
 
     def __init__(
         self,
-        course: Course,
+        course: TimeCourse,
         numbers: Mapping[str, int],
         spans: Mapping[int, tuple[int, int]],
         least_ns: int,

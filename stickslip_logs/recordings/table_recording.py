@@ -36,7 +36,7 @@ from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.tables.clock import Cells, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.table import Numbers, Rows, are_filled, open_table, some_cells, texts_of
-from stickslip_logs.time_order import Course, TimeOrder
+from stickslip_logs.time_order import TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
 _NAME = re.compile(
@@ -337,7 +337,7 @@ class TableReading:
         if self._course.start_ns is not None:
             recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
 
-    def _judge(self) -> tuple[Course, bool]:
+    def _judge(self) -> tuple[TimeCourse, bool]:
         """Judge the order of the lines in a pass for their times.
 
         Returns:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.time_order import Course, Sorter, TimeOrder
+from stickslip_logs.time_order import TimeCourse, Sorter, TimeOrder
 
 SECOND = 10**9
 START = 1_780_000_000 * SECOND
@@ -48,7 +48,7 @@ def disordered(seconds: float) -> Rows:
     return [row for _, row in sorted(zip(order + [row[0] for row in voyage()], voyage(), strict=True))]
 
 
-def judged(rows: Rows) -> tuple[Course, IntArray, IntArray]:
+def judged(rows: Rows) -> tuple[TimeCourse, IntArray, IntArray]:
     """Judge rows in batches; return the course, and the times and true times in the order that results."""
     time_ns, true_ns = (np.array([START + round(row[k] * SECOND) for row in rows]) for k in (0, 1))
     source, place = np.array([row[2] for row in rows]), np.arange(len(rows)) * 7
