@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.time_order import TimeCourse, Sorter, TimeOrder
+from stickslip_logs.time_order import Sorter, TimeCourse, TimeOrder
 
 SECOND = 10**9
 START = 1_780_000_000 * SECOND
