@@ -60,7 +60,7 @@ def _run(chosen: Sequence[str], quick: bool) -> int:
 
 
 def _section(name: str, quick: bool) -> str | None:
-    """The section of a part, run apart so that none meets the memory or threads of another."""
+    """Run a part in a process of its own, apart from the memory and threads of others; return its section."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / 'table.json'
         command = [sys.executable, '-m', 'benchmarks', '--only', name, '--record', str(record)]

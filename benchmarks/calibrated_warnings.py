@@ -50,7 +50,7 @@ COLUMNS = {
 
 
 def calibration_of(seed: int) -> Calibration | None:
-    """What five slow-downs with a level give of a seed's bearing; ``None`` where they are refused."""
+    """Calibrate a seed's bearing by five slow-downs with a level; return ``None`` where they are refused."""
     found, source = [], EvidenceSource()
     for k in range(1, _SLOW_DOWNS + 1):
         scene = load_scene(SCENES / 'slowing_down.yaml', seed + k * _APART, WITH_LEVEL)
@@ -67,7 +67,7 @@ def calibration_of(seed: int) -> Calibration | None:
 
 
 def variants_of(config: BearingConfig, true: BearingConfig, seed: int) -> dict[str, BearingConfig]:
-    """The configurations that are judged, by name; a refused calibration changes nothing."""
+    """Return the configurations that are judged, by name; a refused calibration changes nothing."""
     belief = Belief.from_tolerance(config.bearing, HANDBOOK)
     found, calibrated = calibration_of(seed), config
     if found is not None:
@@ -78,7 +78,7 @@ def variants_of(config: BearingConfig, true: BearingConfig, seed: int) -> dict[s
 
 
 def judged(seed: int) -> dict[str, Quality]:
-    """The judgement of each variant over all voyages of a seed."""
+    """Judge each variant over all voyages of a seed."""
     found: dict[str, list[Quality]] = {name: [] for name in VARIANTS}
     configs: Mapping[str, BearingConfig] = {}
     for voyage in VOYAGES:
@@ -93,6 +93,6 @@ def judged(seed: int) -> dict[str, Quality]:
 
 
 def judged_all(seeds: Iterable[int]) -> dict[str, Quality]:
-    """The judgement of each variant over all voyages of some seeds."""
+    """Judge each variant over all voyages of some seeds."""
     each = [judged(seed) for seed in seeds]
     return {name: pooled(own[name] for own in each) for name in VARIANTS}

@@ -61,11 +61,11 @@ class Ship:
     floor: float  # of its level, below that of the cycle at the fold [dB]
 
     def fold(self, load: float) -> float:
-        """The true fold speed [m/s]."""
+        """Return the true fold speed [m/s]."""
         return float(fold_speed(self.true, load))
 
     def hopf(self, load: float) -> float:
-        """The true Hopf speed [m/s]."""
+        """Return the true Hopf speed [m/s]."""
         return float(hopf_speed(self.true, load))
 
 
@@ -97,7 +97,7 @@ def _law(number: int, random: np.random.Generator) -> FrictionLaw:
 
 
 def _other(law: FrictionLaw, fall: float, decay: float) -> FrictionLaw:
-    """A law with another fall and another decay, by factors."""
+    """Return a law with another fall and another decay, by factors."""
     if isinstance(law, Tabulated):
         kinetic = min(law.values)
         values = [kinetic + fall * (value - kinetic) for value in law.values]
@@ -237,7 +237,7 @@ def _followed(
 
 
 def _lagged(values: Array, lag: float, step: float) -> Array:
-    """A first-order lag [s] of values that are a step apart."""
+    """Return a first-order lag [s] of values that are a step apart."""
     from scipy.signal import lfilter
 
     keep = math.exp(-step / lag)

@@ -48,7 +48,7 @@ _FAR = (0.6, 1.0, 1.6)
 
 
 def heard(own: Sequence[Sent]) -> list[Evidence]:
-    """What the sensors of some passages tell, as recordings do."""
+    """Return what the sensors of some passages measure, as recordings do."""
     found = []
     for k, sent in enumerate(own, 1):
         stamps = np.round(sent.time * 1e9).astype(np.int64)
@@ -59,7 +59,7 @@ def heard(own: Sequence[Sent]) -> list[Evidence]:
 
 
 def listed(own: Sequence[Sent], random: np.random.Generator) -> list[Evidence]:
-    """What an operator writes: times off by up to 5 s, onsets late, one state in ten swapped."""
+    """Return an operator's reports: times off by up to 5 s, onsets late, one state in ten swapped."""
     found = []
     for k, sent in enumerate(own, 1):
         stamps = np.round(sent.time * 1e9).astype(np.int64)
@@ -123,7 +123,7 @@ def reached(
     operator: bool = False,
     shares: Sequence[float] = (1.0,),
 ) -> dict[str, Any]:
-    """What so many passages give, and at other shares of the loads that they met."""
+    """Calibrate by so many passages, at their loads and at other shares of them."""
     ships, voyages, random = fleet(seed, count, max(counts), kind or Kind())
     rows: dict[str, list[list[float]]] = {}
     refused, told, doubted, seconds = 0, 0, 0, []
@@ -170,7 +170,7 @@ def other_loads() -> dict[str, Any]:
 
 
 def wrong_drawing() -> dict[str, Any]:
-    """The damping is 1.75 times what it should be, and nothing else is known either."""
+    """Calibrate a ship whose damping is 1.75 times the drawing's and whose other parameters are guessed."""
     return reached(3104, _FEWER, (5,), Kind(wrong=1.75), shares=_FAR)
 
 
@@ -185,12 +185,12 @@ def loud() -> dict[str, Any]:
 
 
 def operator() -> dict[str, Any]:
-    """An operator's list."""
+    """Return an operator's list."""
     return reached(3107, _FEWER, (5, 20), operator=True)
 
 
 def drift() -> dict[str, Any]:
-    """The fall of friction rises by 42 % over sixteen passages; the last is judged."""
+    """Raise the fall of friction by 42 % over sixteen passages and judge the last."""
     kind = Kind(drift=math.log(1.42) / 15.0)
     ships, voyages, _ = fleet(3108, _DRIFTING, 16, kind)
     rows: dict[str, list[list[float]]] = {'0': [], '0.03': []}
@@ -285,7 +285,7 @@ _LOOKS = (('#0072b2', 'o'), ('#d55e00', 's'))
 
 
 def _page(before: str, results: Mapping[str, Any]) -> str:
-    """The page with its table made anew."""
+    """Return the page with its table made anew."""
     rows, notes = [], []
     for name, text in _NAMES.items():
         if name not in results:
@@ -363,7 +363,7 @@ def _draw_reliability(result: Mapping[str, Any]) -> None:
 
 
 def draw_example() -> None:
-    """The picture of one ship of five passages, with knocks of its level."""
+    """Return the picture of one ship of five passages, with knocks of its level."""
     ships, voyages, _ = fleet(3203, 1, 5, replace(Kind(), ramps=(100.0, 400.0)))
     found = calibrate(heard(voyages[0]), ships[0].drawn, _TOLERANCE)
     config: Any = SimpleNamespace(name='aft_stern', bearing=ships[0].drawn)

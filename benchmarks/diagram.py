@@ -87,7 +87,7 @@ def _stable(speed: NDArray[np.float64], fold: float) -> NDArray[np.float64]:
 
 
 def _averaged() -> tuple[float, float]:
-    """The same by averaging."""
+    """Compute the diagram by averaging."""
     hopf, fold = float(hopf_speed(BEARING, LOAD)), float(fold_speed(BEARING, LOAD))
     for speed in (np.linspace(LOW, fold, STABLE)[:-1], np.linspace(hopf, fold, UNSTABLE)[1:-1]):
         stationary_amplitudes(BEARING, speed, LOAD)
@@ -95,7 +95,7 @@ def _averaged() -> tuple[float, float]:
 
 
 def _auto(width: float, turns: int) -> _Result | str:
-    """The median of AUTO's own account of its time, without compiling and starting Python."""
+    """Return the median of AUTO's own account of its time, without compiling and starting Python."""
     if not shutil.which('auto-07p'):
         return 'not installed'
     if not shutil.which('gfortran'):

@@ -101,7 +101,7 @@ def _feed(publishers: list[rclpy.publisher.Publisher[Float64]], seconds: float) 
 
 
 def _accepted(subscription: rclpy.subscription.Subscription[DiagnosticArray]) -> int:
-    """Samples accepted by all bearings, by the last diagnostics of all."""
+    """Return the number of samples accepted by all bearings, by their last diagnostics."""
     count = 0
     for _, message in taken(subscription):
         if len(message.status) > BEARINGS:
@@ -112,7 +112,7 @@ def _accepted(subscription: rclpy.subscription.Subscription[DiagnosticArray]) ->
 
 @contextmanager
 def _monitor(count: int) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    """A node with so many bearings, and its log."""
+    """Start a node with so many bearings and yield it with its log."""
     document = yaml.safe_load(CONFIG.read_text('utf-8'))
     parameters = document['/**']['ros__parameters']
     reference = parameters.pop('aft_stern')

@@ -129,7 +129,7 @@ class Subject:
         return Stretch(latency, count, 2 * count - heard_all, cpu / spent)
 
     def _heard(self) -> int:
-        """Samples that the node has counted, by its diagnostics of the last second."""
+        """Return the number of samples that the node has counted by its last diagnostics."""
         if self._counts is None:
             return 0
         end, count = time.monotonic() + _DIAGNOSED, 0
@@ -187,7 +187,7 @@ def taken(subscription: Any) -> Iterator[tuple[float, Any]]:
 
 @contextmanager
 def subjects(domain: int) -> Iterator[dict[str, Subject]]:
-    """The bare node and the monitor, ready.
+    """Start the bare node and the monitor and wait until both are ready.
 
     Args:
         domain: The DDS domain to keep to.
@@ -206,12 +206,12 @@ def subjects(domain: int) -> Iterator[dict[str, Subject]]:
 
 
 def bare(folder: Path, driver: Node) -> Subject:
-    """The node that only echoes."""
+    """Start the node that only echoes."""
     return Subject(['benchmarks.echo_node'], 'bare', 'echo/speed', lambda value: value, driver)
 
 
 def monitor(folder: Path, driver: Node) -> Subject:
-    """The monitor with the reference bearing, its speed told by its Hopf margin."""
+    """Start the monitor with the reference bearing."""
     reference = bearing()
     hopf = float(reference.speed.from_surface(hopf_speed(reference, LOAD), 'rpm'))
     document = yaml.safe_load(CONFIG.read_text('utf-8'))

@@ -31,7 +31,7 @@ MARK = '<!-- benchmarks -->\n'
 
 
 def machine() -> str:
-    """The line that says where the numbers come from."""
+    """Return the line that says where the numbers come from."""
     versions = [f'{name} {found}' for name in PACKAGES if (found := _version(name))] + _debian()
     return (
         f'Machine: {_processor()}, {os.cpu_count()} cores, {platform.system()}'
@@ -40,7 +40,7 @@ def machine() -> str:
 
 
 def render(sections: Mapping[str, str], order: tuple[str, ...], old: str = '') -> str:
-    """The page.
+    """Return the page.
 
     Args:
         sections: New sections by the name of their part.

@@ -76,7 +76,7 @@ def load(path: Path) -> Slider:
 
 
 def events_of(slider: Slider) -> Events:
-    """The events of a recording: where the force falls most within half a natural period."""
+    """Return the events of a recording: where the force falls most within half a natural period."""
     force, time = slider.force, slider.time
     period = 2.0 * np.pi * np.sqrt(MASS / slider.stiffness)
     half = max(2, round(0.5 * period / float(time[1] - time[0])))
@@ -96,7 +96,7 @@ def events_of(slider: Slider) -> Events:
 
 
 def compared(path: Path) -> list[str]:
-    """A row of the table."""
+    """Return a row of the table."""
     slider = load(path)
     events = events_of(slider)
     name = f'{slider.stiffness:g} N/m, {slider.speed * 1e3:g} mm/s'

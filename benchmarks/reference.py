@@ -14,5 +14,5 @@ LOAD = 1000.0
 
 
 def bearing() -> Bearing:
-    """The bearing of the reference configuration."""
+    """Return the bearing of the reference configuration."""
     return load_config(CONFIG).bearings[0].bearing

@@ -169,7 +169,7 @@ def _totals(voyages: Sequence[Voyage]) -> dict[str, dict[str, float | None]]:
 
 
 def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
-    """A table of all figures for each grade of sensors, and a line for each scene or bag."""
+    """Return a table of all figures for each grade of sensors, and a line for each scene or bag."""
     for sensors, own in _grouped(voyages, _SENSORS).items():
         title = 'warnings judged by the truth' + (f', {sensors}' if sensors else '')
         table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
@@ -195,7 +195,7 @@ def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table
 
 
 def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
-    """A scene or a bag as briefly as it differs from the others."""
+    """Return a scene or a bag as briefly as it differs from the others."""
     if voyage.seed is not None:
         return Path(voyage.scene).stem
     bag = Path(voyage.scene).name
@@ -206,7 +206,7 @@ def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
 
 
 def _remarks(case: Sailed) -> list[str]:
-    """A sentence for every episode and for every false alarm."""
+    """Return a sentence for every episode and for every false alarm."""
     given, truth = case.output(), case.truth
 
     def at(time_ns: int) -> str:

@@ -43,14 +43,14 @@ def missing() -> str:
 
 
 def free_port() -> int:
-    """A port of this machine that is free now."""
+    """Return a port of this machine that is free now."""
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         return int(probe.getsockname()[1])
 
 
 def officer_token() -> str:
-    """The JSON web token of who may approve requests at a secured server with our key."""
+    """Return the JSON web token of who may approve requests at a secured server with our key."""
     parts = ({'alg': 'HS256', 'typ': 'JWT'}, {'id': 'officer', 'exp': round(time.time()) + 3600})
     head = '.'.join(_base64(json.dumps(part).encode()) for part in parts)
     return f'{head}.{_base64(hmac.digest(_KEY.encode(), head.encode(), "sha256"))}'

@@ -60,7 +60,7 @@ def _node(seconds: float) -> list[str]:
 
 
 def _day(hours: int) -> list[str]:
-    """What a monitor in this process does with some hours of telemetry."""
+    """Run a monitor in this process through some hours of telemetry."""
     config = load_config(CONFIG)
     (name,) = (bearing.name for bearing in config.bearings)
     session = Session(config, Sink(), NoLog(), lambda: 0)

@@ -34,7 +34,7 @@ class Table:
                 raise ValueError(f'row {row} must have {len(self.columns)} cells')
 
     def markdown(self) -> str:
-        """The section."""
+        """Return the section."""
         aligned = ['---', *['---:'] * (len(self.columns) - 1)]
         lines = [_row(self.columns), f'|{"|".join(aligned)}|', *map(_row, self.rows)]
         blocks = [f'## {self.title}', self.text, '\n'.join(lines), self.notes]
@@ -46,7 +46,7 @@ class Table:
 
     @classmethod
     def of(cls, record: dict[str, Any]) -> Table:
-        """The table of a record."""
+        """Return the table of a record."""
         return cls(**record)
 
 
@@ -55,12 +55,12 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def absent(name: str, columns: int, reason: str = NOT_INSTALLED) -> list[str]:
-    """The row of a peer that did not run."""
+    """Return the row of a peer that did not run."""
     return [name, reason, *['–'] * (columns - 2)]
 
 
 def duration(seconds: float) -> str:
-    """A time or a difference of times for a person, in three digits."""
+    """Return a time or a difference of times for a person, in three digits."""
     if seconds < 0.0:
         return f'-{duration(-seconds)}'
     for unit, size in (('s', 1.0), ('ms', 1e-3), ('µs', 1e-6)):

@@ -139,7 +139,7 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
 
 
 def _kept(path: str | Path, config: MonitorConfig, long: bool | None = None) -> Kept:
-    """The samples and verdicts of a recording, in memory."""
+    """Return the samples and verdicts of a recording, in memory."""
     kept = Kept()
     check_recording(path, config, [kept], long=long)
     return kept
@@ -156,7 +156,7 @@ class Sent:
 
     @classmethod
     def of(cls, kept: Kept, config: BearingConfig) -> Sent:
-        """What was kept of one bearing."""
+        """Return the samples and verdicts of one bearing."""
         sent = cls(config, kept.stream(config.name), kept.start_ns, kept.end_ns)
         sent.__dict__['scan'] = kept.scan(config.name)  # known already
         return sent
@@ -178,13 +178,13 @@ class Sailed:
     plain: bool  # whether what happens shows in speed and load, and does so once
 
     def output(self) -> RuleOutput:
-        """What the verdicts come to."""
+        """Return the episodes that the monitor gave, with its sounds and the unheard ones."""
         scan, truth = self.sent.scan, self.truth
         sounds, unheard = sounds_of(scan, truth.start_ns, truth.end_ns)
         return replace(output_of(scan, truth), sounds=sounds, unheard=unheard)
 
     def rules(self) -> dict[str, Quality]:
-        """The judgement of the monitor and of the bare rules."""
+        """Judge the monitor and the bare rules."""
         outputs = {OURS: self.output(), **_bare_rules(self.sent.scan)}
         found = {name: quality_of(own, self.truth, self.plain) for name, own in outputs.items()}
         wrong_source = int(_has_wrong_source(self.sent))
@@ -214,13 +214,13 @@ def _is_plain(scene: Scene) -> bool:
 
 
 def _without_lining(scene: Scene) -> Scene:
-    """The scene without the truth, which another grade of sensors does not change."""
+    """Return the scene without the truth, which another grade of sensors does not change."""
     kept = tuple(effect for effect in scene.effects if effect.name not in STAGES['lining'])
     return replace(scene, effects=kept)
 
 
 def _truth(bag: Recording, bearing: str) -> TruthRecord:
-    """The truth about a bearing.
+    """Return the truth about a bearing.
 
     Raises:
         SceneError: The scene does not hold it.
@@ -238,7 +238,7 @@ def _truth(bag: Recording, bearing: str) -> TruthRecord:
 
 
 def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
-    """What the monitor's conditions say; while an input is lost what stood before it goes on."""
+    """Return the alarms by the monitor's conditions; while an input is lost the previous state stands."""
     warned: list[Interval] = []
     alarmed: list[Interval] = []
     level = Severity.OK
@@ -294,7 +294,7 @@ def _take_point(alarms: Annunciator, scan: Scan, row: int) -> list[AlarmChange]:
 
 
 def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
-    """The rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
+    """Return the rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
     margins = {BELOW_FOLD: scan.assessment.fold_margin, BELOW_HOPF: scan.assessment.hopf_margin}
     found = {}
     for name, margin in margins.items():
@@ -321,7 +321,7 @@ def _has_wrong_source(sent: Sent) -> bool:
 
 
 def with_parameter_errors(config: BearingConfig, errors: Mapping[str, float], seed: int) -> BearingConfig:
-    """The configuration of a bearing as the monitor gets it, with errors drawn for a seed.
+    """Return the configuration of a bearing as the monitor gets it, with errors drawn for a seed.
 
     Errors are given by parameter; each is drawn evenly up to it, either way.
     """
@@ -345,7 +345,7 @@ def with_parameter_errors(config: BearingConfig, errors: Mapping[str, float], se
 
 
 def _scaled(thing: Any, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
-    """The attributes of a thing that are off, e.g. ``static`` for ``friction.static``."""
+    """Return the attributes of a thing that are off, e.g. ``static`` for ``friction.static``."""
     names = {n: n.removeprefix(prefix) for n in factor if n.startswith(prefix)}
     own = {n: name for n, name in names.items() if '.' not in name}
     known = [f.name for f in fields(thing)]

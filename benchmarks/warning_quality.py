@@ -60,7 +60,7 @@ def merged(intervals: Iterable[Interval]) -> list[Interval]:
 
 
 def intersection(first: Intervals, second: Intervals) -> list[Interval]:
-    """What two sets have in common."""
+    """Return the intersection of two sets of stretches."""
     found: list[Interval] = []
     i = k = 0
     while i < len(first) and k < len(second):
@@ -110,7 +110,7 @@ class Episode:
 
 
 def announced(output: RuleOutput, truth: TruthRecord) -> list[Episode]:
-    """The episodes within the time of the truth, with their leads."""
+    """Return the episodes within the time of the truth, with their leads."""
     warned, alarmed, episodes = _within(truth, output.warned, output.alarmed, truth.episodes)
     return [Episode(*e, _lead(e, warned), _lead(e, alarmed)) for e in episodes]
 
@@ -126,7 +126,7 @@ def _lead(episode: Interval, stretches: Intervals) -> float | None:
 
 
 def false_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
-    """The stick-slip alarms without an episode within 60 s."""
+    """Return the stick-slip alarms without an episode within 60 s."""
     alarmed, episodes = _within(truth, output.alarmed, truth.episodes)
     near = _near(episodes)
     return [alarm for alarm in alarmed if not intersection([alarm], near)]
@@ -178,7 +178,7 @@ class Quality:
         return not (self.missed or self.false or any(lead < 0.0 for lead in self.leads))
 
     def figures(self) -> dict[str, float | None]:
-        """The rates by name; ``None`` where there was nothing to take one of."""
+        """Return the rates by name; a rate of nothing is ``None``."""
         return {name: rate(self) for name, (_, _, rate) in FIGURES.items()}
 
 
@@ -250,7 +250,7 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
 
 
 def written(name: str, value: float | None) -> str:
-    """A figure as text; empty where there is none."""
+    """Return a figure as text; empty where there is none."""
     return '' if value is None else format(value, FIGURES[name][1])
 
 
@@ -305,7 +305,7 @@ def _newly_given(bouts: Intervals, raised: Sequence[int]) -> int:
 
 
 def largest_burst(times_ns: Sequence[int]) -> int:
-    """The most of some rising times [ns] that fall within ten minutes."""
+    """Return the largest number of rising times [ns] within ten minutes."""
     time = np.asarray(times_ns, dtype=np.int64)
     until = np.searchsorted(time, time + BURST_NS, side='left')
     return int(np.max(until - np.arange(time.size), initial=0))

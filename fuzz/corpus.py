@@ -46,7 +46,7 @@ def _pieces(*middle: Piece) -> list[Piece]:
 
 
 def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
-    """A chunk of a few kilobytes that grows; what it holds is one record of an unknown kind."""
+    """Return a chunk of a few kilobytes that decompresses to one large record of an unknown kind."""
     head, zeros = HEAD.pack(0x80, size - HEAD.size), bytes(1 << 20)
     rest = [zeros] * ((size - HEAD.size) // len(zeros)) + [zeros[: (size - HEAD.size) % len(zeros)]]
     if compression == 'zstd':
@@ -68,7 +68,7 @@ def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
 
 
 def _with_chunk(record: bytes) -> bytes:
-    """A sound file without a summary, with one more chunk in front of its data's end."""
+    """Return a sound file without a summary, with one more chunk in front of its data's end."""
     data = sound(summary=False)
     end = data.index(raw(0x0F, bytes(4)))
     return data[:end] + record + data[end:]
@@ -80,7 +80,7 @@ def _tiny() -> bytes:
 
 
 def _grown(*parts: tuple[bytes, int]) -> bytes:
-    """A chunk of records, each repeated so often, that takes some kilobytes in the file."""
+    """Return a chunk of records, each repeated so often, that takes some kilobytes in the file."""
     size = sum(len(data) * count for data, count in parts)
     packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
     pieces = [packer.compress(data) for data, count in parts for _ in range(count)]
@@ -96,7 +96,7 @@ def _grown(*parts: tuple[bytes, int]) -> bytes:
 
 
 def _long_record(kind: int, head: bytes, text: bytes, tail: bytes = b'') -> bytes:
-    """A definition of 100 MiB in a chunk; its text is repeated."""
+    """Return a definition of 100 MiB in a chunk; its text is repeated."""
     count = (100 << 20) // len(text)
     size = len(head) + count * len(text) + len(tail)
     return _grown((HEAD.pack(kind, size) + head, 1), (text, count), (tail, 1))
@@ -127,7 +127,7 @@ def _redefined_often() -> bytes:
 
 
 def _late_redefinition(record: bytes) -> bytes:
-    """A definition that cannot be right in the last of three chunks."""
+    """Return a definition that cannot be right in the last of three chunks."""
     pieces = [Piece([*DEFINITIONS, *messages(0)]), Piece(messages(20))]
     return file([*pieces, Piece([record, *messages(40)])], summary=False)
 
@@ -169,7 +169,7 @@ def _definition(text: bytes) -> bytes:
 
 
 def _bad_name() -> bytes:
-    """A channel whose name is not UTF-8, in the middle of a chunk."""
+    """Return a channel whose name is not UTF-8, in the middle of a chunk."""
     broken = channel(7, 'xyz').replace(b'xyz', b'\xff\xfe\xfd')
     return file(_pieces(Piece([*messages(20, 10), broken, *messages(30, 10)])), summary=False)
 
@@ -198,7 +198,7 @@ def _encapsulated(kind: int) -> bytes:
 
 
 def _moved_summary() -> bytes:
-    """A footer that says that the summary begins at the first chunk, which is damaged."""
+    """Return a footer that says that the summary begins at the first chunk, which is damaged."""
     data = bytearray(_damaged())
     first = data.index(b'zstd') - 45
     footer = len(data) - 8 - 20

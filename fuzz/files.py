@@ -35,7 +35,7 @@ HEAD = struct.Struct('<BQ')
 
 
 def encoded(record: McapRecord) -> bytes:
-    """A record as it lies in a file."""
+    """Return a record as it lies in a file."""
     builder = RecordBuilder()
     record.write(builder)
     data: bytes = builder.end()
@@ -43,22 +43,22 @@ def encoded(record: McapRecord) -> bytes:
 
 
 def raw(opcode: int, body: bytes) -> bytes:
-    """A record of any kind and content."""
+    """Return a record of any kind and content."""
     return HEAD.pack(opcode, len(body)) + body
 
 
 def schema(number: int = 1, name: str = FLOAT64, text: bytes = b'float64 data\n') -> bytes:
-    """A definition of messages."""
+    """Return a definition of messages."""
     return encoded(Schema(id=number, name=name, encoding='ros2msg', data=text))
 
 
 def channel(number: int, topic: str, schema_id: int = 1) -> bytes:
-    """A definition of a channel."""
+    """Return a definition of a channel."""
     return encoded(Channel(id=number, topic=topic, message_encoding='cdr', metadata={}, schema_id=schema_id))
 
 
 def message(number: int, time_ns: int, value: float, head: bytes = b'\0\1\0\0') -> bytes:
-    """A Float64."""
+    """Return a Float64."""
     data = head + struct.pack('<d', value)
     return encoded(Message(channel_id=number, data=data, log_time=time_ns, publish_time=time_ns, sequence=0))
 
@@ -76,7 +76,7 @@ def messages(first: int = 0, count: int = 20, swapped: bool = False) -> list[byt
 
 
 def compressed(data: bytes, compression: str) -> bytes:
-    """Data as a chunk holds it."""
+    """Return data as a chunk holds it."""
     if compression == 'zstd':
         return zstandard.compress(data)
     return bytes(lz4.frame.compress(data)) if compression == 'lz4' else data
@@ -112,7 +112,7 @@ class Piece:
         return found
 
     def record(self) -> bytes:
-        """It as it lies in a file."""
+        """Return the chunk as it lies in a file."""
         if self.is_bare:
             return self.data
         times = [time for pairs in self.entries().values() for time, _ in pairs] or [0]
@@ -127,7 +127,7 @@ class Piece:
         return encoded(replace(chunk, **self.changes))
 
     def _listed(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """The entries of an index: all, the first few, or one of them twice."""
+        """Return the entries of an index: all, the first few, or one of them twice."""
         return [pairs[0], *pairs[:-1]] if self.repeated else pairs[: self.most_entries]
 
     def indexes(self) -> dict[int, bytes]:
@@ -147,7 +147,7 @@ def file(
     summary: bool = True,
     counts: Mapping[int, int] | None = None,
 ) -> bytes:
-    """A whole file.
+    """Return a whole file.
 
     Args:
         pieces: Its chunks.
@@ -205,7 +205,7 @@ def file(
 
 
 def sound(compression: str = '', **options: bool) -> bytes:
-    """A recording without anything odd: 3 chunks of 20 messages."""
+    """Return a recording without anything odd: 3 chunks of 20 messages."""
     first = [*DEFINITIONS, *messages(0)]
     return file(
         [Piece(first, compression), Piece(messages(20), compression), Piece(messages(40), compression)],

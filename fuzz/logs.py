@@ -164,7 +164,7 @@ def signalk_logs() -> list[bytes]:
 
 
 def databases() -> list[bytes]:
-    """Recordings of small and of usual pages."""
+    """Return recordings of small and of usual pages."""
     return [_database(page) for page in (512, 4096)]
 
 
@@ -176,7 +176,7 @@ def _database(page: int) -> bytes:
 
 @contextlib.contextmanager
 def _folder_file() -> Iterator[Path]:
-    """A file of a folder of its own: in Python 3.10 a database in memory gives no bytes."""
+    """Return a file of a folder of its own: in Python 3.10 a database in memory gives no bytes."""
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder) / 'database'
 
@@ -198,7 +198,7 @@ def _fill(path: Path, page: int) -> None:
 
 
 def change_cell(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
-    """A table with cells or lines changed, dropped, repeated or moved."""
+    """Return a table with cells or lines changed, dropped, repeated or moved."""
     packed = data.startswith(b'\x1f\x8b')
     with contextlib.suppress(Exception):  # A mutant of a mutant may be anything.
         data = gzip.decompress(data) if packed else data
@@ -214,7 +214,7 @@ def change_cell(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
 
 
 def change_sentence(rng: random.Random, data: bytes, sources: Sequence[bytes]) -> bytes:
-    """A log of NMEA 0183 with fields changed, and as a rule the checksum mended."""
+    """Return a log of NMEA 0183 with fields changed, and as a rule the checksum mended."""
     lines = change_cell(rng, data, sources).decode('latin-1').split('\n')
     for k in range(len(lines)):
         if rng.random() < 0.9:
@@ -223,7 +223,7 @@ def change_sentence(rng: random.Random, data: bytes, sources: Sequence[bytes]) -
 
 
 def change_delta(rng: random.Random, data: bytes, sources: Sequence[bytes]) -> bytes:
-    """A log of Signal K with members of deltas changed, dropped or moved."""
+    """Return a log of Signal K with members of deltas changed, dropped or moved."""
     lines = data.split(b'\n')
     for _ in range(rng.choice((1, 1, 3, 30))):
         k = rng.randrange(len(lines))
@@ -253,7 +253,7 @@ def _change_member(rng: random.Random, delta: Any) -> None:
 
 
 def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
-    """A database with a value changed, rows dropped, or a table gone."""
+    """Return a database with a value changed, rows dropped, or a table gone."""
     table, columns = rng.choice(_COLUMNS)
     column, value, some = rng.choice(columns), rng.choice(_VALUES), rng.choice((1, 2, 7))
     with _folder_file() as path:
@@ -290,7 +290,7 @@ def numbers_of(kind: str, data: bytes) -> Counter[float]:
 
 @functools.cache
 def _lines_of(kind: str) -> dict[str, float]:
-    """The lines of sources with a speed, and the speed."""
+    """Return the lines of sources with a speed, and the speed."""
     found = {}
     for data in SOURCES[kind]():
         speeds = iter(_SPEEDS)

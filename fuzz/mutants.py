@@ -24,7 +24,7 @@ Records = list[bytes]
 
 
 def mutant(seed: int, sources: Sequence[bytes], kind: str = 'mcap') -> bytes:
-    """A mutant; the same for the same seed and sources of a kind."""
+    """Return a mutant; it is the same for the same seed and sources of a kind."""
     rng = random.Random(seed)
     data = rng.choice(sources)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
@@ -33,7 +33,7 @@ def mutant(seed: int, sources: Sequence[bytes], kind: str = 'mcap') -> bytes:
 
 
 def records_of(data: bytes, start: int = 0) -> Records:
-    """Records as they lie one behind the other, and what is left as the last."""
+    """Split data into its records; what is left is the last one."""
     found, offset = [], start
     while offset + HEAD.size <= len(data):
         end = offset + HEAD.size + HEAD.unpack_from(data, offset)[1]
@@ -99,7 +99,7 @@ def _plain(chunk: Chunk) -> bytes:
 
 
 def _changed(rng: random.Random, records: Records) -> Records:
-    """Records with one of them changed, dropped, repeated, moved or swapped."""
+    """Return records with one of them changed, dropped, repeated, moved or swapped."""
     records = list(records)
     i, j = rng.randrange(len(records)), rng.randrange(len(records))
     match rng.randrange(7):

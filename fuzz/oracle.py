@@ -50,7 +50,7 @@ def messages_of(data: bytes) -> Counter[Sample]:
 
 
 def rows_of(path: Path) -> Counter[Sample]:
-    """The same of a database, as SQL joins its tables; nothing where it cannot."""
+    """Count the samples of a database as SQL joins its tables; return nothing where it cannot."""
     try:
         with contextlib.closing(sqlite3.connect(f'file:{path}?immutable=1', uri=True)) as database:
             rows = database.execute(
@@ -74,7 +74,7 @@ def _parts(record: McapRecord) -> list[McapRecord]:
 
 
 def difference(path: Path) -> str:
-    """What our reader loses or invents without a word; empty if nothing.
+    """Describe what our reader loses or invents without a word; return an empty text if nothing.
 
     Differences that are meant, each told to the user:
 
@@ -106,7 +106,7 @@ def difference(path: Path) -> str:
 
 
 def left_out(path: Path, config: MonitorConfig) -> str:
-    """What our reader loses of a log without a word; empty if nothing."""
+    """Describe what our reader loses of a log without a word; return an empty text if nothing."""
     expected = numbers_of(path.suffix[1:], path.read_bytes())
     try:
         log = open_bag(path)
@@ -133,7 +133,7 @@ def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:
 
 
 def _numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
-    """The numbers of a topic; None where an error names why there are none."""
+    """Return the numbers of a topic, or None where an error names why there are none."""
     request = Request(topic, 'data')
     try:
         series = bag.read([request])[request]
@@ -158,5 +158,5 @@ def _wrong_numbers(series: dict[str, object], found: Counter[Sample]) -> str:
 
 
 def digest(data: bytes) -> str:
-    """A short name for a mutant."""
+    """Return a short name for a mutant."""
     return f'{zlib.crc32(data):08x}'

@@ -42,7 +42,7 @@ class _TooSlow(Exception):
 
 
 def sources() -> list[bytes]:
-    """The recordings of which mutants are made.
+    """Return the recordings of which mutants are made.
 
     No large ones: MCAP's reader has no limits, and what it takes would be laid to our account.
     """
@@ -54,7 +54,7 @@ SOURCES = {'mcap': sources, **LOGS}
 
 
 def judge(path: Path) -> str:
-    """What is wrong with how a recording is read; empty if nothing."""
+    """Describe what is wrong with how a recording is read; return an empty text if nothing."""
     try:
         with _limited(SECONDS):
             if path.suffix in ('.mcap', '.db3'):

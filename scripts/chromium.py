@@ -22,7 +22,7 @@ PATIENCE = 30.0
 
 @contextmanager
 def program(command: list[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """A program that ends with the block."""
+    """Run a program that ends with the block."""
     started = subprocess.Popen(command, text=True, **options)
     try:
         yield started
@@ -33,7 +33,7 @@ def program(command: list[str], **options: Any) -> Iterator[subprocess.Popen[str
 
 @contextmanager
 def chromium() -> Iterator[int]:
-    """A browser until the block ends; the port of its protocol."""
+    """Run a browser until the block ends and yield the port of its protocol."""
     with (
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
         program([*COMMAND, f'--user-data-dir={folder}'], stderr=subprocess.PIPE) as browser,
@@ -66,7 +66,7 @@ class Page:
             self.events.append(answer)
 
     async def js(self, expression: str) -> Any:
-        """The value of an expression; a promise is waited for."""
+        """Return the value of an expression after waiting for its promise."""
         wanted = {'expression': expression, 'returnByValue': True, 'awaitPromise': True}
         answer = await self.call('Runtime.evaluate', **wanted)
         assert 'exceptionDetails' not in answer, answer
@@ -89,7 +89,7 @@ class Page:
 
 @asynccontextmanager
 async def first_page(port: int) -> AsyncIterator[Page]:
-    """The only page of a browser that has just started."""
+    """Return the only page of a browser that has just started."""
     async with aiohttp.ClientSession() as session:
         async with session.get(f'http://127.0.0.1:{port}/json') as answer:
             (tab,) = [tab for tab in await answer.json() if tab['type'] == 'page']

@@ -82,7 +82,7 @@ def prepare() -> None:
 
 
 def stickslip(*arguments: str) -> list[str]:
-    """The command line of a stickslip command in this environment."""
+    """Return the command line of a stickslip command in this environment."""
     return [sys.executable, '-m', 'stickslip_monitor.cli', *arguments]
 
 

@@ -86,7 +86,7 @@ async def acknowledge(session: aiohttp.ClientSession, url: str, token: str) -> N
 
 
 async def sail(url: str, small: SmallServer | None) -> None:
-    """The voyage."""
+    """Sail the voyage."""
     ship = Ship(url)
     async with AsyncExitStack() as stack:
         session = await stack.enter_async_context(aiohttp.ClientSession())
@@ -114,7 +114,7 @@ async def sail(url: str, small: SmallServer | None) -> None:
 
 
 def configuration(folder: Path, url: str) -> Path:
-    """The example of the docs for this server, with actions accepted: it is on this machine."""
+    """Return the example of the docs for this server; it accepts actions, being on this machine."""
     document = yaml.safe_load(SHIP.read_text(encoding='utf-8'))
     links = document['/stickslip_links']['ros__parameters']
     links['signalk'] |= {'url': url, 'accept_actions': True}

@@ -69,7 +69,7 @@ def stick_slip_history(bearing: Bearing, speed: float, load: float) -> History:
 def _averaged_growth(
     bearing: Bearing, speed: float, load: float, final: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Times to well after stick-slip has set in, and the amplitude under KBM at each."""
+    """Return times to well after stick-slip has set in, and the amplitude under KBM at each."""
     period = 2.0 * np.pi / bearing.natural_frequency
 
     def rate(_: float, amplitude: FloatArray) -> FloatArray:

@@ -70,12 +70,12 @@ class ExpectedEvent:
     latest: float
 
     def record(self) -> dict[str, Any]:
-        """The event for JSON, to the millisecond."""
+        """Return the event for JSON, to the millisecond."""
         return {k: round(v, 3) if isinstance(v, float) else v for k, v in asdict(self).items()}
 
 
 def expected_events(scene: Scene, bag: Recording) -> list[ExpectedEvent]:
-    """The alarms due in a scene, in order of time.
+    """Return the alarms due in a scene, in order of time.
 
     Args:
         scene: The scene.
@@ -118,7 +118,7 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
         return inside
 
     def turning(inside: Inside) -> Inside:
-        """A shaft at rest is inside nothing."""
+        """Leave everything where the shaft is at rest."""
         still = config.speed.deadband
         return lambda speed, load: inside(speed, load) if speed > still else -1.0
 
@@ -179,7 +179,7 @@ class Track:
 
 
 def read_track(bag: Recording, bearing: str, start_ns: int) -> Track:
-    """The true operating point of a bearing in a recording."""
+    """Return the true operating point of a bearing in a recording."""
     asked = [Request(f'/truth/{bearing}/{name}', 'data') for name in ('speed', 'load')]
     series = bag.read(asked)
     speed, load = (series[request] for request in asked)
@@ -188,7 +188,7 @@ def read_track(bag: Recording, bearing: str, start_ns: int) -> Track:
 
 
 def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
-    """Standard deviations of a bearing's speed [m/s] and load [N]."""
+    """Return the standard deviations of a bearing's speed [m/s] and load [N]."""
     deviation = {'speed': 0.0, 'load': 0.0}
     factors = {'kN': 1000.0, 'N': 1.0}
     for settings in scene.effects:
@@ -247,7 +247,7 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
 
 
 def _crossing(config: BearingConfig, track: Track, time: float, before: int, after: int) -> tuple[str, float]:
-    """The boundary that a change is about, and where the track crosses it nearest in time."""
+    """Return the boundary that a change is about, and where the track crosses it nearest in time."""
     raised = after > before
     name = (None, 'caution', 'fold', 'hopf', 'amplitude')[after] if raised else 'fold'
     name = 'caution_clear' if not raised and after == 0 else name
@@ -261,7 +261,7 @@ def _crossing(config: BearingConfig, track: Track, time: float, before: int, aft
 def _follow(
     config: BearingConfig, track: Track, rates: list[float], speed_error: float, load_error: float
 ) -> list[tuple[float, int, int]]:
-    """The changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
+    """Yield the changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
     rate = max(rates)
     rule = _Rule(config, 1.0 / rate, 1.0 / min(rates), speed_error, load_error)
     found, rung = [], 0
@@ -378,7 +378,7 @@ class _Rule:
         self.slow += (speed - self.slow) * -math.expm1(-self.period / _SLOW)
 
     def _pass(self) -> None:
-        """The period after the point before has passed."""
+        """End the period after the previous point."""
         if not self.depths:
             return
         grown = self.grown + self.rate * self.period

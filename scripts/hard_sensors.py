@@ -39,7 +39,7 @@ def in_bursts(case: Sent, _: np.random.Generator) -> Sent:
 
 
 def oddly_stamped(case: Sent, random: np.random.Generator, off: float, share: float) -> Sent:
-    """A share of the stamps of speed and load is off by some seconds, either way."""
+    """Move a share of the stamps of speed and load by some seconds, either way."""
     stream = case.stream
     odd = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
     way = random.choice([-1, 1], stream.time_ns.size)
@@ -90,7 +90,7 @@ def _times(
 
 
 def with_threshold(case: Sent, _: np.random.Generator, factor: float) -> Sent:
-    """The threshold is another one; nan: it is left out and learned."""
+    """Set another threshold; nan leaves it out, so that it is learned."""
     level = case.config.level
     assert level is not None
     level = replace(level, threshold=level.threshold * factor)
@@ -98,22 +98,22 @@ def with_threshold(case: Sent, _: np.random.Generator, factor: float) -> Sent:
 
 
 def amplified(case: Sent, _: np.random.Generator, gain: float) -> Sent:
-    """The level is too high by a factor."""
+    """Multiply the level by a factor."""
     return _levelled(case, lambda _, level: gain * level)
 
 
 def blind(case: Sent, random: np.random.Generator) -> Sent:
-    """The level shows its background only: it is in the wrong place, or its cable is off."""
+    """Reduce the level to its background, as in the wrong place or with its cable off."""
     return _levelled(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
 
 
 def stuck(case: Sent, _: np.random.Generator) -> Sent:
-    """The level does not move any more after the first minute."""
+    """Freeze the level after the first minute."""
     return _levelled(case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1]))
 
 
 def with_engine_order(case: Sent, _: np.random.Generator) -> Sent:
-    """The background is half as loud again as the threshold, at all times."""
+    """Raise the background to one and a half times the threshold at all times."""
     assert case.config.level is not None
     loud = 1.5 * case.config.level.threshold
     return _levelled(case, lambda _, level: np.hypot(level, loud))
@@ -135,7 +135,7 @@ def with_bursts(case: Sent, random: np.random.Generator) -> Sent:
 
 
 def half_lost(case: Sent, _: np.random.Generator) -> Sent:
-    """The level comes for half of each minute only."""
+    """Drop the level in half of each minute."""
     own = case.stream
     return _kept(case, (own.inputs != LEVEL) | (own.arrival_ns // (30 * SECOND) % 2 == 0))
 
@@ -177,14 +177,14 @@ def _kept(case: Sent, rows: BoolArray) -> Sent:
 
 
 def _sorted(case: Sent, stamp: IntArray) -> Sent:
-    """The samples with other stamps, which are also when they arrive."""
+    """Return the samples with other stamps, which are also when they arrive."""
     order = np.argsort(stamp, kind='stable')
     own = case.stream
     return replace(case, stream=Stream(stamp[order], own.inputs[order], own.value[order]))
 
 
 def _levelled(case: Sent, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Sent:
-    """The voyage with another level, made of its times [s] and values."""
+    """Return the voyage with another level, made of its times [s] and values."""
     own = case.stream
     rows = own.inputs == LEVEL
     value = own.value.copy()

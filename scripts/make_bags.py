@@ -109,7 +109,7 @@ def _remove(bag: Path) -> None:
 
 
 def _episodes(scene: Scene, bag: Recording) -> list[dict[str, Any]]:
-    """The true episodes of stick-slip of every bearing, in seconds since the scene's start."""
+    """Return the true episodes of stick-slip of every bearing, in seconds since the scene's start."""
     return [
         {
             'bearing': config.name,
@@ -123,7 +123,7 @@ def _episodes(scene: Scene, bag: Recording) -> list[dict[str, Any]]:
 
 
 def _events(scene: Scene, bag: Recording) -> list[dict[str, Any]] | None:
-    """The alarms that are due; None where no closed form knows them, or noise decides."""
+    """Return the alarms that are due, or None where no closed form knows them, or noise decides."""
     if not {settings.name for settings in scene.effects} <= PLAIN:
         return None
     try:

@@ -171,7 +171,7 @@ def _cells(row: Parameter) -> tuple[str, ...]:
 
 
 def _inputs() -> Iterator[tuple[str, ...]]:
-    """A row for the parameters that all inputs have."""
+    """Return a row for the parameters that all inputs have."""
     for rows in zip(*INPUTS.values(), strict=False):
         name = rows[0].name.partition('.')[2]
         cells = [
@@ -195,7 +195,7 @@ def _group(row: Parameter) -> str:
 
 
 def render() -> str:
-    """The whole page."""
+    """Return the whole page."""
     parts = [INTRO, '## The node\n', _table(NODE_PARAMETERS)]
     parts.append('\n## A bearing\n\nEach name stands in the section of its bearing.')
     shared = [row for rows in zip(*INPUTS.values(), strict=False) for row in rows]
@@ -210,7 +210,7 @@ def render() -> str:
 
 
 def render_life() -> str:
-    """The states and transitions of an alarm."""
+    """Return the states and transitions of an alarm."""
     states = ', '.join(f'`{state}` ({state.letter})' for state in AlarmState)
     lines = [
         '',
@@ -227,12 +227,12 @@ def render_life() -> str:
 
 
 def with_life(page: str) -> str:
-    """The page on alarms with its tables made anew."""
+    """Return the page on alarms with its tables made anew."""
     return LIFECYCLE.sub(lambda _: render_life(), page, count=1)
 
 
 def with_links(page: str) -> str:
-    """The page on the ship's buses with its tables made anew."""
+    """Return the page on the ship's buses with its tables made anew."""
     tables = f'\n{_table(LINK_PARAMETERS)}\n\n{_table(INPUT_PARAMETERS)}\n\n'
     return LINKS.sub(lambda _: tables, page, count=1)
 
@@ -259,7 +259,7 @@ def decided(page: str) -> dict[str, tuple[int, int]]:
 
 
 def with_rooms(page: str) -> str:
-    """The page on design with the rows that do not hold any more as the rooms are now."""
+    """Return the page on design with the rows of rooms brought up to date."""
     now, rows = rooms(), decided(page)
 
     def row(found: re.Match[str]) -> str:
@@ -272,7 +272,7 @@ def with_rooms(page: str) -> str:
 
 
 def run_tutorial(page: str, folder: Path) -> str:
-    """The tutorial with what its blocks print, run in a folder beside the repository's recordings."""
+    """Run the tutorial's blocks in a folder beside the recordings; return it with what they print."""
     os.environ.setdefault('MPLBACKEND', 'Agg')
     for name in ('bags', 'launch_configs'):
         (folder / name).symlink_to(ROOT / name)
@@ -302,7 +302,7 @@ SCHEMAS: dict[str, tuple[tuple[RecordField, ...], tuple[str, ...]]] = {
 
 
 def with_schema(text: str, own: tuple[RecordField, ...], place: tuple[str, ...]) -> str:
-    """The text of a schema with some fields; what it has beside them stays."""
+    """Return the text of a schema with some fields; what it has beside them stays."""
     at = place[:-1]
     document = json.loads(text)
     node = document

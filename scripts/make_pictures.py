@@ -38,7 +38,7 @@ SAID = "[...document.querySelectorAll('#log small')].map((e) => e.textContent)"
 
 
 async def picture(page: Page, width: int, height: int = 0, dark: bool = False) -> Image.Image:
-    """The page at a size, from its top; height 0 for all of it."""
+    """Return the page at a size, from its top; height 0 for all of it."""
     await page.show_as(width, height or 900, dark=dark)
     await asyncio.sleep(0.5)
     tall = height or await page.js('document.documentElement.scrollHeight')

@@ -75,7 +75,7 @@ def judge(scene: str, seed: int, numbers: Sequence[str]) -> dict[tuple[str, str]
 
 
 def _judged(case: Sailed, sent: Sent, number: str) -> Quality:
-    """The judgement of a voyage by the rule with another number; '' changes nothing."""
+    """Judge a voyage by the rule with another number; '' changes nothing."""
     name, _, value = number.partition('=')
     config, first = sent.config, lambda latest, *_: latest
     with ExitStack() as changed:

@@ -106,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _known() -> dict[str, tuple[float, ...]]:
-    """The parameters to vary that there are, with their values and, among these, the default."""
+    """Return the parameters to vary that there are, with their values and, among these, the default."""
     rows = {parameter.name: parameter for parameter in BEARING_PARAMETERS}
     return {
         name: tuple(sorted({*values, float(rows[name].default)}))
@@ -116,7 +116,7 @@ def _known() -> dict[str, tuple[float, ...]]:
 
 
 def _field(name: str, value: float) -> dict[str, Any]:
-    """The field of the alarm's configuration that a parameter sets."""
+    """Return the field of the alarm's configuration that a parameter sets."""
     own = name.removeprefix('alarm.')
     timed = own not in AlarmConfig.__dataclass_fields__
     return {f'{own}_ns': nanoseconds(value)} if timed else {own: value}
@@ -174,7 +174,7 @@ def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
 
 
 def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
-    """The monitor on a voyage with what its sensors send spoilt, or its alarm set otherwise.
+    """Run the monitor on a voyage with spoilt sensors or another alarm configuration.
 
     With ordinary sensors: a level and stamps spoilt in every way, by the way's name, and each
     parameter at each of its values, by both.
@@ -198,7 +198,7 @@ def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
 
 
 def _heard(sent: Sent, case: Sailed) -> Quality:
-    """The judgement of the monitor by the clock of the samples."""
+    """Judge the monitor by the clock of the samples."""
     return quality_of(output_of(sent.scan, case.truth), case.truth, case.plain)
 
 
@@ -219,7 +219,7 @@ def _judged_changed(seeds: range, jobs: int) -> dict[str, Quality]:
 
 
 def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
-    """A row for each way in which a level, or the stamps of speed and load, can be spoilt."""
+    """Return a row for each way in which a level, or the stamps of speed and load, can be spoilt."""
     yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT))
     yield _row('---', *('---:' for _ in _OF_SPOILT))
     for kinds, what in ((LEVELS, 'level'), (STAMPS, 'no level')):
@@ -234,7 +234,7 @@ def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
 
 
 def _manoeuvre_table(voyages: Sequence[Voyage]) -> Iterable[str]:
-    """A row for each scene of manoeuvres, with ordinary sensors."""
+    """Return a row for each scene of manoeuvres, with ordinary sensors."""
     yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES))
     yield _row('---', *('---:' for _ in _OF_MANOEUVRES))
     for scene in dict.fromkeys(voyage.scene for voyage in voyages):
