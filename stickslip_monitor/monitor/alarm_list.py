@@ -44,7 +44,7 @@ FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
 
 
 class Action(WordEnum):
-    """What a person can do; ``suppress`` says that the shaft is locked."""
+    """Actions of a person on an alarm; ``suppress`` says that the shaft is locked."""
 
     ACKNOWLEDGE = 'acknowledge'
     SILENCE = 'silence'
@@ -73,7 +73,7 @@ class Flood:
         self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
-        """How many were raised lately and at most, and whether it is a flood."""
+        """Return the numbers of alarms raised lately and at most, and whether it is a flood."""
         self._pass(now_ns)
         return {'alarms_10min': len(self._times), 'most_10min': self.most, 'flooding': self._flooding}
 
@@ -117,7 +117,7 @@ class LiveAlarm:
         return waits and self.kind.priority > Priority.CAUTION
 
     def come(self, now_ns: int, time_ns: int) -> None:
-        """Its cause has come: again, unless the last time is long ago."""
+        """Record that the cause is present: as a recurrence, unless the last time is long ago."""
         if self.came_ns is None or now_ns - self.came_ns > WINDOW_NS:
             self.came_back, self.first_ns, self.first_text = 0, time_ns, self.text
         else:
@@ -158,7 +158,7 @@ class Annunciator:
         self.retune(config)
 
     def __iter__(self) -> Iterator[LiveAlarm]:
-        """Every alarm."""
+        """Yield every alarm."""
         return (alarm for own in self.alarms.values() for alarm in own.values())
 
     @property
@@ -243,7 +243,7 @@ class Annunciator:
         return self._sync(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
-        """Take an operating point; stick-slip that has come again sounds once it has lasted."""
+        """Take an operating point; stick-slip that recurs sounds once it has lasted."""
         name, causes = verdict.bearing, self.causes[verdict.bearing]
         resting, changes = verdict.speed == 0.0, list[AlarmChange]()
         if causes.take_point(self.now_ns, resting=resting, sticking=verdict.sticking):
@@ -259,7 +259,7 @@ class Annunciator:
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
     ) -> list[AlarmChange]:
-        """Do what a person asks for; what came of it, empty where there was nothing to do.
+        """Carry out a person's request; return the changes, none where there was nothing to do.
 
         Without a bearing or a kind it is about all of them; the shaft is locked for all kinds. To shelve
         without a kind is to shelve what stands now, so that whatever comes later is still given.
@@ -362,7 +362,7 @@ class Annunciator:
         return None
 
     def latching(self, alarm: LiveAlarm) -> bool:
-        """Whether an alarm stays until it is reset."""
+        """Return whether an alarm stays until it is reset."""
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
 
     def _fire(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:

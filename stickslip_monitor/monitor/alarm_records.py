@@ -48,7 +48,7 @@ def alarms_record(
     notes: Iterable[dict[str, Any]] = (),
     text_of: Callable[[str], str] = str,
 ) -> dict[str, Any]:
-    """Every alarm as it stands, and what has just happened; the fields are in interfaces.md."""
+    """Return every alarm as it stands, and the latest changes; the fields are in interfaces.md."""
     return {
         'schema': ALARM_SCHEMA,
         'time': time_ns,
@@ -65,7 +65,7 @@ def alarms_record(
 
 
 def change_record(change: AlarmChange) -> dict[str, Any]:
-    """One thing that happened to an alarm."""
+    """Return the record of one change of an alarm."""
     return {
         'time': change.time_ns,
         'bearing': change.bearing,
@@ -93,7 +93,7 @@ def _common(alarm: LiveAlarm) -> dict[str, Any]:
 
 
 def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
-    """One alarm as it stands."""
+    """Return the record of one alarm as it stands."""
     return _common(alarm) | {
         'state': alarm.state.value,
         'active': alarm.active,
@@ -110,7 +110,7 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
 def row_records(
     annunciator: Annunciator, time_ns: int, text_of: Callable[[str], str]
 ) -> Iterator[dict[str, Any]]:
-    """One row for each bearing of which anything is on show: its worst alarm, and what is now."""
+    """Return a row for each bearing with an alarm on show: its worst alarm, and its present state."""
     for name, own in annunciator.alarms.items():
         shown = [alarm for alarm in own.values() if alarm.state in _SHOWN]
         if not shown:
@@ -168,7 +168,7 @@ def _kept(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
 
 
 def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> dict[str, Any]:
-    """Take over what was kept, into an annunciator that is still fresh.
+    """Restore a saved state into an annunciator that has not run yet.
 
     Bearings that are no longer configured are passed over; new ones start fresh. The time that
     has passed meanwhile, as far as the clock shows, counts for the shelves.
@@ -261,7 +261,7 @@ def request_record(request: ActionRequest) -> dict[str, Any]:
 
 
 def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
-    """Take a request of :func:`request_record` from somebody who may have sent anything.
+    """Parse a request of :func:`request_record` from an untrusted sender.
 
     Raises:
         ConfigurationError: It is none; the text names the field, its value and the rule.
@@ -286,7 +286,7 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
 
 
 def checked_name(name: object) -> str:
-    """Somebody's name for the log, without space around it.
+    """Return a person's name for the log, without space around it.
 
     Raises:
         ConfigurationError: It is none.

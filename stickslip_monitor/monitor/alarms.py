@@ -27,7 +27,7 @@ AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
 
 
 class Priority(IntEnum):
-    """How urgent an alarm is, in the words of IEC 62923; a caution makes no sound."""
+    """Urgency of an alarm, in the words of IEC 62923; a caution makes no sound."""
 
     CAUTION = 1
     WARNING = 2
@@ -35,7 +35,7 @@ class Priority(IntEnum):
 
 
 class AlarmKind(WordEnum):
-    """What an alarm of a bearing is about."""
+    """Matter that an alarm of a bearing is about."""
 
     priority: Priority
 
@@ -90,7 +90,7 @@ class Causes:
         self._condition = Condition.NORMAL if self._lost else condition
 
     def holds(self, kind: AlarmKind) -> bool:
-        """Whether the cause is there."""
+        """Return whether the cause is present."""
         if kind in RUNG_OF:
             there = LADDER.index(self._condition) >= RUNG_OF[kind]
         elif kind is AlarmKind.VIBRATION:
@@ -108,7 +108,7 @@ class Causes:
         return (until - self.config.alarm.input_off_delay_ns, until) if until else None
 
     def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
-        """Why the cause means nothing now; empty where it counts."""
+        """Return the reasons why the cause means nothing now; none where it counts."""
         suppressible = kind in SUPPRESSIBLE
         reasons = {
             SHAFT_LOCKED: self.shaft_locked,
@@ -135,7 +135,7 @@ class Causes:
                 self.texts[kind] = says
 
     def take_fault(self, place: int, what: str, now_ns: int) -> None:
-        """Take a sample with an invalid value, or of an unknown one of two sources.
+        """Take a sample with an invalid value, or one of two mixed sources.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the off-delay of one
         another, for the on-delay. It is gone when none has come for the inputs' own off-delay.
@@ -189,7 +189,7 @@ class Causes:
             self._absurd, self._absurd_since = False, None
 
     def _settle_rest(self, now_ns: int) -> bool:
-        """Come to rest after the off-delay, start to turn after the on-delay."""
+        """Come to rest after the off-delay, start to turn after the on-delay; return whether that changed."""
         alarm, asked = self.config.alarm, self._resting_asked
         delay = alarm.off_delay_ns if asked else alarm.on_delay_ns
         if asked == self._resting or now_ns - self._resting_since < delay:
@@ -201,7 +201,7 @@ class Causes:
 
 
 class AlarmState(WordEnum):
-    """Where an alarm is in its life, with its letter in ISA-18.2."""
+    """State of an alarm, with its letter in ISA-18.2."""
 
     letter: str
 
@@ -216,7 +216,7 @@ class AlarmState(WordEnum):
 
 
 class Trigger(WordEnum):
-    """What can happen to an alarm: its cause, a reason to suppress it, a person, or a timer."""
+    """Events that change an alarm: its cause, a reason to suppress it, a person, or a timer."""
 
     RAISE = 'raise'
     RECUR = 'recur'  # stick-slip began anew while its alarm was active
@@ -232,7 +232,7 @@ class Trigger(WordEnum):
 
 
 class Facts(NamedTuple):
-    """What a transition may depend on."""
+    """Facts that a transition may depend on."""
 
     suppressed: bool = False  # a reason for suppression by design holds
     covered: bool = False  # the cause and a worse alarm of the same ladder are there, on show

@@ -34,7 +34,7 @@ _FEW = 64
 
 
 class Regime(WordEnum):
-    """What can happen at an operating point, in rising order of trouble."""
+    """Regimes of an operating point, in rising order of trouble."""
 
     STABLE = 'stable'
     BISTABLE = 'bistable'
@@ -43,7 +43,7 @@ class Regime(WordEnum):
 
 
 class Outcome(WordEnum):
-    """Why an assessment says what it says, with the regime that it means."""
+    """Reasons for the verdict of an assessment, each with the regime that it means."""
 
     regime: Regime
     sentence: str
@@ -102,7 +102,7 @@ def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Assessed(Generic[_Number]):
-    """What the models say of operating points: what it rests on is stored, the rest made on demand."""
+    """Results of the models at operating points: the basis is stored, the rest computed on demand."""
 
     speed: _Number  # of the journal's surface as given, negative astern [m/s]
     load: _Number  # as given [N]
@@ -259,7 +259,7 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def amplitude_exact(self) -> _Number:
-        """That of the exact stick-slip cycle [m]; ``nan`` for none."""
+        """Amplitude of the exact stick-slip cycle [m]; ``nan`` for none."""
         end = np.fmax(self.hopf_speed, self.stability_limit)
         # Beyond every boundary none is looked for, which takes as long. All at once, as many cycles are
         # followed together.
@@ -325,12 +325,12 @@ class Assessment(_Assessed[float]):
 
     @property
     def outcome(self) -> Outcome:
-        """Why the verdict says what it says."""
+        """Reason for the verdict."""
         return OUTCOMES[int(self.outcome_code)]
 
     @property
     def regime(self) -> Regime:
-        """What can happen at the point."""
+        """Regime of the point."""
         return self.outcome.regime
 
     @property

@@ -105,7 +105,7 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
 
 
 def event_record(event: Event) -> dict[str, Any]:
-    """One event; the fields are documented in docs/interfaces.md."""
+    """Return the record of one event; the fields are documented in docs/interfaces.md."""
     then = event.standing
     measured = None if then.state.point == NEVER else then.measured
     return {
@@ -128,7 +128,7 @@ def event_record(event: Event) -> dict[str, Any]:
 
 
 def event_json(event: Event) -> str:
-    """One event as the text of a message."""
+    """Return one event as the text of a message."""
     return json.dumps(event_record(event), allow_nan=False)
 
 
@@ -147,12 +147,12 @@ class BearingState:
 
     @property
     def point(self) -> Assessment | None:
-        """The last operating point, where somebody watches."""
+        """The last operating point while the bearing is watched."""
         return self.bearing.assessment if self.monitoring else None
 
     @property
     def faults(self) -> dict[str, str]:
-        """What is wrong with an input, by quantity."""
+        """Faults of the inputs, by quantity."""
         return {name: state.fault for name, state in self.inputs.items() if state.fault}
 
     @property
@@ -173,7 +173,7 @@ class BearingState:
 
     @property
     def severity(self) -> Severity:
-        """How bad it is; nobody can say that all is well of a bearing that is not watched."""
+        """Severity; a bearing that is not watched is never reported as well."""
         if not self.monitoring or self.waiting:
             return Severity.WARN
         doubtful = self.faults or self.mixed
@@ -181,7 +181,7 @@ class BearingState:
 
     @property
     def message(self) -> str:
-        """What there is to say, for a person."""
+        """Text for a person."""
         name = self.bearing.config.name
         if not self.monitoring:
             return f'{name}: {NOT_MONITORING}'
@@ -304,7 +304,7 @@ class DiagnosticRecord:
 
 @dataclass(slots=True)
 class NodeHealth:
-    """How the node itself is."""
+    """Health of the node itself."""
 
     monitoring: bool = False  # it is active
     failures: int = 0  # callbacks that failed and were survived
@@ -349,7 +349,7 @@ class NodeHealth:
 
     @property
     def losses(self) -> str:
-        """What came to nothing, and whose fault it is; empty where nothing has."""
+        """Samples and outputs lost, with the cause; empty where none was."""
         parts = (
             f'{plural(self.lost, "message")} lost on the way to the node' if self.lost else '',
             f'{plural(self.left_out, "message")} left out while the node was too busy'
@@ -360,7 +360,7 @@ class NodeHealth:
 
     @property
     def message(self) -> str:
-        """What there is to say, the worst first."""
+        """Text for a person, the worst first."""
         failures = f'{plural(self.failures, "callback")} failed, last {self.last_failure}'
         sentences = [
             failures if self.failing else '',
@@ -377,7 +377,7 @@ class NodeHealth:
 
     @property
     def changes(self) -> str:
-        """What was changed over ROS and not acknowledged."""
+        """Changes made over ROS that are not acknowledged."""
         items = self.changed.items()
         return ', '.join(f'{name} from {before!r} to {now!r}' for name, (before, now) in items)
 

@@ -47,7 +47,7 @@ class Clip:
 
 
 class ClipStore(Protocol):
-    """Where clips go."""
+    """Store that takes clips."""
 
     def write(self, clip: Clip) -> None:
         """Write a clip.
@@ -58,7 +58,7 @@ class ClipStore(Protocol):
 
 
 def begins_clip(event: Event) -> bool:
-    """Whether a change of the alarm is one to keep a clip of."""
+    """Return whether a change of the alarm begins a clip."""
     return event.raised and event.after.severity is Severity.ERROR
 
 

@@ -619,7 +619,7 @@ def note_on_table(bearing: Bearing) -> str:
 
 
 def _last_fall(law: Tabulated) -> float:
-    """How fast a measured curve falls at its end, by its last two points or its slope [s/m]."""
+    """Return the slope of a measured curve at its end, by its last two points or its own slope [s/m]."""
     chord = (law.values[-2] - law.values[-1]) / (law.speed[-1] - law.speed[-2])
     return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
 

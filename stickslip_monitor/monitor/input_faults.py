@@ -44,7 +44,7 @@ _RUNS = 6
 
 
 class SourceFaultKind(WordEnum):
-    """What is wrong with the source of an input."""
+    """Kinds of fault of an input's source."""
 
     sentence: str
 
@@ -152,7 +152,7 @@ class SourceWatch:
         return [fault for fault in found if fault is not None]
 
     def see_steady(self, si: FloatArray) -> bool:
-        """Take finite values of shape (n,) at once, where none is evidence and none counts yet."""
+        """Take finite values of shape (n,) at once and return whether all were taken as harmless."""
         si = np.abs(si) if self.least_gap > 0.0 else si
         if self._count or _may_jump(np.append(self._value, si)).any():
             return False
@@ -188,7 +188,7 @@ class SourceWatch:
             self._fault = None
 
     def _returned(self, now_ns: int, levels: tuple[float, float]) -> SourceFault | None:
-        """One more piece of evidence; the fault, where it raises it."""
+        """Count one more piece of evidence; return the fault where it raises one."""
         if not self._count:
             self._since_ns = now_ns
         self._count, self._last_ns = min(self._count + 1, 2 * ENOUGH), now_ns
@@ -203,7 +203,7 @@ class SourceWatch:
 
 
 def _may_jump(values: FloatArray) -> BoolArray:
-    """Whether each value but the first can be a jump from the one before."""
+    """Return whether each value but the first can be a jump from the one before, shape (n - 1,)."""
     with np.errstate(over='ignore'):
         height = np.abs(np.diff(values))
         return np.asarray((height > 0.0) & (height >= _GAP * np.abs(values[1:])))
@@ -232,7 +232,7 @@ _NUMBERS = re.compile(r'[\d.]+')
 
 @dataclass(frozen=True, slots=True)
 class Publisher:
-    """Somebody who publishes on an input's topic."""
+    """Publisher on an input's topic."""
 
     node: str  # full name
     type: str
@@ -243,7 +243,7 @@ class Publisher:
 
 @dataclass(frozen=True, slots=True)
 class InputFacts:
-    """What is known of one input of one bearing."""
+    """State of one input of one bearing."""
 
     topic: str  # as resolved
     type: str  # the message type that is configured
@@ -295,7 +295,7 @@ def input_fault(facts: InputFacts) -> str:
 
 
 def _sender_fault(facts: InputFacts) -> str:
-    """Why no valid value can come from those who publish on the topic."""
+    """Return the reason why the topic's publishers cannot give a valid value, else an empty text."""
     if facts.undecodable:
         return (
             f'Messages on {facts.topic} cannot be decoded: its sender has another definition of {facts.type}.'
@@ -308,7 +308,7 @@ def _sender_fault(facts: InputFacts) -> str:
 
 
 def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str:
-    """Why nobody who publishes on the topic is connected."""
+    """Return the reason why no publisher on the topic is connected, else an empty text."""
     topic = facts.topic
     if not publishers:
         gone = f': {facts.gone}, which published on it, has gone' if facts.gone else ''
@@ -340,10 +340,10 @@ def _silence(facts: InputFacts) -> str:
 
 
 class Graph:
-    """Who publishes what: this one knows nothing, as beside a ship's buses."""
+    """Publishers of each topic; this one knows none, as beside a ship's buses."""
 
     def publishers(self, topic: str, bearing: str, place: int) -> Sequence[Publisher] | None:
-        """Who publishes on a topic of that full name for an input; ``None`` where nobody can know."""
+        """Return the publishers on a topic of that full name for an input; ``None`` where unknown."""
         del topic, bearing, place
         return None
 
@@ -353,7 +353,7 @@ class Graph:
         return ()
 
     def is_undecodable(self, topic: str) -> bool:
-        """Whether the latest message on a topic of that full name could not be decoded."""
+        """Return whether the latest message on a topic of that full name could not be decoded."""
         del topic
         return False
 
@@ -547,6 +547,6 @@ def _age(track: _Track, now_ns: int) -> float:
 
 
 def _worst(counts: IntArray) -> Status | None:
-    """Why most of the refused ones were refused; ``None`` where none was."""
+    """Return the reason for which most values were refused; ``None`` where none was."""
     refused = counts[Status.ACCEPTED + 1 :]
     return Status(Status.ACCEPTED + 1 + int(refused.argmax())) if refused.any() else None

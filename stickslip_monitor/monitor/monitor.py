@@ -27,7 +27,7 @@ from stickslip_monitor.monitor.vibration_rule import UNKNOWN
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """What one sample brought."""
+    """Result of one sample."""
 
     status: Status  # what became of it
     verdict: Verdict | None = None  # where it completed an operating point
@@ -50,7 +50,7 @@ class BearingMonitor(Standing):
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
 
     def await_inputs(self) -> None:
-        """Nobody has listened for some time: inputs are waited for as at a first start."""
+        """Wait for the inputs as at a first start, after a time without listening."""
         self.state.now = self.state.began = NEVER
         self.state.came = [NEVER, NEVER, NEVER]
 
@@ -91,7 +91,7 @@ class BearingMonitor(Standing):
         return None if self.state.now == NEVER else self.state.now - self.state.shift
 
     def is_lost(self, place: int) -> bool:
-        """Whether an input is lost at the latest time, or has not come yet."""
+        """Return whether an input is lost at the latest time, or has not been received yet."""
         if place == Input.LEVEL:
             return self.unknown in (Unknown.NOTHING, Unknown.LOST)
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
@@ -103,7 +103,7 @@ class BearingMonitor(Standing):
         return other
 
     def excuse(self, held_ns: int) -> None:
-        """Let values count for longer, because nobody could listen for some time [ns]."""
+        """Leave a stall of this process [ns] out of the age of every value."""
         state = self.state
         for place in (Input.SPEED, Input.LOAD):
             if state.came[place] != NEVER:
@@ -112,7 +112,7 @@ class BearingMonitor(Standing):
             state.began += held_ns
 
     def follow(self, step_ns: int) -> None:
-        """Follow a set of the arrivals' clock by so much [ns]: the memory's own time goes on."""
+        """Follow a step of the arrivals' clock [ns]; the memory's own time goes on."""
         self.state.shift -= step_ns
 
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:

@@ -167,7 +167,7 @@ class Scan:
 
     @property
     def stretch(self) -> IntArray:
-        """How often the clock had jumped before each point of a whole recording, shape (n,)."""
+        """Number of clock jumps before each point of a whole recording, shape (n,)."""
         back = np.diff(self.now_ns, prepend=self.now_ns[:1]) < 0
         jumps: IntArray = np.cumsum(back, dtype=np.int64)[self.sample]
         return jumps

@@ -53,7 +53,7 @@ class Parameter:
         return self.default == () or (isinstance(self.default, float) and math.isnan(self.default))
 
     def is_default(self, value: Any) -> bool:
-        """Whether a checked value is the default, none included."""
+        """Return whether a checked value is the default, ``None`` included."""
         return bool(value == self.default or value != value)
 
     def rule(self) -> str:
@@ -105,7 +105,7 @@ class Parameter:
 
 
 def _remedy(value: Any) -> str:
-    """How to write a number that was read as a text, as the end of a sentence."""
+    """Return how to write a number that was read as a text, as the end of a sentence."""
     if not isinstance(value, str):
         return ''
     plain = value.replace('_', '').replace(',', '.').strip()

@@ -215,7 +215,7 @@ def _meant_by(section: str) -> str:
 
 
 def _matches(pattern: str, name: str) -> bool:
-    """Whether a section is for the node of that full name, as rcl decides it."""
+    """Return whether a section is for the node of that full name, as rcl decides it."""
     if not name:
         return pattern.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**')
     parts = {'**': '(/[^/]+)*', '*': '/[^/]+'}
@@ -256,7 +256,7 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 
 
 def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
-    """Of inputs that come over a ship's buses, as ``aft.speed``, what a log of these calls them."""
+    """Return the columns in a log of a ship's buses by input, as ``aft.speed``."""
     try:
         links = _section(path, document, LINKS)
     except ConfigurationError:
@@ -287,7 +287,7 @@ def _section(path: str | Path, document: object, section: str) -> dict[str, Any]
 
 
 def is_ros_parameter(name: str) -> bool:
-    """Whether a parameter is one that every ROS 2 node has."""
+    """Return whether every ROS 2 node has a parameter."""
     return name in _ROS_OWN or name.startswith('qos_overrides.')
 
 

@@ -89,7 +89,7 @@ LEVEL_UNITS = ('m/s^2', 'g', 'mm/s', 'um', 'Pa', 'V', 'none', 'dB')
 
 @dataclass(frozen=True, slots=True)
 class InputConfig:
-    """Where one measured quantity comes from and how it becomes SI.
+    """Source of one measured quantity and its conversion to SI.
 
     ``SI value = factor * (scale * number + offset)``; magnitudes above ``maximum`` [SI] are
     invalid, and magnitudes below ``deadband`` [SI] count as zero.
@@ -133,7 +133,7 @@ class InputConfig:
 
 @dataclass(frozen=True, slots=True)
 class LoadConfig(InputConfig):
-    """Where the load comes from, or the constant that stands for it.
+    """Source of the load, or the constant that stands for it.
 
     Values below ``minimum`` [N] are invalid. A constant is read from the messages of the speed, by a scale of
     0: whatever hands out numbers of the speed hands out the load as well.
@@ -156,7 +156,7 @@ class LoadConfig(InputConfig):
 
 @dataclass(frozen=True, slots=True)
 class LevelConfig(InputConfig):
-    """Where the measured vibration comes from, and the threshold that separates it from quiet."""
+    """Source of the measured vibration, and the threshold that separates it from quiet."""
 
     threshold: float = parameter(
         math.nan,
@@ -278,7 +278,7 @@ class BearingConfig:
 
 @dataclass(frozen=True, slots=True)
 class ClipConfig:
-    """Where event clips go (empty: nowhere), how long, how many and how large [bytes] they are."""
+    """Folder of event clips (empty: none), and their length, number and size [bytes]."""
 
     directory: str = parameter(
         '', 'Folder for event clips, a short recording around each alarm; empty for none.', fixed=True

@@ -120,7 +120,7 @@ def arrive(
 
 
 def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
-    """Whether a number, which is ``si`` in SI units, can be a value of its input."""
+    """Return the status of a number, which is ``si`` in SI units, as a value of its input."""
     size = abs(si)
     if not size < math.inf:
         return NOT_FINITE
@@ -169,7 +169,7 @@ def take(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: floa
 
 
 def age_limit(s: State, c: RuleNumbers, place: int) -> int:
-    """How old a value may be before its input is lost [ns]: older where values come slowly."""
+    """Return the age at which an input is lost [ns]; it is longer where values come slowly."""
     limit: int = max(c.timeout[place], min(int(LATE * s.pace[place]), MEMORY))
     return limit
 
@@ -339,7 +339,7 @@ def reach(
 
 
 def amplitude_due(s: State, c: RuleNumbers) -> bool:
-    """Whether the amplitude of the cycle is to be worked out, which is done once a second.
+    """Return whether the amplitude of the cycle is due, which is computed once a second.
 
     Whoever takes samples does it, by the exact cycle at the medians (:func:`median_point`): that
     costs a hundred times what all the rest does, and only a limit needs it. Where no cycle exists
@@ -350,7 +350,7 @@ def amplitude_due(s: State, c: RuleNumbers) -> bool:
 
 
 def turns(s: State) -> bool:
-    """Whether by the latest values the shaft turns under load."""
+    """Return whether by the latest values the shaft turns under load."""
     return s.value[SPEED] != 0.0 and s.value[LOAD] > 0.0
 
 
@@ -370,7 +370,7 @@ def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float) -> floa
 
 
 def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> bool:
-    """Whether the slope of the speed leads into the range within the time looked ahead."""
+    """Return whether the slope of the speed leads into the range within the look-ahead time."""
     slope = (s.fast - s.slow) / (SLOW_LAG - FAST_LAG)
     future = speed + slope * c.look_ahead
     future = future if speed > 0.0 else -future
@@ -477,7 +477,7 @@ def condition(s: State) -> int:
 
 
 def hears(s: State, c: RuleNumbers) -> bool:
-    """Whether there is a level, and it is not lost."""
+    """Return whether there is a level that is not lost."""
     last = s.came[LEVEL]
     return bool(c.has_level and last != NEVER and s.now - last <= age_limit(s, c, LEVEL))
 

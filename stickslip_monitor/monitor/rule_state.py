@@ -46,7 +46,7 @@ def _part(
     size: int = 0,
     start_at: float | None = None,
 ) -> Any:
-    """One part of the memory: ``size`` numbers, or a plain one for 0."""
+    """Declare one part of the memory: ``size`` numbers, or a plain one for 0."""
     start = start if start_at is None else start_at
     facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (least, most)}
     if size:
@@ -208,7 +208,7 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class RuleNumbers:
-    """What the rule takes of the configuration: numbers, and lists of one for each input."""
+    """Numbers that the rule takes from the configuration, and lists of one for each input."""
 
     scale: list[float]
     offset: list[float]
@@ -250,7 +250,7 @@ _NUMBERS_TYPE = _type_of(RuleNumbers)
 
 @dataclass(frozen=True)
 class RuleSettings:
-    """What the rule takes beside the memory; the table of a belief is of no matter without one."""
+    """Inputs of the rule beside the memory; without a belief its table is not read."""
 
     live: RuleNumbers
     law: ScalarLaw
@@ -315,7 +315,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
 
 
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
-    """How long a cycle outlives the fold; nothing where no memory is asked for [ns]."""
+    """Return how long a cycle outlives the fold [ns]; 0 where no memory is configured."""
     if bearing.damping <= 0.0:
         return -NEVER
     return int(min(DECAY, onset_growth * DECAY) * 2e9 * bearing.mass / bearing.damping)

@@ -35,7 +35,7 @@ NOTES_KEPT = 50
 
 
 class Log(Protocol):
-    """Where people read what happened; a logger of :mod:`logging` or of rclpy."""
+    """Log for people: a logger of :mod:`logging` or of rclpy."""
 
     def info(self, text: str, /) -> object:
         """Something that is as it should be."""
@@ -52,7 +52,7 @@ class Store(Protocol):
 
     @property
     def path(self) -> str | Path:
-        """Where it is kept."""
+        """Path of the file."""
 
     def read(self) -> object:
         """Read the document, ``None`` if there is none yet; raise an AlarmStateError if damaged."""
@@ -104,7 +104,7 @@ class Sink:
 
 
 class Session:
-    """The monitor and all that is around it.
+    """The monitor with everything around it.
 
     Events, input faults, people's actions and what cannot be kept are logged; the clock is for stamps of
     what people do [ns]. Without a store nothing is kept, without a graph nobody looks for faults of the
@@ -180,7 +180,7 @@ class Session:
         self._list([])
 
     def end(self) -> None:
-        """Nobody watches any more; what readers keep must not be the last state before."""
+        """Publish that the bearings are no longer watched, so that readers do not keep the last state."""
         self.monitoring = False
         self._list([])
         self.keep()
@@ -230,7 +230,7 @@ class Session:
         return update
 
     def follow(self, now: Moment) -> None:
-        """Where the clock was set, go by it from now on; no delay is shorter or longer for it."""
+        """Follow a clock that was set; no delay becomes shorter or longer."""
         step_ns = now.set_ns - (now.set_ns if self._set_ns is None else self._set_ns)
         self._set_ns = now.set_ns
         if not step_ns:
@@ -403,7 +403,7 @@ class Session:
 
 
 class NoLog:
-    """A log that nobody reads."""
+    """Log that drops everything."""
 
     def info(self, text: str, /) -> None:
         """Pass over the text."""

@@ -36,7 +36,7 @@ class Severity(IntEnum):
 
 
 class Condition(WordEnum):
-    """What the alarm of a bearing says."""
+    """Conditions of a bearing."""
 
     severity: Severity
     sentence: str
@@ -63,7 +63,7 @@ LADDER = CONDITIONS[:-1]
 
 
 class Measured(WordEnum):
-    """What the level says of the lining."""
+    """Verdict of the level on the lining."""
 
     UNKNOWN = 'unknown'
     QUIET = 'quiet'
@@ -74,7 +74,7 @@ MEASURED = tuple(Measured)
 
 
 class Unknown(WordEnum):
-    """Why the level says nothing, as a clause."""
+    """Reasons why the level says nothing, each as a clause."""
 
     sentence: str
 

@@ -13,7 +13,7 @@ from stickslip_monitor.errors import ConfigurationError
 
 
 class Input(IntEnum):
-    """What is measured of a bearing."""
+    """Measured quantities of a bearing."""
 
     SPEED = 0
     LOAD = 1
@@ -90,7 +90,7 @@ class Stream:
 
 
 class Status(IntEnum):
-    """What became of a sample."""
+    """Outcomes of a sample."""
 
     ACCEPTED = 0
     NOT_FINITE = 1

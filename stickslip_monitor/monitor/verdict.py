@@ -68,7 +68,7 @@ class Standing:
 
     @property
     def condition(self) -> Condition:
-        """What the alarm says now."""
+        """Present condition."""
         return CONDITIONS[rule.condition(self.state)]
 
     @property
@@ -83,7 +83,7 @@ class Standing:
 
     @property
     def growth(self) -> float:
-        """Of a disturbance while stick-slip is not predicted [e-folds]."""
+        """Growth of a disturbance while stick-slip is not predicted [e-folds]."""
         return 0.0 if self.state.sticking else float(self.state.growth)
 
     @property
@@ -107,7 +107,7 @@ class Standing:
 
     @property
     def clears(self) -> float | None:
-        """When the rung clears if the point stays [s]; ``None`` where the point holds it."""
+        """Time until the rung clears if the point stays [s]; ``None`` where the point holds it."""
         state, k = self.state, self.rung - 1
         if k < 0 or not state.asks & (1 << k):
             return None
@@ -115,13 +115,13 @@ class Standing:
 
     @property
     def measured(self) -> Measured | None:
-        """What the measured vibration says; ``None`` where none is configured."""
+        """Verdict of the measured vibration; ``None`` where none is configured."""
         settings = self.settings.live
         return MEASURED[rule.measured_now(self.state, settings)] if settings.has_level else None
 
     @property
     def unseen(self) -> float:
-        """How long stick-slip has been predicted and not measured [s]."""
+        """Time for which stick-slip has been predicted and not measured [s]."""
         s = self.state
         return 0.0 if NEVER in (s.unseen, s.now) else (s.now - s.unseen) * 1e-9
 
@@ -134,7 +134,7 @@ class Standing:
 
     @property
     def unknown(self) -> Unknown | None:
-        """Why the measured vibration says nothing; ``None`` where it does."""
+        """Reason why the measured vibration says nothing; ``None`` where it does."""
         s, c = self.state, self.settings.live
         if not c.has_level:
             return None
@@ -209,12 +209,12 @@ class Event:
 
     @property
     def after(self) -> Condition:
-        """What the alarm says since."""
+        """Condition after the event."""
         return self.standing.condition
 
     @cached_property
     def says(self) -> str:
-        """What the condition says by itself, whatever came before."""
+        """Text of the condition by itself, whatever came before."""
         return describe(self.standing, self.lost)
 
     @property
@@ -226,7 +226,7 @@ class Event:
 
 
 def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
-    """One or a few sentences: what it is, what to do, and where the bearing stands."""
+    """Describe a condition in a few sentences: what it is, what to do, and where the bearing stands."""
     config, condition, point = b.config, b.condition, b.assessment
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
@@ -296,7 +296,7 @@ def _what(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
 
 
 def _bistable_text(b: Standing) -> str:
-    """Whether a bistable bearing is quiet: measured, remembered, or not known."""
+    """Say whether a bistable bearing is quiet: measured, remembered, or not known."""
     if b.measured is Measured.QUIET and b.state.heard:
         return 'Bistable: no vibration is measured, but a shock can start stick-slip.'
     if b.state.known:
@@ -389,7 +389,7 @@ def about(seconds: float) -> str:
 
 
 class OrderKind(WordEnum):
-    """What a person can do about the condition of a bearing."""
+    """Orders that a person can carry out for the condition of a bearing."""
 
     RAISE_SPEED = 'raise_speed'
     STAY_ABOVE = 'stay_above'
@@ -461,7 +461,7 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
 
 
 def warns(config: BearingConfig, point: Assessment) -> bool:
-    """Whether an operating point by itself, of numbers, asks for caution or worse."""
+    """Return whether an operating point by itself calls for caution or worse."""
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NOT_FINITE):
         return False
     if config.alarms_by_chance:

@@ -88,7 +88,7 @@ def doubt_foreign(s: State) -> None:
 
 
 def is_over(s: State, c: RuleNumbers, raised: bool) -> bool:
-    """Whether the latest level is above a configured threshold, whatever its background is."""
+    """Return whether the latest level is above a configured threshold, whatever its background is."""
     least = c.threshold - c.hysteresis if raised else c.threshold
     return bool(s.still <= DOUBT and decibels(c, s.level) >= least)
 
