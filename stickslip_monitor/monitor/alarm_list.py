@@ -44,15 +44,13 @@ FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
 
 
 class Action(WordEnum):
-    """Actions of a person on an alarm; ``suppress`` says that the shaft is locked."""
+    """Actions of a person on an alarm."""
 
     ACKNOWLEDGE = 'acknowledge'
     SILENCE = 'silence'
     RESET = 'reset'
     SHELVE = 'shelve'
     UNSHELVE = 'unshelve'
-    SUPPRESS = 'suppress'
-    UNSUPPRESS = 'unsuppress'
     REMOVE = 'remove'
     RESTORE = 'restore'
 
@@ -181,7 +179,6 @@ class Annunciator:
         for name, old in self.causes.items():
             active = {alarm.kind for alarm in self.alarms[name].values() if alarm.active}
             self.causes[name] = Causes(old.config, active)
-            self.causes[name].shaft_locked = old.shaft_locked
 
     def follow(self, step_ns: int) -> None:
         """Follow a set of the stamps' clock; shelves end after their time all the same."""
@@ -261,15 +258,13 @@ class Annunciator:
     ) -> list[AlarmChange]:
         """Carry out a person's request; return the changes, none where there was nothing to do.
 
-        Without a bearing or a kind it is about all of them; the shaft is locked for all kinds. To shelve
-        without a kind is to shelve what stands now, so that whatever comes later is still given.
+        Without a bearing or a kind it is about all of them. To shelve without a kind is to shelve what
+        stands now, so that whatever comes later is still given.
 
         Raises:
             ConfigurationError: There is no such bearing.
         """
         names = self.alarms if bearing is None else [self.config.bearing(bearing).name]
-        if action in (Action.SUPPRESS, Action.UNSUPPRESS):
-            return [c for n in names for c in self._lock(action, n, time_ns, by)]
         chosen = [a for name in names for a in self._chosen(self.alarms[name], action, kind)]
         if action is Action.SILENCE:
             return [self._silence(alarm, time_ns, by) for alarm in chosen if alarm.sounding]
@@ -284,20 +279,6 @@ class Annunciator:
             # One matter: who knows of the worst knows of what it covers.
             return [a for a in own.values() if a.kind is kind or (below and self.covering(a) is kind)]
         return [a for a in own.values() if action is not Action.SHELVE or a.state in STANDING]
-
-    def _lock(self, action: Action, name: str, time_ns: int, by: str) -> list[AlarmChange]:
-        locked = action is Action.SUPPRESS
-        if self.causes[name].shaft_locked == locked:
-            return []
-        self.causes[name].shaft_locked = locked
-        changes = self._sync(name, time_ns, by)
-        # An alarm that waits for somebody stays as it is; the request is reported all the same.
-        reported = {change.kind for change in changes}
-        return changes + [
-            _change(alarm, time_ns, action.value, alarm.state, by)
-            for alarm in self.alarms[name].values()
-            if alarm.kind not in reported
-        ]
 
     def _silence(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
         alarm.silenced, alarm.recurring = True, False
@@ -326,7 +307,7 @@ class Annunciator:
         """Return whether any alarm of a bearing sounds."""
         return any(alarm.sounding for alarm in self.alarms[name].values())
 
-    def _sync(self, name: str, time_ns: int, by: str = MONITOR) -> list[AlarmChange]:
+    def _sync(self, name: str, time_ns: int) -> list[AlarmChange]:
         """Bring the alarms of a bearing up to their causes, worst first."""
         causes, changes = self.causes[name], []
         for alarm in self.alarms[name].values():
@@ -343,11 +324,11 @@ class Annunciator:
                     alarm.come(self.now_ns, time_ns)
             alarm.active, alarm.suppressed_by = active, reasons
             for trigger in triggers:
-                changes += self._fire(alarm, trigger, time_ns, by)
+                changes += self._fire(alarm, trigger, time_ns, MONITOR)
         for alarm in self.alarms[name].values():
             # One matter: who is given the worst need not acknowledge what it covers.
             if alarm.state is AlarmState.UNACKNOWLEDGED and self.covering(alarm) is not None:
-                changes += self._fire(alarm, Trigger.ACKNOWLEDGE, time_ns, by)
+                changes += self._fire(alarm, Trigger.ACKNOWLEDGE, time_ns, MONITOR)
         return changes
 
     def covering(self, alarm: LiveAlarm) -> AlarmKind | None:

@@ -151,10 +151,7 @@ def state_record(
         'time': time_ns,
         'states': memories or {},
         'bearings': {
-            name: {
-                'shaft_locked': annunciator.causes[name].shaft_locked,
-                'alarms': {kind.value: _kept(alarm, annunciator.now_ns) for kind, alarm in own.items()},
-            }
+            name: {'alarms': {kind.value: _kept(alarm, annunciator.now_ns) for kind, alarm in own.items()}}
             for name, own in annunciator.alarms.items()
         },
     }
@@ -190,7 +187,6 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
         _check(name, bearings[name])
     passed_ns = max(time_ns - kept_ns, 0)
     for name in bearings.keys() & annunciator.alarms.keys():
-        annunciator.causes[name].shaft_locked = bearings[name]['shaft_locked']
         for kind, record in bearings[name]['alarms'].items():
             alarm = annunciator.alarms[name].get(AlarmKind(kind))
             if alarm is not None:
@@ -204,7 +200,6 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
 
 
 def _check(name: str, record: object) -> None:
-    _entry(record, 'shaft_locked', (bool,), name)
     for kind, kept in _entry(record, 'alarms', (dict,), name).items():
         if kind not in {each.value for each in AlarmKind}:
             raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
@@ -233,6 +228,11 @@ def _take_over(alarm: LiveAlarm, record: dict[str, Any]) -> None:
 ACTION_SCHEMA = 'stickslip_monitor/action/1'
 LONGEST_NAME, LONGEST_REASON = 40, 200
 ROS_SERVICE = 'ros service'
+GIVEN_BACK = {
+    'suppress': "use 'shelve', or 'remove' until somebody restores the alarms",
+    'unsuppress': "use 'unshelve', or 'restore'",
+}
+"""Actions of earlier versions, and what takes their place."""
 RESERVED = (MONITOR, TIMER, ROS_SERVICE)
 """Names by which the log says that it was no person, or none who gave a name."""
 
@@ -273,6 +273,9 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     bearing = _choice(document, 'bearing', {name: name for name in bearings})
     kind = _choice(document, 'alarm', {kind.value: kind for kind in AlarmKind})
     actions = {action.value: action for action in Action}
+    successor = GIVEN_BACK.get(str(document.get('action')))
+    if successor is not None:
+        raise ConfigurationError(f'action = {document["action"]!r} no longer exists: {successor}')
     action = _choice(document, 'action', actions)
     if action is None:
         raise ConfigurationError('action = null must be one of ' + ', '.join(actions))

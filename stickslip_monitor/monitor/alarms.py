@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.verdict import Event
 
 MANOEUVRE_NS = 120 * 10**9
 """Stick-slip that begins within this time of the one before is of one manoeuvre [ns] (docs/rule.md)."""
-AT_REST, START_UP, SHAFT_LOCKED = 'at_rest', 'start_up', 'shaft_locked'
+AT_REST, START_UP = 'at_rest', 'start_up'
 """Why alarms are suppressed by design."""
 
 
@@ -70,7 +70,6 @@ class Causes:
 
     def __init__(self, config: BearingConfig, recalled: Set[AlarmKind] = frozenset()) -> None:
         self.config, self.recalled = config, recalled
-        self.shaft_locked = False
         self.texts: dict[AlarmKind, str] = {}
         self._recalled_until: int | None = None
         self._condition = Condition.NORMAL  # of the operating point
@@ -109,12 +108,9 @@ class Causes:
 
     def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
         """Return the reasons why the cause means nothing now; none where it counts."""
-        suppressible = kind in SUPPRESSIBLE
-        reasons = {
-            SHAFT_LOCKED: self.shaft_locked,
-            AT_REST: suppressible and self._resting,
-            START_UP: suppressible and now_ns < self._start_up_until,
-        }
+        if kind not in SUPPRESSIBLE:
+            return []
+        reasons = {AT_REST: self._resting, START_UP: now_ns < self._start_up_until}
         return [reason for reason, holds in reasons.items() if holds]
 
     def take_event(self, event: Event, now_ns: int) -> None:

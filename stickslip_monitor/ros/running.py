@@ -47,10 +47,7 @@ _DOUBLE_LOOKS = 5
 """Every so many seconds the graph is asked for doubles."""
 TRIGGERS = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
 """Services of type std_srvs/Trigger."""
-SWITCHES = {
-    'suppress': (Action.SUPPRESS, Action.UNSUPPRESS),
-    'out_of_service': (Action.REMOVE, Action.RESTORE),
-}
+SWITCHES = {'out_of_service': (Action.REMOVE, Action.RESTORE)}
 """Services of type std_srvs/SetBool, with what true and false do."""
 Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
 """Makes a callback whose exceptions are logged and survived."""

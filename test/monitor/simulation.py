@@ -221,7 +221,7 @@ class Run:
         self.calm, self.deaf, self.ship.full = True, False, ''
         for name in NAMES:
             self._turn(name, SHARES, 0.0)
-        for action in (Action.UNSHELVE, Action.UNSUPPRESS, Action.RESTORE):
+        for action in (Action.UNSHELVE, Action.RESTORE):
             self.ship.session.act(ActionRequest(action, 'Ada'))
 
     def _manoeuvre(self) -> None:

@@ -283,7 +283,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
             own | {'text': HOSTILE, 'reason': HOSTILE, 'regime': HOSTILE, 'inputs': inputs}
         )
         ship.act(ActionRequest(Action.ACKNOWLEDGE, HOSTILE))
-        ship.act(ActionRequest(Action.SUPPRESS, HOSTILE))
+        ship.act(ActionRequest(Action.REMOVE, HOSTILE))
 
     dashboard.do(poison)
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')

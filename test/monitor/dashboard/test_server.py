@@ -224,7 +224,8 @@ def test_when_all_are_busy_one_more_is_turned_away(dashboards: Any) -> None:
 NO_REQUESTS: list[tuple[dict[str, Any], str]] = [
     ({'action': 'explode'}, "action = 'explode' must be one of acknowledge"),
     ({'action': None}, 'action = null must be one of'),
-    ({'action': 'suppress'}, 'suppress is not for a dashboard'),
+    ({'action': 'suppress'}, "action = 'suppress' no longer exists: use 'shelve'"),
+    ({'action': 'remove'}, 'remove is not for a dashboard'),
     ({'bearing': 'fore'}, "bearing = 'fore' must be one of aft_stern"),
     ({'alarm': ['stick_slip']}, "alarm = ['stick_slip'] must be one of"),
     ({'by': '  '}, "by = '  ' must be a name of 1 to 40"),

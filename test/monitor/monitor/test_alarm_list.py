@@ -191,9 +191,8 @@ SCENES: list[tuple[str, dict[str, Any], dict[str, str], list[str]]] = [
     ('0 turns:0 10 20 turns:20 22', {}, {}, []),
     (f'{UP} 71.9', INHIBIT, RESTING, []),
     (f'{UP} 72', INHIBIT, COVERED | {'stick_slip': NEW}, STICK_SLIP),
-    # A locked shaft suppresses the inputs, too.
-    ('1 suppress 2 input_stale', {}, RESTING | {'input_lost': 'suppressed', BAD: 'suppressed'}, []),
-    ('1 suppress 2 input_stale 3 unsuppress', {}, {'input_lost': NEW}, ['input_lost']),
+    # An input lost at rest is lost all the same.
+    ('0 turns:0 10 input_stale', {}, RESTING | {'input_lost': NEW}, ['input_lost']),
     # What is not found again after a restart clears once the ladder would have found it.
     ('1 stick_slip acknowledge restart 20 turns:60 31.9', {}, COVERED | {'stick_slip': SEEN}, STICK_SLIP),
     ('1 stick_slip acknowledge restart 20 turns:60 32', {}, {}, STICK_SLIP),

@@ -98,6 +98,28 @@ def test_the_alarms_of_0_2_0_are_taken_over_though_it_kept_no_memories(stuck: An
     assert new.alarms['aft'][AlarmKind.STICK_SLIP].state == 'unacknowledged'
 
 
+@pytest.mark.parametrize('other', [[], ['at_rest']])
+@pytest.mark.parametrize(('condition', 'state'), [('stick_slip', 'unacknowledged'), ('normal', 'normal')])
+def test_alarms_of_a_locked_shaft_come_back_aloud(
+    config: MonitorConfig, other: list[str], condition: str, state: str
+) -> None:
+    """A state of 0.3.0 or earlier, whose shaft a person had locked."""
+    old = Annunciator(config)
+    document = state_record(old, T0)
+    own = document['bearings']['aft']
+    own['shaft_locked'] = True
+    for kind, kept in own['alarms'].items():
+        kept |= {'state': 'suppressed', 'suppressed_by': ['shaft_locked', *other]}
+        kept['active'] = kind in (condition, 'input_lost') and condition != 'normal'
+    new = Annunciator(config)
+    recall_state(new, document, T0)
+    new.advance(SECOND, T0)
+    found = new.alarms['aft']
+    assert {found[kind].state.value for kind in (AlarmKind.STICK_SLIP, AlarmKind.INPUT_LOST)} == {state}
+    assert new.sounding == (condition != 'normal')
+    assert not any(alarm.suppressed_by for alarm in new)
+
+
 def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     *way, last = path.split('.')
     place = document

@@ -71,8 +71,6 @@ def test_the_services(host: Any) -> None:
     assert panel.ask('out_of_service', False)[0]
     panel.until(stick_slip='unacknowledged', **COVERED)
     assert panel.ask('acknowledge')[0]
-    assert panel.ask('suppress', True)[0]
-    panel.peer.until(lambda: set(panel.states().values()) == {'suppressed'}, 'suppression')
     assert panel.ask('reset') == (False, 'there is nothing to reset')
 
     assert {c['by'] for c in panel.changes} == {'monitor', 'timer', 'ros service'}
@@ -89,15 +87,17 @@ def test_requests_on_the_topic(host: Any) -> None:
     monitor = host(kit.stamped())
     panel = Panel(monitor)
     publisher = monitor.peer.talk(String, monitor.name('actions'))
-    good = '{"schema": "stickslip_monitor/action/1", "action": "suppress", "by": "Ada"'
-    bad = ('no', '[1]', good + ', "bearing": "fore"}', '[' * 100_000)
+    good = '{"schema": "stickslip_monitor/action/1", "action": "remove", "by": "Ada"'
+    gone = good.replace('remove', 'suppress') + '}'
+    bad = ('no', '[1]', good + ', "bearing": "fore"}', gone, '[' * 100_000)
     for text in bad:
         publisher.publish(String(data=text))
     refused = 'a request on ~/actions is refused: '
     monitor.peer.until(lambda: monitor.output.count(refused) == len(bad), 'the refusals')
     publisher.publish(String(data=good + '}'))
-    monitor.peer.until(lambda: panel.changes, 'the shaft is locked')
-    assert {(c['what'], c['by']) for c in panel.changes} == {('suppress', 'Ada')}
+    monitor.peer.until(lambda: panel.changes, 'the alarms are out of service')
+    assert {(c['what'], c['by']) for c in panel.changes} == {('remove', 'Ada')}
+    assert "action = 'suppress' no longer exists: use 'shelve'" in monitor.output
 
 
 def test_a_state_file_of_zeros_is_put_aside_and_the_node_monitors(host: Any, tmp_path: Path) -> None:
