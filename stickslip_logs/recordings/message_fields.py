@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
-from stickslip_logs.fields import NAMES, ByName, FieldPath, NumberField
+from stickslip_logs.fields import NAMES, ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_logs.files import read_file
 from stickslip_logs.recordings.mcap_chunks import view
 from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
@@ -65,6 +65,8 @@ _LONGEST_SEQUENCE = (1 << 32) - 1
 _MOST_TOKENS = 500
 # A type that contains itself has no end.
 _DEEPEST = 50
+# Names of elements that messages for others have are reported; a robot has some dozen joints.
+_MAX_NAMES = 20
 
 _TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<number>\d*)\])?')
 _SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
@@ -347,7 +349,7 @@ class TopicNumbers:
     """The numbers wanted of one topic with the requests for each, and what was wrong with them.
 
     ``count`` is how many messages were read, ``reasons`` counts those without numbers, ``short``
-    those whose array is too short for one.
+    those whose array is too short for one, ``foreign`` those that name other elements, ``names``.
     """
 
     topic: str
@@ -355,10 +357,41 @@ class TopicNumbers:
     count: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
     short: Counter[int] = field(default_factory=Counter)
+    foreign: Counter[int] = field(default_factory=Counter)
+    names: set[str] = field(default_factory=set)
     _readers: dict[tuple[str, bytes], FieldReader | BagError] = field(default_factory=dict)
 
+    @property
+    def has_foreign(self) -> bool:
+        """Whether messages may be for others: an element is chosen by its name."""
+        return any(isinstance(step, ByName) for path in self.requests for step in path)
+
+    @property
+    def width(self) -> int:
+        """Rows of an array of values: one for each number, and which messages are not for it."""
+        return len(self.requests) * (2 if self.has_foreign else 1)
+
+    def series(
+        self, times: tuple[IntArray, IntArray, IntArray], values: FloatArray
+    ) -> Iterator[tuple[Request, Series]]:
+        """Yield the series of each request: log times [ns], stamps [ns] and sequence, and its numbers."""
+        count = len(self.requests)
+        for row, requests in enumerate(self.requests.values()):
+            own, numbers = times, values[row]
+            if self.has_foreign and (is_foreign := values[count + row] == 1.0).any():
+                log_time_ns, stamp_ns, sequence = (each[~is_foreign] for each in times)
+                own, numbers = (log_time_ns, stamp_ns, sequence), numbers[~is_foreign]
+            series = Series(*own, numbers, ())
+            yield from ((request, series) for request in requests)
+
+    def note_foreign(self, row: int, names: Iterable[str]) -> None:
+        """Count a message that is not for a number, and remember the elements that it names."""
+        self.foreign[row] += 1
+        if len(self.names) < _MAX_NAMES:
+            self.names.update(names)
+
     def reader(self, schema: Schema) -> FieldReader | BagError:
-        """What reads the messages of a schema, or why nothing can."""
+        """Return what reads the messages of a schema, or why nothing can."""
         key = schema.name, schema.data
         if key not in self._readers:
             try:
@@ -368,12 +401,17 @@ class TopicNumbers:
         return self._readers[key]
 
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
-        """What was wrong, for each request."""
+        """Yield each request with what was wrong with its messages."""
         for row, requests in enumerate(self.requests.values()):
-            short = f"lack the element of field '{requests[0].field}'"
+            element = f"the element of field '{requests[0].field}'"
+            short = f'lack {element}'
+            # Messages for others are no fault, unless there are no others.
+            foreign = self.foreign[row] if self.foreign[row] == self.count else 0
+            named = f'do not name {element}: they name {", ".join(sorted(self.names))}'
+            reasons = {**self.reasons, short: self.short[row], named: foreign}
             faults = tuple(
                 Fault(count, f"{count} of {self.count} messages of '{self.topic}' {reason}")
-                for reason, count in ({**self.reasons, short: self.short[row]}).items()
+                for reason, count in reasons.items()
                 if count
             )
             yield from ((request, faults) for request in requests)
@@ -417,11 +455,13 @@ class FieldReader:
         """Read n messages whose data lies at some offsets of a block of records [bytes].
 
         Returns:
-            A row of n values for each path, and the stamps [ns]: the log times where there are none.
+            A row of n values for each path; then, where elements are chosen by name, a row for each
+            path with 1 for a message that is not for it; the stamps [ns]: the log times where there
+            are none.
         """
         count, faults = len(offset), self._wanted.reasons
         self._wanted.count += count
-        values = np.full((len(self._paths), count), np.nan)
+        values = np.full((self._wanted.width, count), np.nan)
         stamp_ns = log_time_ns.copy() if self._stamped else log_time_ns
         rows = np.flatnonzero(size >= _ENCAPSULATION)
         if len(rows) < count:
@@ -474,6 +514,9 @@ class FieldReader:
         for row, own in enumerate(self._fields):
             try:
                 values[row, place] = own.read(message)
+            except NoSuchElementError as error:
+                values[len(self._fields) + row, place] = 1.0
+                self._wanted.note_foreign(row, error.names)
             except LookupError:
                 self._wanted.short[row] += 1
         if self._stamped:
@@ -496,7 +539,7 @@ class MessageReading(ABC):
 
     def __init__(self, wanted: Sequence[TopicNumbers]) -> None:
         self._wanted, self._sequence = wanted, 0
-        self._width = max((len(each.requests) for each in wanted), default=0)
+        self._width = max((each.width for each in wanted), default=0)
 
     @abstractmethod
     def _stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
@@ -525,8 +568,7 @@ class MessageReading(ABC):
             rows = np.flatnonzero(topic == number)
             own = log_time_ns[rows]
             times = own, own if is_unstamped else stamp_ns[rows], rows + self._sequence
-            for value, requests in zip(values, each.requests.values(), strict=False):
-                result.update(dict.fromkeys(requests, Series(*times, value[rows], ())))
+            result.update(each.series(times, values[: each.width, rows]))
         self._sequence += log_time_ns.size
         return result
 

@@ -289,6 +289,33 @@ def test_the_message_written_first_names_the_elements(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series.value, [math.nan, 6.0])
 
 
+def joints(time: int, **speeds: float) -> Written:
+    cdr = Cdr(False).put('i', 0).put('I', 0).text('').names(list(speeds)).sequence('d', list(speeds.values()))
+    return Written('/joints', 'ship_msgs/msg/Joints', time, cdr.message())
+
+
+def test_messages_of_other_elements_are_for_others_and_no_fault(tmp_path: Path) -> None:
+    """As on ``/joint_states``, where each controller publishes its own joints; live they are skipped, too."""
+    messages = [
+        joints(1000, shaft=6.0),
+        joints(2000, rudder=0.1),
+        joints(3000, rudder=0.2, shaft=math.nan),
+        joints(4000, rudder=0.3, shaft=8.0),
+    ]
+    write_file(tmp_path / 'a.mcap', {}, messages)
+    requests = [Request('/joints', f'velocity[{name}]') for name in ('shaft', 'rudder', 'shfat')]
+    shaft, rudder, nobody = (open_bag(tmp_path / 'a.mcap').read(requests)[each] for each in requests)
+    assert shaft.log_time_ns.tolist() == [1000, 3000, 4000]
+    np.testing.assert_array_equal(shaft.value, [6.0, math.nan, 8.0])
+    assert rudder.sequence.tolist() == [1, 2, 3]
+    assert (rudder.value.tolist(), rudder.faults, shaft.faults) == ([0.1, 0.2, 0.3], (), ())
+    assert nobody.value.size == 0
+    assert [fault.text for fault in nobody.faults] == [
+        "4 of 4 messages of '/joints' do not name the element of field 'velocity[shfat]':"
+        ' they name rudder, shaft'
+    ]
+
+
 def load_messages(count: int, frames: list[str]) -> list[Written]:
     result = []
     for number in range(count):
