@@ -188,8 +188,8 @@ def test_friction_that_does_not_fall_has_no_boundary(name: str) -> None:
         (50.0, 400.0, 2e6, Stribeck(1e300, 0.1, 10.0)),
         (50.0, 400.0, 2e6, Stribeck(0.3, 0.1, 10.0, 1e300)),
         (50.0, 400.0, 2e6, Stribeck(1e-300, 0.0, 10.0)),
-        # The exact folds of this one take two minutes.
-        pytest.param(*(50.0, 400.0, 2e6, Tabulated([0.0, 1.0], [1e200, 0.0])), marks=pytest.mark.slow),
+        # Scanned without a bound its speeds would never end.
+        (50.0, 400.0, 2e6, Tabulated([0.0, 1.0], [1e200, 0.0])),
         (50.0, 400.0, 2e6, Tabulated([0.0, 1e300], [0.3, 0.1])),
     ],
 )
