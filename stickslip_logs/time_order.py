@@ -244,8 +244,9 @@ class TimeOrder:
             source: The number of the source of each.
             place: Where each is in the file: numbers that rise.
         """
-        for key in np.unique(source).tolist():
-            own = source == key
+        is_one = (source == source[0]).all()
+        for key in [int(source[0])] if is_one else np.unique(source).tolist():
+            own = slice(None) if is_one else source == key
             self._sources.setdefault(key, _Source()).add(time_ns[own], place[own])
 
     def course(self, wanted: Collection[int] | None = None) -> TimeCourse:

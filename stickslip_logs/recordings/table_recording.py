@@ -7,8 +7,11 @@ unit of the column. What the file does not say is guessed, and told.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import pickle
 import re
+import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -27,6 +30,7 @@ from stickslip_logs.recordings.recording import (
     Progress,
     Recording,
     Request,
+    Scratch,
     Series,
     TimeSpans,
     TopicInfo,
@@ -35,7 +39,7 @@ from stickslip_logs.recordings.recording import (
 from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.tables.clock import Cells, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
-from stickslip_logs.tables.table import Numbers, Rows, are_filled, open_table, some_cells, texts_of
+from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.time_order import TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
@@ -61,8 +65,11 @@ _MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
 _DATES_FROM_NS = 10**17
 # Numbers that are handed on at a time of a table that was sorted.
 _STRETCH = 1 << 16
-# The source of all lines, whichever of the columns they fill; else it is a bit for each column.
-_ALL_LINES = -1
+# The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
+# a number has so many.
+_ALL_LINES, _BITS = -1, 62
+# A million lines of two numbers take 40 MB between reading and judgement; more than this are in a file.
+_MAX_KEPT_BYTES = 64 << 20
 
 
 class Part(NamedTuple):
@@ -310,6 +317,47 @@ def _kind(column: LogColumn) -> str:
     return f'column in {column.unit}'
 
 
+class _Kept:
+    """The parts of a table from their reading to their judgement, the last of many in a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._scratch = path, Scratch()
+        self._parts: list[Part] = []
+        self._bytes = 0
+
+    def add(self, part: Part) -> None:
+        """Take up the next part."""
+        arrays = itertools.chain([part.time_ns], *part.numbers.values())
+        self._bytes += sum(array.nbytes for array in arrays)
+        if self._bytes <= _MAX_KEPT_BYTES:
+            self._parts.append(part)
+            return
+        try:
+            with (self._scratch.folder / 'parts').open('ab') as file:
+                pickle.dump(part, file, pickle.HIGHEST_PROTOCOL)
+        except OSError as error:
+            raise BagError(
+                f"log '{self._path}' cannot be read: {error.strerror} in the folder of temporary files"
+                f" '{tempfile.gettempdir()}': free some there, or name another folder by TMPDIR"
+            ) from None
+
+    def __iter__(self) -> Iterator[Part]:
+        """Yield the parts as they came."""
+        yield from self._parts
+        if self._bytes > _MAX_KEPT_BYTES:
+            with (self._scratch.folder / 'parts').open('rb') as file, contextlib.suppress(EOFError):
+                while True:
+                    yield pickle.load(file)
+
+
+def _filled(part: Part) -> IntArray:
+    """Return which of the columns each row fills, a bit for each of them."""
+    filled = np.zeros(part.time_ns.size, np.int64)
+    for k, (at, _) in enumerate(part.numbers.values()):
+        filled[at] |= 1 << k % _BITS
+    return filled
+
+
 class TableReading:
     """A pass over a table for numbers of some columns."""
 
@@ -331,6 +379,8 @@ class TableReading:
         self._converted: set[str] = set()
         self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
+        self._number_of = {own.column.name: k for k, own in enumerate(columns.values()) if own.column.name}
+        self._kept = _Kept(recording.path)
         self._course, self._has_whole_lines = self._judge()
         for text in self._course.notes('the lines are', 'of the lines'):
             recording.note(text)
@@ -338,36 +388,32 @@ class TableReading:
             recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
 
     def _judge(self) -> tuple[TimeCourse, bool]:
-        """Judge the order of the lines in a pass for their times.
+        """Read the file, keep the numbers, and judge the order of the lines that have some.
 
         Returns:
             The course, and whether lines fill all columns: then they are one source, else those that fill
             the same columns are.
         """
-        order, whole, row = TimeOrder(), TimeOrder(), 0
-        every, has_whole_lines = self._names is None and (1 << len(self._columns)) - 1, False
-        for rows in self._recording.table.blocks(self._wanted, _silent, _silent):
-            filled = self._filled(rows)
-            chosen = rows.is_timed & (filled > 0)
-            time_ns, filled = rows.time_ns[chosen], filled[chosen]
-            place = np.flatnonzero(chosen[rows.is_timed]) + row
-            row += int(np.count_nonzero(rows.is_timed))
-            if time_ns.size:
-                has_whole_lines = has_whole_lines or bool((filled == every).any())
-                order.add(time_ns, filled, place)
-                whole.add(time_ns, np.full(time_ns.size, _ALL_LINES), place)
+        recording, row, done = self._recording, 0, 0
+        order, whole, has_whole_lines = TimeOrder(), TimeOrder(), False
+        first = np.zeros(1, np.int64)
+        every = _filled(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
+        for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
+            part = self._of_rows(rows)
+            self._kept.add(part)
+            source = _filled(part)
+            at = np.flatnonzero(source)
+            if at.size:
+                time_ns, source, place = part.time_ns[at], source[at], at + row
+                has_whole_lines = has_whole_lines or bool((source == every).any())
+                whole.add(time_ns, np.full(at.size, _ALL_LINES), place)
+                if not has_whole_lines:
+                    order.add(time_ns, source, place)
+            row += part.time_ns.size
+            done += rows.time_ns.size
+            if self._progress is not None:
+                self._progress(done, max(done, recording.table.line_count))
         return (whole if has_whole_lines else order).course(), has_whole_lines
-
-    def _filled(self, rows: Rows) -> IntArray:
-        """Return which of the columns each line fills, a bit for each, or the number of its name; else 0."""
-        if self._names is not None:
-            numbers = {own.column.name: k for k, own in enumerate(self._columns.values(), 1)}
-            names = texts_of(rows.columns[0])
-            return np.fromiter((numbers.get(name, 0) for name in names), np.int64, len(names))
-        filled = np.zeros(rows.time_ns.size, np.int64)
-        for k, own in enumerate(self._columns.values()):
-            filled |= are_filled(rows.columns[self._wanted.index(own.column.place)]).astype(np.int64) << k
-        return filled
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other."""
@@ -406,33 +452,25 @@ class TableReading:
         return result
 
     def _parts(self) -> Iterator[Part]:
-        """The numbers of the columns, block by block."""
-        recording, done, row = self._recording, 0, 0
-        wanted = self._wanted
-        for rows in recording.table.blocks(wanted, recording.lose, recording.note):
-            part = self._of_rows(rows)
+        """Yield the numbers that were kept, at the times at which they happened."""
+        row = 0
+        for part in self._kept:
             place = np.arange(row, row + part.time_ns.size)
             row += part.time_ns.size
-            if self._course.shifts:
-                source = self._filled(rows)[rows.is_timed]
-                if self._has_whole_lines:
-                    source = np.full(source.size, _ALL_LINES)
-                part = part._replace(time_ns=self._course.follow(part.time_ns, source, place))
-            yield part
-            done += rows.time_ns.size
-            if self._progress is not None:
-                self._progress(done, max(done, recording.table.line_count))
+            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled(part)
+            yield part._replace(time_ns=self._course.follow(part.time_ns, source, place))
 
     def _of_rows(self, rows: Rows) -> Part:
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
+        names = texts_of(rows.columns[0]) if self._number_of else []
+        numbered = np.fromiter(map(self._number_of.get, names, itertools.repeat(-1)), np.int64, len(names))
         for topic, own in self._columns.items():
             cells, where = rows.columns[self._wanted.index(own.column.place)], None
             status = own.status
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
             if own.column.name is not None:
-                names = texts_of(rows.columns[0])
-                named = np.array([text == own.column.name for text in names], np.bool_)
+                named = numbered == self._number_of[own.column.name]
                 cells, where = some_cells(cells, named), np.flatnonzero(named)
                 marks = some_cells(marks, named) if marks else marks
             found = self._recording.table.numbers(cells)

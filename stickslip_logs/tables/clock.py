@@ -6,6 +6,7 @@ All become nanoseconds since 1970, or since the start, exactly.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -418,17 +419,19 @@ def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
         cells = columns[0]
         if decimal == ',':
             cells = [cell.replace(',', '.') for cell in cells]
-        try:
-            parts = [cell.partition('.') for cell in cells]
-            whole = np.array([int(each[0]) for each in parts], np.int64)
-            # Fifteen digits of a fraction of a day are exact to the nanosecond.
-            below = np.array([float(f'0.{each[2]}') for each in parts])
-            is_plain = not any('-' in cell or '_' in cell or 'e' in cell for cell in cells)
-            if is_plain and int(np.abs(whole + zero).max(initial=0) + 1) * factor < _MOST:
-                rest = np.rint(below * factor).astype(np.int64)
-                return (whole + zero) * factor + rest, np.ones(len(cells), np.bool_)
-        except (ValueError, OverflowError):
-            pass
+        text = ''.join(cells)
+        if not any(sign in text for sign in '-_eE'):
+            with contextlib.suppress(ValueError, OverflowError):
+                wholes, rest = cells, np.zeros(len(cells), np.int64)
+                if '.' in text:
+                    parts = [cell.partition('.') for cell in cells]
+                    wholes = [part[0] for part in parts]
+                    # Fifteen digits of a fraction of a day are exact to the nanosecond.
+                    below = np.array([float(f'0.{part[2]}') for part in parts])
+                    rest = np.rint(below * factor).astype(np.int64)
+                whole = np.fromiter(map(int, wholes), np.int64, len(cells))
+                if int(np.abs(whole + zero).max(initial=0) + 1) * factor < _MOST:
+                    return (whole + zero) * factor + rest, np.ones(len(cells), np.bool_)
         found = [_exact(cell, factor, zero) for cell in cells]
         known = np.array([time_ns is not None for time_ns in found], np.bool_)
         return np.array([time_ns or 0 for time_ns in found], np.int64), known

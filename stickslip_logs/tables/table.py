@@ -104,13 +104,6 @@ def some_cells(cells: Any, chosen: BoolArray) -> Any:
     return cells.take(np.flatnonzero(chosen))
 
 
-def are_filled(cells: Any) -> BoolArray:
-    """Return which cells of a block are not empty, shape (n,)."""
-    if not isinstance(cells, list):
-        return np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
-    return np.fromiter(map(bool, map(str.strip, cells)), np.bool_, len(cells))
-
-
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
     """The numbers of cells some of which are words or empty."""
     result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))

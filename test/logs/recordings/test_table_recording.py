@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table is read once, in bounded memory, though the order of its lines is known at its end only."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip_logs.errors import BagError
+from stickslip_logs.recordings import table_recording
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.table_recording import TableRecording
+from stickslip_logs.tables.table import BLOCK, TextTable
+
+COUNT = 3 * BLOCK + 5
+SPEED, LOAD = Request('speed', 'data'), Request('load', 'data')
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Write a line a second, after half of which the clock was set back by an hour."""
+    path = tmp_path / 'a.csv'
+    times = (1_780_000_000 + k - 3600 * (k >= COUNT // 2) for k in range(COUNT))
+    path.write_text('time,speed,load\n' + ''.join(f'{t},{k},{2 * k}\n' for k, t in enumerate(times)))
+    return path
+
+
+def test_a_table_is_parsed_once(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    passes, blocks = [], TextTable.blocks
+
+    def counted(table: TextTable, *wanted: Any) -> Iterator[Any]:
+        passes.append(wanted)
+        return blocks(table, *wanted)
+
+    monkeypatch.setattr(TextTable, 'blocks', counted)
+    TableRecording(log).read([SPEED, LOAD])
+    assert len(passes) == 1
+
+
+@pytest.mark.parametrize('kept_bytes', [0, 1 << 20, 1 << 30])
+def test_what_is_kept_in_a_file_comes_back(
+    log: Path, kept_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'scratch').mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'scratch'))
+    monkeypatch.setattr(table_recording, '_MAX_KEPT_BYTES', kept_bytes)
+    recording = TableRecording(log)
+    reading = recording.reading([SPEED, LOAD])
+    assert any((tmp_path / 'scratch').iterdir()) == (kept_bytes < 1 << 30)
+    parts = list(reading)
+    for request, factor in ((SPEED, 1), (LOAD, 2)):
+        value = np.concatenate([part[request].value for part in parts])
+        np.testing.assert_array_equal(value, factor * np.arange(COUNT))
+        time_ns = np.concatenate([part[request].log_time_ns for part in parts])
+        np.testing.assert_array_equal(np.diff(time_ns), 10**9)
+    del reading, parts
+    assert not any((tmp_path / 'scratch').iterdir())
+
+
+def test_a_full_disk_is_told_with_what_to_do(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'none'))
+    monkeypatch.setattr(table_recording, '_MAX_KEPT_BYTES', 0)
+    with pytest.raises(BagError, match=r"a\.csv' cannot be read: .* '.*none': free some there, or .*TMPDIR"):
+        TableRecording(log).reading([SPEED])
