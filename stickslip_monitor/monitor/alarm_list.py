@@ -36,9 +36,6 @@ STANDING = (*ON_SHOW, AlarmState.RETURNED)
 WINDOW_NS = 600 * 10**9
 """The time of a matter [ns]. A cause that comes again within it has come back; what is no worse
 than what people were given within it makes no sound; floods are counted over it."""
-LASTING_NS = 15 * 10**9
-"""Stick-slip that comes again within that time sounds once it has lasted so long [ns]: a kick ahead
-or a reversal is over by then (docs/rule.md)."""
 FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5
 """The flood of ISA-18.2: it begins and ends with so many alarms raised in that time."""
 
@@ -245,13 +242,16 @@ class Annunciator:
         resting, changes = verdict.speed == 0.0, list[AlarmChange]()
         if causes.take_point(self.now_ns, resting=resting, sticking=verdict.sticking):
             changes = self._sync(name, verdict.time_ns)
-        if causes.sticking_ns >= LASTING_NS:
-            own = self._sticking_alarms(name)
-            # Who has acknowledged a kick of a manoeuvre knows of the next ones.
-            known = causes.is_one_manoeuvre and any(alarm.is_seen for alarm in own)
-            recurring = [alarm for alarm in own if alarm.recurring and not known]
-            changes += [self._unsilence(alarm, verdict.time_ns) for alarm in recurring]
-        return changes
+        return changes + (self._call_again(name, verdict.time_ns) if causes.is_lasting else [])
+
+    def _call_again(self, name: str, time_ns: int) -> list[AlarmChange]:
+        """Sound for stick-slip that has come again and lasts, also under an acknowledged alarm."""
+        own = self._sticking_alarms(name)
+        worst = next((alarm for alarm in own if alarm.state in ON_SHOW), None)
+        changes = []
+        if worst is not None and worst.state is AlarmState.ACKNOWLEDGED:
+            changes = self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
+        return changes + [self._unsilence(alarm, time_ns) for alarm in own if alarm.recurring]
 
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
@@ -322,6 +322,8 @@ class Annunciator:
                 if active:
                     alarm.since_ns = time_ns
                     alarm.come(self.now_ns, time_ns)
+            if alarm.active and not active and alarm.state in ON_SHOW:
+                self._given[name][alarm.kind] = self.now_ns
             alarm.active, alarm.suppressed_by = active, reasons
             for trigger in triggers:
                 changes += self._fire(alarm, trigger, time_ns, MONITOR)
@@ -342,6 +344,14 @@ class Annunciator:
                 return kind
         return None
 
+    def _is_known(self, alarm: LiveAlarm) -> bool:
+        """Return whether what has sounded and been acknowledged in this manoeuvre was as bad."""
+        is_known = alarm.kind in LATCHING and self.causes[alarm.bearing].is_known(self.now_ns)
+        if not is_known or not self._has_sounded(alarm):
+            return False
+        own = self.alarms[alarm.bearing]
+        return any(own[kind].is_seen for kind in _as_bad(alarm.kind))
+
     def latching(self, alarm: LiveAlarm) -> bool:
         """Return whether an alarm stays until it is reset."""
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
@@ -349,7 +359,7 @@ class Annunciator:
     def _fire(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
         facts = Facts(
             suppressed=bool(alarm.suppressed_by),
-            covered=self.covering(alarm) is not None,
+            covered=self.covering(alarm) is not None or self._is_known(alarm),
             active=alarm.active,
             latching=alarm.occurred and self.latching(alarm),
         )
@@ -365,7 +375,10 @@ class Annunciator:
         if after is before:
             return []
         alarm.changed_ns, alarm.by, alarm.shelved_until_ns = time_ns, by, None
-        alarm.is_seen |= trigger is Trigger.ACKNOWLEDGE and by != MONITOR
+        if trigger is Trigger.ACKNOWLEDGE and by != MONITOR:
+            alarm.is_seen = True
+            if alarm.kind in LATCHING:
+                self.causes[alarm.bearing].answer(is_active=alarm.active)
         # An alarm that flickers keeps its silence.
         alarm.silenced = alarm.silenced and after in WAITING
         alarm.recurring = alarm.recurring and alarm.silenced

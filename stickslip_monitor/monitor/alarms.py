@@ -20,6 +20,10 @@ from stickslip_monitor.monitor.severity import LADDER, Condition, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.verdict import Event
 
+LASTING_NS = 15 * 10**9
+"""Stick-slip that comes again within ten minutes of its sound sounds once it has lasted so long, of a
+manoeuvre that somebody has acknowledged so much longer than what was acknowledged [ns]: a kick ahead or
+a reversal is over by then (docs/rule.md)."""
 MANOEUVRE_NS = 120 * 10**9
 """Stick-slip that begins within this time of the one before is of one manoeuvre [ns] (docs/rule.md)."""
 AT_REST, START_UP = 'at_rest', 'start_up'
@@ -80,8 +84,10 @@ class Causes:
         self._resting_since = self._start_up_until = 0
         self.sticking_ns = 0  # for how long stick-slip has been predicted with the shaft turning
         self._turning_since: int | None = None  # the last point, if stick-slip was predicted there
-        self.is_one_manoeuvre = False  # this stick-slip began within a minute of the one before
         self._ended_ns: int | None = None  # when stick-slip was predicted last, with the shaft turning
+        self._longest_ns = 0  # the longest stick-slip of this manoeuvre, with the shaft turning
+        self._known_ns = 0  # the same when somebody acknowledged it last; 0 where nobody has
+        self.is_answered = False  # somebody has acknowledged the stick-slip that runs
 
     def stand(self, condition: Condition) -> None:
         """Take the condition of the bearing as known from before a restart."""
@@ -122,6 +128,7 @@ class Causes:
         if event.before is Condition.INPUT_STALE:
             delay = self.config.alarm.input_off_delay_ns
             self._lost, self._lost_until = False, now_ns + delay if delay else 0
+        self.is_answered &= not event.onset
         before, self._condition = LADDER.index(self._condition), event.after
         now, says = LADDER.index(event.after), event.says
         if event.after is Condition.VIBRATION:
@@ -154,20 +161,42 @@ class Causes:
 
     def take_point(self, now_ns: int, *, resting: bool, sticking: bool) -> bool:
         """Take an operating point; return whether anything may have changed."""
-        if self._turning_since is not None:
-            self.sticking_ns += now_ns - self._turning_since
-        if not sticking:
-            self.sticking_ns = 0
-        elif not resting:
-            if self.sticking_ns == 0 and self._turning_since is None:
-                self.is_one_manoeuvre = self._ended_ns is not None and now_ns - self._ended_ns < MANOEUVRE_NS
-            self._ended_ns = now_ns
-        self._turning_since = now_ns if sticking and not resting else None
+        self._count_sticking(now_ns, resting=resting, sticking=sticking)
         if self.recalled and self._recalled_until is None:
             self.recall(self.recalled, now_ns)
         if resting != self._resting_asked:
             self._resting_asked, self._resting_since = resting, now_ns
         return self._settle_rest(now_ns)
+
+    def _count_sticking(self, now_ns: int, *, resting: bool, sticking: bool) -> None:
+        """Count for how long stick-slip has been predicted with the shaft turning."""
+        if self._turning_since is not None:
+            self.sticking_ns += now_ns - self._turning_since
+            self._longest_ns = max(self._longest_ns, self.sticking_ns)
+        if not sticking:
+            self.sticking_ns = 0
+        elif not resting:
+            if not self.is_in_manoeuvre(now_ns):
+                self._longest_ns = self._known_ns = 0
+            self._ended_ns = now_ns
+        self._turning_since = now_ns if sticking and not resting else None
+
+    def is_in_manoeuvre(self, now_ns: int) -> bool:
+        """Whether stick-slip has been predicted so lately that what begins is of the same manoeuvre."""
+        return self._ended_ns is not None and now_ns - self._ended_ns < MANOEUVRE_NS
+
+    def is_known(self, now_ns: int) -> bool:
+        """Whether somebody has acknowledged stick-slip of this manoeuvre."""
+        return self._known_ns > 0 and self.is_in_manoeuvre(now_ns)
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether stick-slip has lasted for so long that it sounds again, and nobody has acknowledged it."""
+        return self.sticking_ns >= self._known_ns + LASTING_NS and not self.is_answered
+
+    def answer(self, *, is_active: bool) -> None:
+        """Note that somebody has acknowledged an alarm of stick-slip, while its cause is there or after."""
+        self._known_ns, self.is_answered = self._longest_ns, is_active
 
     def advance(self, now_ns: int) -> None:
         """Let time pass."""
@@ -231,7 +260,7 @@ class Facts(NamedTuple):
     """Facts that a transition may depend on."""
 
     suppressed: bool = False  # a reason for suppression by design holds
-    covered: bool = False  # the cause and a worse alarm of the same ladder are there, on show
+    covered: bool = False  # the cause is there, and a worse alarm of its ladder or a known manoeuvre
     active: bool = False  # the cause is there
     latching: bool = False  # the alarm latches, and its cause has been there since its last reset
 
