@@ -120,8 +120,11 @@ file: `config:=`), every command with `--config`.
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number between 1e-06 and 1e+07 kg
 
 - An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz becomes surface
-  speed by `journal_diameter`; m/s is the surface speed. Speeds astern are negative; a load of zero
-  or below means no contact.
+  speed by `journal_diameter`; m/s is the surface speed; `gear: 4.2` beside an engine's speed makes it the
+  shaft's. Speeds astern are negative; a load of zero or below means no contact.
+- A load that nothing measures: `load: {{constant: 30, unit: kN}}`, or in rpm and the unit from the alignment
+  calculation, `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}`. ROS 2 reads no such lists:
+  in a file for the node they are one, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
 - *Live* parameters can be set at any time (`ros2 param set`); alarms and running delays are kept. *Fixed*
   ones are read when the node starts; for the others deactivate the node and activate it again.
 """
@@ -141,7 +144,12 @@ def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.optional:
-        left_out = {'level.threshold': '*its rise*', 'speed.maximum': '*3000 rpm*', 'load.constant': '*none*'}
+        left_out = {
+            'level.threshold': '*its rise*',
+            'speed.maximum': '*3000 rpm*',
+            'load.constant': '*none*',
+            'load.over_speed': '*none*',
+        }
         return left_out.get(row.name, '*by law*')
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
@@ -170,9 +178,16 @@ def _cells(row: Parameter) -> tuple[str, ...]:
     return (f'`{row.name}`', _default(row), _range(row), live, text)
 
 
+def _shared_rows() -> Iterator[tuple[Parameter, ...]]:
+    """Yield the parameters that all inputs have, each of all inputs."""
+    for rows in zip(*INPUTS.values(), strict=False):
+        if len({row.name.partition('.')[2] for row in rows}) == 1:
+            yield rows
+
+
 def _inputs() -> Iterator[tuple[str, ...]]:
     """Return a row for the parameters that all inputs have."""
-    for rows in zip(*INPUTS.values(), strict=False):
+    for rows in _shared_rows():
         name = rows[0].name.partition('.')[2]
         cells = [
             tuple(dict.fromkeys(filter(None, column))) for column in zip(*map(_cells, rows), strict=True)
@@ -198,13 +213,13 @@ def render() -> str:
     """Return the whole page."""
     parts = [INTRO, '## The node\n', _table(NODE_PARAMETERS)]
     parts.append('\n## A bearing\n\nEach name stands in the section of its bearing.')
-    shared = [row for rows in zip(*INPUTS.values(), strict=False) for row in rows]
+    shared = [row for rows in _shared_rows() for row in rows]
     for group, title, text in GROUPS:
         parts.append(f'\n### {title}\n')
         if text:
             parts.append(f'{text}\n')
-        own = 'load' if group == INPUT else group
-        rows = [row for row in BEARING_PARAMETERS if _group(row) == own and row not in shared]
+        own = ('speed', 'load') if group == INPUT else (group,)
+        rows = [row for row in BEARING_PARAMETERS if _group(row) in own and row not in shared]
         parts.append(_table([*_inputs(), *rows] if group == INPUT else rows))
     return '\n'.join(parts) + '\n'
 

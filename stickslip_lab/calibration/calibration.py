@@ -32,7 +32,7 @@ from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, doubt,
 from stickslip_lab.scenes.truth import has_truth, read_truth
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
-from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, INPUT_KEYS
+from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, sensor_record
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
@@ -359,10 +359,7 @@ def to_document(config: BearingConfig, found: Calibration, created: str, version
         'schema': CALIBRATION_SCHEMA,
         'bearing': config.name,
         'inputs': {
-            name: dict(
-                zip(INPUT_KEYS, (own.topic, own.field_text, own.scale, own.offset, own.unit), strict=True)
-            )
-            for name, own in (('speed', config.speed), ('load', config.load))
+            name: sensor_record(own) for name, own in (('speed', config.speed), ('load', config.load))
         },
         'parameters': parameters_of_law(found.bearing),
         'believed': parameters_of_law(found.belief.bearing),

@@ -21,9 +21,9 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.bearing_records import number
-from stickslip_monitor.monitor.configuration import bearing_names, blade_question, check_topic
+from stickslip_monitor.monitor.configuration import bearing_names, blade_question, check_topic, load_points
 from stickslip_monitor.monitor.parameter import Parameter, refused
-from stickslip_monitor.monitor.parameters import LOAD_UNITS
+from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS, LOAD_UNITS
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.physics.bearing_estimate import (
@@ -40,6 +40,8 @@ from stickslip_monitor.physics.bearing_estimate import (
 
 SCHEMA = 'stickslip_monitor/init/1'
 MARK = '# Written by stickslip init'
+_TABLE_TEXT = "of the alignment calculation, as '0:32, 60:28, 120:19' in rpm and the unit of the load"
+_PAIR = re.compile(r'\s*([\d.eE+-]+)\s*:\s*([\d.eE+-]+)\s*')
 _SPREAD = re.compile(r'(.*?)\s*~\s*(\d+(?:\.\d*)?)\s*%\s*')
 
 
@@ -134,6 +136,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'topic of the shaft speed (default /shaft/speed)'
     parser.add_argument('--speed-topic', default='/shaft/speed', metavar='TOPIC', help=text)
     parser.add_argument('--speed-unit', choices=SPEED_UNITS, default='rpm', help='its unit')
+    text = 'gear between the engine and the shaft, where that topic has the speed of the engine'
+    parser.add_argument('--gear', metavar='RATIO', help=text)
+    text = f'load over the shaft speed {_TABLE_TEXT}, in place of the mean load'
+    parser.add_argument('--load-over-speed', metavar='TABLE', help=text)
     text = 'topic of the load; without it the mean load is taken'
     parser.add_argument('--load-topic', metavar='TOPIC', help=text)
     parser.add_argument('--load-unit', choices=LOAD_UNITS, default='kN', help='its unit')
@@ -151,8 +157,15 @@ def run(args: argparse.Namespace) -> int:
     }
     if not given and sys.stdin.isatty():
         given = ask(input)
+        ask_more(input, args)
         args.output = args.output or f'{args.name}.yaml'
         output.check_files(args)
+    _read_gear(args.gear)
+    table = _read_table(args.load_over_speed)
+    if table and args.load_topic is not None:
+        raise ConfigurationError('--load-over-speed and --load-topic are given: choose one')
+    if table and 'load' not in given:
+        given['load'] = Given(sum(table[1::2]) / len(table[1::2]) * LOAD_UNITS[args.load_unit])
     require_all(given)
     bearing_names({'bearings': [args.name]})
     check_topic('--speed-topic', args.speed_topic)
@@ -188,6 +201,49 @@ def ask(answer: Callable[[str], str]) -> dict[str, Given]:
                 if item.name in given:
                     break
     return given
+
+
+def ask_more(answer: Callable[[str], str], args: argparse.Namespace) -> None:
+    """Ask for what may be left out, and note the answers in the arguments; an empty one leaves it out."""
+    for name, read, text in (
+        ('gear', _read_gear, 'gear between engine and shaft, where the engine speed is measured'),
+        ('load_over_speed', _read_table, f'load over the shaft speed {_TABLE_TEXT}'),
+    ):
+        while getattr(args, name) is None:
+            text = answer(f'{text}; Enter for none: ').strip()
+            if not text:
+                break
+            try:
+                read(text)
+                setattr(args, name, text)
+            except ConfigurationError as error:
+                answer(f'{printable(str(error))}; press Enter ')
+
+
+def _read_gear(text: str | None) -> float:
+    """Return the ratio of a gear; 1 for none."""
+    if text is None:
+        return 1.0
+    (row,) = (each for each in INPUT_PARAMETERS['speed'] if each.name == 'speed.gear')
+    try:
+        gear: float = row.checked('--gear', {'--gear': float(text)})
+    except ValueError as error:
+        raise refused('--gear', text, row.rule()) from error
+    return gear
+
+
+def _read_table(text: str | None) -> list[float]:
+    """Return a table of the load as one list of pairs; empty for none."""
+    if text is None:
+        return []
+    pairs = [_PAIR.fullmatch(pair) for pair in text.split(',')]
+    numbers = [float(number) for pair in pairs if pair for number in pair.groups()]
+    if None in pairs or not all(math.isfinite(number) for number in numbers):
+        raise refused('--load-over-speed', text, 'pairs of a shaft speed in rpm and a load, as 0:32, 60:28')
+    _, loads = load_points('--load-over-speed', numbers)
+    if min(loads) <= 0.0:
+        raise refused('--load-over-speed', text, 'loads above 0')
+    return numbers
 
 
 def require_all(given: Mapping[str, Given]) -> None:
@@ -234,11 +290,15 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
     """
     own = {item.name: item for item in values}
     spreads = ', '.join(f'{name}: {_written(own[name].spread, 2)}' for name in _TOLERANCES)
-    load = (
-        f'{{topic: {args.load_topic}, unit: {args.load_unit}}}'
-        if args.load_topic is not None
-        else f'{{constant: {_written(own["load"].value / 1e3)}, unit: kN}}  # assumed'
-    )
+    load = f'{{constant: {_written(own["load"].value / 1e3)}, unit: kN}}  # assumed'
+    if args.load_topic is not None:
+        load = f'{{topic: {args.load_topic}, unit: {args.load_unit}}}'
+    elif table := _read_table(args.load_over_speed):
+        pairs = ', '.join(map(_written, table))
+        load = (
+            f'{{over_speed: [{pairs}], unit: {args.load_unit}}}  # rpm, load, rpm, load, ... of the alignment'
+        )
+    gear = '' if args.gear is None else f', gear: {_written(_read_gear(args.gear))}'
     law = ', '.join(f'{name}: {_written(own[name].value)}' for name in ('static', 'kinetic', 'decay'))
     lines = [
         f'{MARK}. Each value says where it comes from; replace what you measure.',
@@ -257,7 +317,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
         f'      friction: {{law: stribeck, {law}}}',
         '      # Relative standard deviations of the values above.',
         f'      tolerance: {{{spreads}}}',
-        f'      speed: {{topic: {args.speed_topic}, unit: {args.speed_unit}}}',
+        f'      speed: {{topic: {args.speed_topic}, unit: {args.speed_unit}{gear}}}',
         f'      load: {load}',
     ]
     return '\n'.join(lines) + '\n'

@@ -44,7 +44,7 @@ from stickslip_monitor.links.buses import (
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
-from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.parameters import ASSUMED_LOADS, MonitorConfig
 from stickslip_monitor.monitor.session import Log, Sink
 from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
@@ -115,7 +115,7 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
             # Without ROS an input needs no topic.
             for name in bearing_names(parameters):
                 for quantity in QUANTITIES:
-                    if parameters.get(f'{name}.{quantity}.constant') is not None:
+                    if quantity == 'load' and any(f'{name}.{key}' in parameters for key in ASSUMED_LOADS):
                         continue
                     parameters.setdefault(f'{name}.{quantity}.topic', f'{name}/{quantity}')
         config = build_config(parameters, is_live=True)

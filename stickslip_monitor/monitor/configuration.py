@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,10 +23,18 @@ from stickslip_logs.fields import FieldPath, parse_field
 from stickslip_monitor.errors import ConfigurationError, FieldError, PhysicsError, did_you_mean
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
-from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig, filled
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, refused
+from stickslip_monitor.monitor.parameters import (
+    MAX_LOAD_POINTS,
+    BearingConfig,
+    InputConfig,
+    LoadConfig,
+    MonitorConfig,
+    SpeedConfig,
+    filled,
+)
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
-from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.bearing import TURNING_UNITS, Bearing
 from stickslip_monitor.physics.cycles import exact_fold_speed
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
 from stickslip_monitor.physics.lubrication import Lubrication, as_measured, reference_point
@@ -38,11 +47,21 @@ LARGEST_JSON = 64 << 20
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 QOS_OVERRIDES = 'qos_overrides'
 """Section of a parameter file with the quality of service of topics, which ROS 2 reads."""
-INPUT_KEYS = ('topic', 'field', 'scale', 'offset', 'unit')
 _LARGEST_VARIANCE = 100.0
 # Of the file of a calibration, beside parameters of the bearing.
 _LOADS = Parameter('loads', 'float[]', REQUIRED, 'Least and largest load.', 'N', 0.0, above_minimum=True)
 _FLOOR = Parameter('floor', 'float', REQUIRED, 'Deviation that no evidence takes away.', '', 0.0, 1.0)
+
+
+def sensor_record(source: InputConfig) -> dict[str, Any]:
+    """Return what a calibration depends on of the source of an input, as its file has it."""
+    found: dict[str, Any] = {'topic': source.topic, 'field': source.field_text}
+    found |= {'scale': source.scale, 'offset': source.offset, 'unit': source.unit}
+    if isinstance(source, SpeedConfig) and source.gear != 1.0:
+        found['gear'] = source.gear
+    if isinstance(source, LoadConfig) and source.over_speed:
+        found['over_speed'] = list(source.over_speed)
+    return found
 
 
 class _UnusableCalibration(ConfigurationError):
@@ -50,7 +69,7 @@ class _UnusableCalibration(ConfigurationError):
 
 
 def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Read the file of a bearing's calibration, made with sensors as :data:`INPUT_KEYS` say now."""
+    """Read the file of a bearing's calibration, made with sensors as :func:`sensor_record` has them now."""
     try:
         document = read_json(path, LARGEST_JSON)
     except OSError as error:
@@ -77,10 +96,11 @@ def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]])
         then = past.get(quantity) if isinstance(past, dict) else None
         if not isinstance(then, dict):
             raise _UnusableCalibration(f'{path} is damaged: it does not name its sensors')
-        for key, value in now.items():
-            if then.get(key) != value:
+        for key in dict.fromkeys([*now, *then]):
+            if then.get(key) != now.get(key):
+                before, after = then.get(key), now.get(key)
                 raise ConfigurationError(
-                    f'{path} was made with {quantity}.{key} = {then.get(key)!r}, and it is {value!r} now:'
+                    f'{path} was made with {quantity}.{key} = {before!r}, and it is {after!r} now:'
                     ' a calibration holds for its own sensors only, so calibrate anew'
                 )
     return found
@@ -240,6 +260,31 @@ def _in_any_water(bearing: Bearing) -> Bearing:
 _of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
+def load_points(name: str, numbers: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+    """Return speeds and loads of a table of the load, given as one list of pairs.
+
+    Raises:
+        ConfigurationError: There are too few or too many, or the speeds do not rise; the text begins with
+            the name.
+    """
+    speeds, loads = numbers[::2], numbers[1::2]
+    rises = all(low < high for low, high in pairwise(speeds))
+    if 2 <= len(speeds) <= MAX_LOAD_POINTS and rises:
+        return speeds, loads
+    pairs = [list(pair) for pair in zip(speeds, loads, strict=True)]
+    raise refused(
+        name,
+        pairs,
+        f'2 to {MAX_LOAD_POINTS} pairs of a shaft speed in rpm and the load there, speeds rising, as in'
+        ' [[0, 32], [60, 28], [120, 19]]',
+    )
+
+
+def _is_left_out(value: object) -> bool:
+    """Return whether an optional value is not given."""
+    return bool(value == () or value != value)
+
+
 class _Section:
     """The parameters of one bearing, each checked by itself.
 
@@ -267,7 +312,6 @@ class _Section:
         )
         try:
             bearing = Bearing(**lining, friction=self._friction(), lubrication=self._lubrication())
-            bearing, belief = self._believed(bearing, tolerance)
         except PhysicsError as error:
             raise ConfigurationError(f'{name}: {error}') from error
         alarm = filled(parameters.AlarmConfig, 'alarm.', own)
@@ -277,19 +321,24 @@ class _Section:
         if alarm.minimum_speed >= own['speed.maximum']:
             rest, most = self._shown('alarm.minimum_speed', 'm/s'), self._shown('speed.maximum', 'm/s')
             raise ConfigurationError(f'{rest} must be below {most}')
-        factor = bearing.speed.factor(own['speed.unit'])
-        speed = self._input(InputConfig, 'speed', factor, alarm.minimum_speed)
-        load = self._load(speed)
+        speed = self._speed(float(bearing.speed.factor(own['speed.unit'])), alarm.minimum_speed)
+        load = self._load(speed, float(bearing.speed.factor('rpm')))
         if not load.is_assumed:
             self._require_other_field('load', load, {'speed': speed})
         level = self._level({'speed': speed, 'load': load})
+        try:
+            bearing, belief = self._believed(bearing, tolerance, {'speed': speed, 'load': load})
+        except PhysicsError as error:
+            raise ConfigurationError(f'{name}: {error}') from error
         return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
 
-    def _believed(self, bearing: Bearing, tolerance: Tolerance) -> tuple[Bearing, Belief | None]:
+    def _believed(
+        self, bearing: Bearing, tolerance: Tolerance, inputs: Mapping[str, InputConfig]
+    ) -> tuple[Bearing, Belief | None]:
         """Return the bearing by which alarms go, and its belief; ``None`` for no uncertainty."""
-        own, path = self._own, self._own['calibration']
+        path = self._own['calibration']
         if path:
-            sensors = {name: {key: own[f'{name}.{key}'] for key in INPUT_KEYS} for name in ('speed', 'load')}
+            sensors = {name: sensor_record(source) for name, source in inputs.items()}
             try:
                 return _calibrated(path, _calibration(path, self.name, sensors), bearing, tolerance)
             except _UnusableCalibration as error:
@@ -308,7 +357,7 @@ class _Section:
         needed = [key for key in names if f'friction.{key}' in optional]
         for key in needed:
             value = self._own[f'friction.{key}']
-            if value == () or value != value:
+            if _is_left_out(value):
                 raise ConfigurationError(
                     f"parameter '{self.name}.friction.{key}' is missing: the law {law} needs"
                     f' {", ".join(needed)}'
@@ -367,38 +416,64 @@ class _Section:
             elif row.name.endswith('_probability') and not config.alarms_by_chance:
                 yield f'{shown}: alarms go by margins without tolerances, and after a calibration'
 
-    def _load(self, speed: InputConfig) -> parameters.LoadConfig:
-        """Return the input of the load, or the constant that stands for it, which comes with the speed."""
-        own, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
-        if math.isnan(own['load.constant']):
-            return self._input(parameters.LoadConfig, 'load', factor)
-        shown = self._shown('load.constant', own['load.unit'])
-        for key in ('load.topic', 'load.column'):
-            if own[key]:
+    def _speed(self, factor: float, rest: float) -> SpeedConfig:
+        """Return the input of the speed, over the gear of an engine; ``factor`` is its unit in m/s."""
+        own = self._own
+        if own['speed.gear'] != 1.0:
+            gear = self._shown('speed.gear')
+            if own['speed.scale'] != 1.0:
                 raise ConfigurationError(
-                    f'{shown} and {self._shown(key)} are both given: the load is measured, or assumed'
+                    f'{gear} and {self._shown("speed.scale")} are both given: a gear takes the place of a'
+                    ' scale'
                 )
-        if not 0.0 < own['load.constant'] * factor <= own['load.maximum']:
-            most = self._shown('load.maximum', 'N')
-            raise ConfigurationError(f'{shown} must be above 0 and not above {most}')
+            if own['speed.unit'] == 'm/s':
+                raise ConfigurationError(
+                    f"{gear} is given and {self.name}.speed.unit = 'm/s' is the journal's own speed: an"
+                    f" engine's is in {', '.join(TURNING_UNITS)}"
+                )
+        return self._input(SpeedConfig, 'speed', factor / own['speed.gear'], rest)
+
+    def _load(self, speed: InputConfig, per_rpm: float) -> LoadConfig:
+        """Return the input of the load, or what is assumed in its place, which comes with the speed."""
+        own, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
+        given = [key for key in parameters.ASSUMED_LOADS if not _is_left_out(own[key])]
+        if not given:
+            return self._input(LoadConfig, 'load', factor)
+        shown = self._shown(given[0], own['load.unit'])
+        for key in (*given[1:], *(key for key in ('load.topic', 'load.column') if own[key])):
+            raise ConfigurationError(
+                f'{shown} and {self._shown(key)} are both given: the load is measured, constant, or from a'
+                ' table'
+            )
+        table = self._load_table(factor, per_rpm) if own['load.over_speed'] else ((), ())
+        for load in table[1] or (own['load.constant'] * factor,):
+            if not 0.0 < load <= own['load.maximum']:
+                most = self._shown('load.maximum', 'N')
+                raise ConfigurationError(f'{shown} must be above 0 and not above {most}')
         beside = {
             'load.topic': speed.topic,
             'load.type': speed.type,
             'load.field': speed.field_text,
             'load.column': speed.column,
             'load.scale': 0.0,
-            'load.offset': own['load.constant'],
+            'load.offset': 0.0 if table[1] else own['load.constant'],
             'load.timeout': own['speed.timeout'],
         }
-        more = {'field': speed.field, 'factor': factor, 'is_assumed': True}
-        return filled(parameters.LoadConfig, 'load.', own | beside, **more)
+        more = {'field': speed.field, 'factor': factor, 'is_assumed': True, 'table': table}
+        return filled(LoadConfig, 'load.', own | beside, **more)
+
+    def _load_table(self, factor: float, per_rpm: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return surface speeds [m/s] and the loads there [N] of a load over the shaft speed."""
+        speeds, loads = load_points(f'{self.name}.load.over_speed', self._own['load.over_speed'])
+        return tuple(rpm * per_rpm for rpm in speeds), tuple(load * factor for load in loads)
 
     def _input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
         """Return the configuration of one input, of that dataclass."""
         name, own = f'{self.name}.{quantity}', self._own
         topic = own[f'{quantity}.topic']
         if not topic and not own[f'{quantity}.column']:
-            remedy = f', or {name}.constant for one that is assumed' if quantity == 'load' else ''
+            assumed = f', or {name}.constant or {name}.over_speed where nothing measures it'
+            remedy = assumed if quantity == 'load' else ''
             raise ConfigurationError(
                 f"parameter '{name}.topic' is missing: give the topic that carries the {quantity},"
                 f' {name}.column for a log{remedy}'
@@ -484,9 +559,9 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
 
 
 def asked(config: BearingConfig, load: float | None = None) -> list[str]:
-    """Write the :func:`questions` as sentences; without a load at the constant one, if any."""
+    """Write the :func:`questions` as sentences; without a load at the largest assumed one, if any."""
     if load is None:
-        load = config.load.offset * config.load.factor if config.load.is_assumed else 0.0
+        load = 0.0 if config.load.assumed is None else config.load.assumed[1]
     found = questions(config, load)
     return [f'{config.name}: {name} {clause}' for name, clauses in found.items() for clause in clauses]
 

@@ -450,8 +450,8 @@ class InputWatch:
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
-            # A level that jumps between two values is what is looked for, and no fault.
-            if place != LEVEL:
+            # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
+            if place != LEVEL and not self._bearings[bearing].config.inputs[INPUTS[place]].is_assumed:
                 track.source.see(now_ns, si_value(live, place, value))
         return track.source.standing(now_ns)
 

@@ -43,6 +43,7 @@ class Parameter:
     maximum: float = math.inf
     above_minimum: bool = False  # the minimum itself is not allowed
     not_zero: bool = False  # zero is not allowed
+    in_pairs: bool = False  # a list of pairs, also written as one list, which is all that ROS 2 reads
     choices: tuple[str, ...] = ()  # the values allowed, empty for any
     live: bool = False  # may be changed while the node is active
     fixed: bool = False  # may not be changed at all once the node has started
@@ -61,6 +62,8 @@ class Parameter:
         if self.choices:
             return f'one of {", ".join(self.choices)}'
         words = ['a number' if self.default == math.inf else _WORDS[self.kind]]
+        if self.in_pairs:
+            words = ['a list of pairs of finite numbers']
         if self.minimum > -math.inf and self.maximum < math.inf and not self.above_minimum:
             words.append(f'between {self.minimum:g} and {self.maximum:g}')
         else:
@@ -88,6 +91,7 @@ class Parameter:
         if is_list := kind != self.kind:
             listed = hasattr(value, '__iter__') and not isinstance(value, str | bytes)
             items = list(value) if listed else [None]
+            items = _flat_pairs(items) if self.in_pairs else items
         items = [_converted(kind, item) for item in items]
         if not all(item is not None and self._allows(item) for item in items):
             hint = did_you_mean(value, self.choices) if isinstance(value, str) else ''
@@ -102,6 +106,13 @@ class Parameter:
         above = value > self.minimum if self.above_minimum else value >= self.minimum
         finite = isinstance(value, int) or math.isfinite(value) or self.default == math.inf
         return above and value <= self.maximum and finite and not (self.not_zero and value == 0)
+
+
+def _flat_pairs(items: list[Any]) -> list[Any]:
+    """Return pairs as one list of numbers; ``[None]`` where an item is no pair or a number is left over."""
+    if items and all(isinstance(item, list | tuple) for item in items):
+        return [number for pair in items for number in pair] if {*map(len, items)} == {2} else [None]
+    return items if len(items) % 2 == 0 else [None]
 
 
 def _remedy(value: Any) -> str:

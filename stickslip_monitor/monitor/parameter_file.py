@@ -91,6 +91,11 @@ class _ParameterLoader(_Loader):
 
     def construct_sequence(self, node: yaml.SequenceNode, deep: bool = False) -> list[Any]:
         tags = {item.tag.rsplit(':', 1)[-1] for item in node.value}
+        if tags == {'seq'}:
+            # A list of pairs, as no node reads it: whole numbers and others may stand side by side.
+            for number in (one for pair in node.value for one in pair.value):
+                if number.tag == 'tag:yaml.org,2002:int':
+                    number.tag = 'tag:yaml.org,2002:float'
         if len(tags) > 1:
             mixed = ' and '.join(sorted(tags))
             remedy = ': write 0.0 in place of 0' if tags == {'int', 'float'} else ''

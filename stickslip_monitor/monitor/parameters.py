@@ -128,15 +128,36 @@ class InputConfig:
     field: FieldPath = ('data',)
     factor: float = 1.0
     deadband: float = 0.0
-    is_assumed: bool = False  # no sensor measures it, and a constant stands for it
+    is_assumed: bool = False  # no sensor measures it, and a constant or a table stands for it
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedConfig(InputConfig):
+    """Source of the speed: the shaft's, or that of an engine that turns it by a gear."""
+
+    gear: float = parameter(
+        1.0,
+        'Engine speed over shaft speed, where the speed is that of an engine; in place of a scale.',
+        within=(0.0, 1e3),
+        above_minimum=True,
+    )
+
+    @property
+    def gear_text(self) -> str:
+        """The clause that names the gear; empty without one."""
+        return '' if self.gear == 1.0 else f'of an engine with a gear of {self.gear:g}'
+
+
+MAX_LOAD_POINTS = 16
+"""Points of a table of the load: alignment calculations have three to ten."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadConfig(InputConfig):
-    """Source of the load, or the constant that stands for it.
+    """Source of the load, or what is assumed in its place: a constant, or a table over the speed.
 
-    Values below ``minimum`` [N] are invalid. A constant is read from the messages of the speed, by a scale of
-    0: whatever hands out numbers of the speed hands out the load as well.
+    Values below ``minimum`` [N] are invalid. An assumed load is read from the messages of the speed:
+    whatever hands out numbers of the speed hands out the load as well.
     """
 
     minimum: float = parameter(
@@ -152,6 +173,28 @@ class LoadConfig(InputConfig):
         'Load that is assumed where nothing measures it, in the unit, in place of a topic.',
         within=(0.0, 1e9),
     )
+    over_speed: tuple[float, ...] = parameter(
+        (),
+        'The same as pairs of a shaft speed in rpm and the load there, from the alignment calculation:'
+        f' 2 to {MAX_LOAD_POINTS} pairs, speeds rising; linear between them, the end value beyond.',
+        kind='float[]',
+        in_pairs=True,
+        within=(0.0, 1e9),
+    )
+    table: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())  # surface speeds [m/s], loads there [N]
+
+    @property
+    def assumed(self) -> tuple[float, float] | None:
+        """Least and largest load that is assumed [N]; ``None`` where the load is measured."""
+        if not self.is_assumed:
+            return None
+        loads = self.table[1] or (self.constant * self.factor,)
+        return min(loads), max(loads)
+
+    @property
+    def origin(self) -> str:
+        """Where an assumed load is from, for a person; empty for a measured one."""
+        return 'from the alignment table' if self.table[1] else 'assumed' if self.is_assumed else ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +296,7 @@ class BearingConfig:
 
     name: str
     bearing: Bearing
-    speed: InputConfig
+    speed: SpeedConfig
     load: LoadConfig
     alarm: AlarmConfig
     tolerance: Tolerance = EXACT
@@ -463,7 +506,7 @@ TOLERANCE_PARAMETERS = tuple(
 )
 INPUT_PARAMETERS = {
     'speed': rows(
-        InputConfig,
+        SpeedConfig,
         'speed.',
         unit={'choices': SPEED_UNITS},
         maximum={
@@ -493,6 +536,8 @@ INPUT_PARAMETERS = {
     ),
 }
 """The parameters of each input."""
+ASSUMED_LOADS = 'load.constant', 'load.over_speed'
+"""What stands for a load that nothing measures."""
 BEARING_PARAMETERS = (
     *LINING_PARAMETERS,
     *TORSIONAL_PARAMETERS.values(),

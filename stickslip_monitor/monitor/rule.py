@@ -19,6 +19,7 @@ from collections.abc import MutableSequence, Sequence
 from typing import TypeAlias, TypeVar
 
 from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS
 from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEED, RuleNumbers, State
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
@@ -79,6 +80,19 @@ def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
     return si * (abs(si) >= c.deadband[place]) + 0.0  # no -0.0
 
 
+def load_at(c: RuleNumbers, speed: float) -> float:
+    """Return the load of the table at a speed [m/s], linear between its points, the end value beyond."""
+    above = 1
+    while above < MAX_LOAD_POINTS - 1 and c.load_speed[above] < speed:
+        above += 1
+    low, high = c.load_speed[above - 1], c.load_speed[above]
+    load = c.load_there[above - 1]
+    if not high < math.inf:
+        return load
+    share = min(max((speed - low) / (high - low), 0.0), 1.0)
+    return load + share * (c.load_there[above] - load)
+
+
 def arrive(
     s: State, c: RuleNumbers, place: int, stamp: int, arrival: int, number: float
 ) -> tuple[int, int, float]:
@@ -87,15 +101,19 @@ def arrive(
     Returns:
         What became of it, a :class:`Status`; its time [ns] and its value, for :func:`take`.
     """
-    si = si_value(c, place, number)
-    status = judge_value(c, place, number, si)
+    # A load from a table is that at the speed of the message, and as valid as that.
+    judged = SPEED if place == LOAD and c.has_load_table else place
+    si = si_value(c, judged, number)
+    status = judge_value(c, judged, number, si)
     if status != ACCEPTED:
         return status, 0, si
+    if judged != place:
+        si = load_at(c, abs(si))
     time, came = own_time(s, place, stamp, arrival), s.came[place]
     # Without a stamp of its own a message is new, in the order in which it came.
     stamped = came != NEVER and stamp != arrival
     if stamped and stamp == s.stamp[place]:
-        if si == (s.level if place == LEVEL else s.value[place]):
+        if judged == place and si == (s.level if place == LEVEL else s.value[place]):
             return REPEATED, 0, si
         time = max(arrival + s.shift, came)
     elif stamped and stamp < s.stamp[place]:
@@ -161,6 +179,8 @@ def take(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: floa
     """
     until = standing_until(s, c)
     take_value(s, c, place, min(s.now, time), si)
+    if place == SPEED and c.has_load_table:
+        return False  # the load at this speed follows, of the same message
     whole = s.came[SPEED] != NEVER and s.came[LOAD] != NEVER
     if not whole or s.now > standing_until(s, c):
         return False

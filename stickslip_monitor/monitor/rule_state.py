@@ -10,7 +10,7 @@ runs it is a dictionary; the rule (:mod:`.rule`) reads and writes all of them by
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS, BearingConfig
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
@@ -243,6 +243,9 @@ class RuleNumbers:
     at_load: float
     load_exponent: float
     viscosity_ratio: float
+    has_load_table: int
+    load_speed: list[float] = field(metadata={'size': MAX_LOAD_POINTS})
+    load_there: list[float] = field(metadata={'size': MAX_LOAD_POINTS})
 
 
 _NUMBERS_TYPE = _type_of(RuleNumbers)
@@ -309,9 +312,17 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         at_load=own.load,
         load_exponent=own.load_exponent,
         viscosity_ratio=own.viscosity_ratio,
+        has_load_table=int(bool(config.load.table[0])),
+        load_speed=_padded(config.load.table[0], math.inf),
+        load_there=_padded(config.load.table[1], math.nan),
     )
     chances = np.zeros(1) if belief is None else belief.table
     return RuleSettings(live, scalar_law(bearing.friction), table, chances)
+
+
+def _padded(points: Sequence[float], end: float) -> list[float]:
+    """Return the points of a table, then ``end`` up to the room there is."""
+    return [*points, *[end] * (MAX_LOAD_POINTS - len(points))]
 
 
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:

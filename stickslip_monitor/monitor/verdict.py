@@ -238,7 +238,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
         what = f'Speed and load are back. {what}'
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
-    assumed = ' (assumed)' if config.load.is_assumed else ''
+    assumed = f' ({config.load.origin})' if config.load.is_assumed else ''
     load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(config)}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
     text = f'{config.name}: {what}{_way_out(given)} Now {at}'

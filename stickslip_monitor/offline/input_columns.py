@@ -12,7 +12,13 @@ from typing import Any
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.tables.dialect import parse_heading
 from stickslip_monitor.errors import BagError, did_you_mean
-from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import (
+    LOAD_UNITS,
+    BearingConfig,
+    InputConfig,
+    MonitorConfig,
+    SpeedConfig,
+)
 from stickslip_monitor.monitor.signals import NO_VALUES
 from stickslip_monitor.physics.bearing import TURNING_UNITS
 
@@ -150,7 +156,7 @@ class ColumnBinding:
                 f"log '{self._path}' has no column '{source.column}' ({parameter}): it has"
                 f' {listed}{more}{near}'
             )
-        remedy = f' or {bearing.name}.load.constant' if quantity == 'load' else ''
+        remedy = f', or {bearing.name}.load.constant or .over_speed' if quantity == 'load' else ''
         raise BagError(
             f"log '{self._path}': no column is to be known as the {quantity} of {bearing.name} by"
             f' its unit or its name: it has {listed}{more}; write {parameter}{remedy}'
@@ -225,6 +231,8 @@ class ColumnBinding:
         if (source.scale, source.offset) != (1.0, 0.0):
             said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
             said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
+        elif isinstance(source, SpeedConfig) and source.gear_text:
+            said += f', {source.gear_text}'
         elif is_geared:
             said += ": is it the shaft's own, with no gear between?"
         timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)

@@ -179,6 +179,8 @@ class InputCheck:
         self.quantity = INPUTS[place]
         self._place, self._absent = place, absent
         self._source = config.inputs[self.quantity]
+        self._assumed = config.load.assumed if self.quantity == 'load' else None
+        self._gear = f' {config.speed.gear_text}'.rstrip() if self.quantity == 'speed' else ''
         self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
         self._gaps = Gaps(self._source.timeout_ns)
@@ -198,8 +200,8 @@ class InputCheck:
         if scan.counts[self._place, Status.ACCEPTED] < value.size:
             own = (scan.status == Status.ACCEPTED) & (stream.inputs == self._place)
             value, arrival_ns = stream.value[own], stream.arrival_ns[own]
-        # A level that jumps between two values is what is looked for, and no fault.
-        if self._place != LEVEL:
+        # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
+        if self._place != LEVEL and not self._source.is_assumed:
             self._sources += self._watch.see_column(arrival_ns, self._si(value))
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
@@ -226,12 +228,13 @@ class InputCheck:
     def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...], clock: str) -> InputReport:
         """What came of the input, by the faults of its messages and clock, and questions."""
         used = int(self._counts[Status.ACCEPTED])
-        if self._source.is_assumed:
+        if self._assumed is not None:
             # It comes with the speed, and what is wrong with that is said there.
-            si = self._source.offset * self._source.factor
-            span, topic = (self._source.offset, self._source.offset), self._source.topic
-            values = f'{self._source.offset:g} {self._source.unit}'
-            known = self.quantity, topic, self._messages, used, (), self._gaps, span, (si, si)
+            low, high = (load / self._source.factor for load in self._assumed)
+            of_table = f'{_range(low, high)} {self._source.unit} from the alignment table'
+            values = of_table if low < high else f'{low:g} {self._source.unit}'
+            topic = self._source.topic
+            known = self.quantity, topic, self._messages, used, (), self._gaps, (low, high), self._assumed
             return InputReport(*known, questions=asked, is_assumed=True, values=values)
         first, last = self._span if used else (math.nan, math.nan)
         low, high = sorted(float(self._si(end)) for end in (first, last))
@@ -265,7 +268,7 @@ class InputCheck:
         more = [f'{_range(si_low, si_high)} {si_unit}'] if si_unit != source.unit else []
         if (source.scale, source.offset) != (1.0, 0.0):
             more.append(f'sent as {_range(first, last)}')
-        return f'{_range(low, high)} {source.unit}' + (f' ({"; ".join(more)})' if more else '')
+        return f'{_range(low, high)} {source.unit}{self._gear}' + (f' ({"; ".join(more)})' if more else '')
 
 
 def _range(low: float, high: float) -> str:

@@ -45,7 +45,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
-from stickslip_monitor.monitor.signals import QUANTITIES, Input, Status, Stream
+from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Verdict
 from stickslip_monitor.offline.check import Heard, Stretch, StretchSink, is_long
 
@@ -335,6 +335,8 @@ class _Follower:
         self, place: int, stream: Stream, rows: IndexArray, ends: IndexArray, ticks: Sequence[int]
     ) -> list[SourceFault | None]:
         """The fault of an input's source at some times; rows are those of its valid values."""
+        if self._config.inputs[INPUTS[place]].is_assumed:
+            return [None] * len(ticks)
         watch, arrival_ns = self._sources[place], stream.arrival_ns[rows]
         si = si_value(self._bearing.settings.live, place, stream.value[rows])
         if watch.see_steady(si):

@@ -357,11 +357,14 @@ class MonitorNode(LifecycleNode):
         bearings = plural(len(config.bearings), 'bearing')
         log(f'{self.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}')
         for bearing in config.bearings:
-            inputs = (
-                f'{name} in {source.unit} from {source.topic} ({source.type}, {source.field_text})'
+            geared = f' {bearing.speed.gear_text}'.rstrip()
+            inputs = [
+                f'{name} in {source.unit}{geared if name == "speed" else ""} from {source.topic}'
+                f' ({source.type}, {source.field_text})'
                 for name, source in bearing.inputs.items()
                 if not source.is_assumed
-            )
+            ]
+            inputs += [f'load {bearing.load.origin}'] * bearing.load.is_assumed
             log(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:

@@ -141,8 +141,17 @@ def _slip(args: Sequence[str]) -> str:
             faults.append(str(error))
     if len(faults) == len(files):
         return faults[0]
-    empty = [key for key, value in found.items() if value == []]
-    return f'{empty[0]} = [] is empty: give it at least one entry, or leave it out' if empty else ''
+    return next((text for key, own in found.items() if (text := _list_fault(key, own))), '')
+
+
+def _list_fault(key: str, listed: object) -> str:
+    """Return the sentence on a list that rcl cannot read; '' where it can."""
+    if listed == []:
+        return f'{key} = [] is empty: give it at least one entry, or leave it out'
+    if not isinstance(listed, list) or not all(isinstance(item, list) for item in listed):
+        return ''
+    flat = [number for pair in listed for number in pair]
+    return f'{key} is a list of lists, which ROS 2 does not read: write {key}: {flat}'
 
 
 def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from shared import Stickslip
 
 from stickslip_monitor import fold_speed
-from stickslip_monitor.commands.init import NEEDS, ask
+from stickslip_monitor.commands.init import NEEDS, ask, ask_more
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.bearing_estimate import Given, bearing_of, estimate, fold_shifts, shear_modulus
@@ -98,6 +99,27 @@ def test_file_is_a_configuration(tmp_path: Path, stickslip: Stickslip) -> None:
     assert stickslip('init', *arguments).code == 0  # one of ours is replaced
 
 
+def test_gear_and_load_over_the_speed_are_written(tmp_path: Path, stickslip: Stickslip) -> None:
+    path, table = tmp_path / 'ship.yaml', '0:32, 60:28, 120:19.5'
+    arguments = [*DRAWING[:-2], '--load-over-speed', table, '--gear', '4.2', '--output', path]
+    document = stickslip('init', *arguments, '--json').json
+    assert {own['name']: own['value'] for own in document['values']}['load'] == pytest.approx(26.5e3)
+    (item,) = load_config(path).bearings
+    assert item.load.over_speed == (0.0, 32.0, 60.0, 28.0, 120.0, 19.5)
+    assert (item.load.unit, item.speed.gear) == ('kN', 4.2)
+
+
+def test_the_dialogue_asks_for_gear_and_load_over_the_speed() -> None:
+    typed, args = iter(['x', '', '4.2', '0:32', '', '0:32, 60:28']), argparse.Namespace(gear=None)
+    args.load_over_speed = None
+    ask_more(lambda _: next(typed), args)
+    assert (args.gear, args.load_over_speed) == ('4.2', '0:32, 60:28')
+    typed = iter(['', ''])
+    args = argparse.Namespace(gear=None, load_over_speed=None)
+    ask_more(lambda _: next(typed), args)
+    assert (args.gear, args.load_over_speed) == (None, None)
+
+
 def test_json(stickslip: Stickslip) -> None:
     document = stickslip('init', *DRAWING, '--json').json
     assert document['schema'] == 'stickslip_monitor/init/1'
@@ -118,6 +140,15 @@ def test_json(stickslip: Stickslip) -> None:
         ((*DRAWING, '--speed-topic', 'x{}y:'), "--speed-topic 'x{}y:' must be a ROS topic name"),
         ((*DRAWING, '--load-topic', ''), "--load-topic '' must be a ROS topic name"),
         ((*DRAWING, '--static', '0.3~300%'), 'must be a number with a spread of 0 to 100 %'),
+        ((*DRAWING, '--gear', '-4'), "--gear = '-4' must be a finite number above 0"),
+        ((*DRAWING, '--gear', 'x'), "--gear = 'x' must be a finite number above 0"),
+        ((*DRAWING, '--load-over-speed', '0:1'), '--load-over-speed = [[0.0, 1.0]] must be 2 to 16 pairs'),
+        ((*DRAWING, '--load-over-speed', '0:1;2:3'), 'must be pairs of a shaft speed in rpm and a load'),
+        ((*DRAWING, '--load-over-speed', '0:1,2:0'), 'must be loads above 0'),
+        (
+            (*DRAWING, '--load-over-speed', '0:1,2:3', '--load-topic', '/x'),
+            '--load-over-speed and --load-topic are given: choose one',
+        ),
         ((*DRAWING, '--name', 'Aft'), "'Aft' must be a name of lower-case letters"),
     ],
 )

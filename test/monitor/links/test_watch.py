@@ -124,10 +124,17 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert kept.is_file()
 
 
-def test_a_constant_load_needs_no_bus(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('load', 'text'),
+    [
+        ({'constant': 1, 'unit': 'kN'}, 'Now 20 rpm, 1 kN (assumed)'),
+        ({'over_speed': [[0, 2], [40, 1]], 'unit': 'kN'}, 'Now 20 rpm, 1.5 kN (from the alignment table)'),
+    ],
+)
+def test_an_assumed_load_needs_no_bus(load: dict[str, Any], text: str, tmp_path: Path) -> None:
     links, records = Bus().links('aft_stern'), list[dict[str, Any]]()
     del links['aft_stern.load']
-    path = ship_file(tmp_path, links, load={'constant': 1, 'unit': 'kN'})
+    path = ship_file(tmp_path, links, load=load)
 
     class Records(Sink):
         def take_record(self, record: dict[str, Any]) -> None:
@@ -137,7 +144,7 @@ def test_a_constant_load_needs_no_bus(tmp_path: Path) -> None:
     live.begin()
     live.take('aft_stern', Input.SPEED, 20.0)
     live.tick()
-    assert 'Now 20 rpm, 1 kN (assumed)' in records[-1]['text']
+    assert text in records[-1]['text']
 
 
 def refusal(path: Path, *arguments: str) -> str:

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from sending import configured, points
+from shared import REFERENCE
 
-from stickslip_monitor import Monitor, fold_speed
+from stickslip_monitor import Monitor, build_config, fold_speed
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.monitor.configuration import questions
+from stickslip_monitor.monitor.configuration import questions, sensor_record
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 
@@ -166,6 +167,21 @@ def test_a_ship_is_monitored_without_a_calibration_that_cannot_be_read(
     assert config == configured()
     assert len(config.faults) == 1
     assert config.faults[0].startswith('aft: the calibration is damaged or missing')
+
+
+def test_a_calibration_holds_with_what_stands_for_a_load(tmp_path: Path) -> None:
+    """Of a constant load it does; of another table, or another gear, it does not."""
+    values = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in REFERENCE.items()}
+    del values['aft.load.topic']
+    values |= {'aft.calibration': str(tmp_path / 'aft.json'), 'aft.load.over_speed': [0, 2, 60, 1]}
+    plain = build_config({name: value for name, value in values.items() if name != 'aft.calibration'})
+    own = plain.bearing('aft')
+    inputs = {'speed': sensor_record(own.speed), 'load': sensor_record(own.load)}
+    (tmp_path / 'aft.json').write_text(json.dumps(RESULT | {'inputs': inputs}), 'utf-8')
+    assert build_config(values).bearing('aft').belief is not None
+    for name, value in (('load.over_speed', [0.0, 2.0, 60.0, 1.5]), ('speed.gear', 4.2)):
+        with pytest.raises(ConfigurationError, match=f'was made with {name} = .* and it is .* now'):
+            build_config(values | {f'aft.{name}': value})
 
 
 def test_a_calibration_of_another_bearing_is_refused_live_too(result: str) -> None:

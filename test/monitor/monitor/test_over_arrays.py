@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 from sending import points
 from sequences import COUNT, NAME, SECOND, Bits, Messages, sequence
-from shared import CONFIG
+from shared import CONFIG, REFERENCE
 
-from stickslip_monitor import Monitor, Stream
+from stickslip_monitor import Monitor, Stream, build_config
 from stickslip_monitor.monitor import rule_state
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.signals import Status
 
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
 NUMBERS = range(3, COUNT, 16)
@@ -116,3 +118,28 @@ def test_inputs_that_never_come_are_lost_by_the_end() -> None:
 def test_what_is_an_index_of_the_rule_is_a_plain_number() -> None:
     """numba takes an enumeration as an index from some version after 0.60 on; 0.57 is supported."""
     assert {type(place) for place in (rule_state.SPEED, rule_state.LOAD, rule_state.LEVEL)} == {int}
+
+
+def test_a_load_over_the_speed_is_interpolated_and_follows_each_speed() -> None:
+    """By numpy's own interpolation, live and compiled; a number that is no speed brings no load."""
+    rng, table = np.random.default_rng(50), [[0, 3], [20, 2.5], [60, 0.8], [120, 0.4]]
+    values = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in REFERENCE.items()}
+    del values['aft.load.topic']
+    values |= {'aft.load.over_speed': table, 'aft.load.unit': 'kN', 'aft.speed.scale': -2.0}
+    (config,) = build_config(values).bearings
+    numbers = np.concatenate([rng.uniform(-80.0, 80.0, 400), [0.0, 1e9, math.nan, 10.0, -30.0]])
+    count = np.arange(numbers.size)
+    stream = Stream(
+        np.repeat(count * SECOND, 2), np.tile([0, 1], count.size).astype(np.int8), np.repeat(numbers, 2)
+    )
+    one, other = (BearingScan(config, 0, long=long).finish(stream, None) for long in (False, True))
+    _require_same(one, other)
+    status = one.status.reshape(-1, 2)
+    assert (status[:, 0] == status[:, 1]).all()  # implausible, not finite: the load is as valid as the speed
+    assert set(status[:, 0].tolist()) == {Status.ACCEPTED, Status.IMPLAUSIBLE, Status.NOT_FINITE}
+    # Each valid speed makes one point, with the load there.
+    speeds = np.abs(-2.0 * numbers[status[:, 0] == Status.ACCEPTED])
+    speeds[speeds * config.speed.factor < config.speed.deadband] = 0.0
+    assert np.abs(one.speed) == pytest.approx(speeds * config.speed.factor, rel=1e-12)
+    rpm, there = np.array(table).T
+    assert one.load == pytest.approx(1e3 * np.interp(speeds, rpm, there), rel=1e-12)

@@ -256,3 +256,12 @@ def test_the_file_of_a_ship_without_ros_is_for_all_commands(
     (tmp_path / 'ship.yaml').write_text(text)
     (bearing,) = load_config(tmp_path / 'ship.yaml').bearings
     assert [bearing.speed.column, bearing.load.column] == columns
+
+
+def test_pairs_of_whole_numbers_and_others_are_a_table_of_the_load(write: Write) -> None:
+    """As people write them; a list that mixes them is refused elsewhere, as ROS 2 does."""
+    text = WHOLE.replace('{topic: /bearing/aft/load', '{over_speed: [[0, 32.5], [60, 28]]')
+    assert load_config(write(text)).bearing('aft').load.over_speed == (0.0, 32.5, 60.0, 28.0)
+    assert 'a list mixes float and int' in _refusal(write(text.replace('[[0, 32.5], [60, 28]]', '[0, 32.5]')))
+    nested = WHOLE.replace('decay: 10.0}', 'decay: 10.0, speed: [[0, 1], [1, 2]]}')
+    assert 'aft.friction.speed = [[0.0, 1.0], [1.0, 2.0]] must be a list of finite' in _refusal(write(nested))

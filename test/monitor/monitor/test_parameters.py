@@ -65,6 +65,7 @@ LAW = {
     'aft.friction.speed': [0.0, 1.0],
     'aft.friction.coefficient': [0.3, 0.1],
 }
+TABLE: dict[str, Any] = {'aft.load.topic': MISSING, 'aft.load.over_speed': [[0, 2], [60, 1]]}
 # One of each kind of rule, and of what is no number; all but the dots begins the message.
 REFUSED = [
     ({'aft.mass': -1.0}, 'aft.mass = -1.0 must be a finite number between 1e-06 and 1e+07 kg'),
@@ -127,6 +128,31 @@ REFUSED = [
         {'aft.load.constant': 2.0},
         "aft.load.constant = 2 N and aft.load.topic = '/bearing/aft/load' are both given",
     ),
+    (
+        {'aft.load.over_speed': [0, 2, 60, 1]},
+        'aft.load.over_speed = (0.0, 2.0, 60.0, 1.0) and aft.load.topic',
+    ),
+    (TABLE | {'aft.load.constant': 2.0}, 'aft.load.constant = 2 N and aft.load.over_speed = '),
+    (
+        TABLE | {'aft.load.over_speed': [[0, 2]]},
+        '...over_speed = [[0.0, 2.0]] must be 2 to 16 pairs of a shaft',
+    ),
+    (TABLE | {'aft.load.over_speed': [[0, 2], [0, 1]]}, '...must be 2 to 16 pairs of a shaft speed in rpm'),
+    (
+        TABLE | {'aft.load.over_speed': [[0, 2, 60], [0, 1, 2]]},
+        '...must be a list of pairs of finite numbers',
+    ),
+    (TABLE | {'aft.load.over_speed': [0, 2, 60]}, '...must be a list of pairs of finite numbers between 0'),
+    (TABLE | {'aft.load.over_speed': [[0, 0], [60, 1]]}, '...must be above 0 and not above aft.load.maximum'),
+    (TABLE | {'aft.load.over_speed': [[0, 1], 60, 1]}, '...must be a list of pairs of finite numbers'),
+    (TABLE | {'aft.load.unit': MISSING}, "parameter 'aft.load.unit' is missing"),
+    ({'aft.speed.gear': 0.0}, 'aft.speed.gear = 0.0 must be a finite number above 0'),
+    (
+        {'aft.speed.gear': 4.2, 'aft.speed.scale': 0.5},
+        'aft.speed.gear = 4.2 and aft.speed.scale = 0.5 are both',
+    ),
+    ({'aft.speed.gear': 4.2, 'aft.speed.unit': 'm/s'}, 'aft.speed.gear = 4.2 is given and aft.speed.unit = '),
+    ({'aft.load.gear': 4.2}, "unknown parameter 'aft.load.gear'"),
     ({'aft.level.scale': 2.0}, "parameter 'aft.level.topic' is missing, and aft.level.scale = 2 is given"),
     ({'aft.level.topic': '/v', 'aft.level.threshold': 0.0}, 'aft.level.threshold = 0 m/s^2 must be above 0'),
     ({'aft.level.topic': '/bearing/aft/load'}, 'aft.level is read from the same field as the load'),
@@ -141,6 +167,21 @@ def test_what_breaks_a_rule_is_named_with_it(changes: dict[str, Any], sentence: 
     assert sentence.removeprefix('...') in text
     assert sentence.startswith('...') or text.startswith(sentence)
     assert '\n' not in text
+
+
+def test_a_gear_makes_the_speed_of_an_engine_that_of_the_shaft() -> None:
+    geared, scaled = configured(speed__gear=4.2).bearing('aft'), configured().bearing('aft')
+    assert geared.speed.factor == pytest.approx(scaled.speed.factor / 4.2, rel=1e-15)
+    assert geared.speed.maximum == scaled.speed.maximum  # the shaft's
+    assert geared.speed.gear_text == 'of an engine with a gear of 4.2'
+
+
+def test_a_table_of_the_load_is_the_same_in_pairs_and_in_one_list() -> None:
+    pairs, flat = (_build(TABLE | {'aft.load.over_speed': own}) for own in ([[0, 2], [60, 1]], [0, 2, 60, 1]))
+    assert pairs == flat
+    load = pairs.bearing('aft').load
+    assert load.table == ((0.0, pytest.approx(math.pi * 0.1)), (2.0, 1.0))
+    assert (load.assumed, load.origin) == ((1.0, 2.0), 'from the alignment table')
 
 
 def test_edges_of_ranges_are_allowed() -> None:

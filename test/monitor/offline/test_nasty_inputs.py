@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -244,6 +245,30 @@ def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
     request = Request(bearing.speed.topic, 'data')
     assert bearing.speed.scale * recording.read([request])[request].value[0] == pytest.approx(20.0)
     assert any('times its scale 0.25' in said for said in recording.warnings)
+
+
+def test_an_engine_with_a_gear_and_a_load_from_the_alignment_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """571.2 rpm over 4.2 are 136, 100.8 are 24, where the table has 1760 N; only the speed is at fault."""
+    load = next(line for line in CONFIG.read_text().splitlines() if line.strip().startswith('load:'))
+    text = CONFIG.read_text().replace(
+        load, '      load: {over_speed: [[0, 2000], [100, 1000.0], [200, 611.11]], unit: N}'
+    )
+    config, log = tmp_path / 'ship.yaml', tmp_path / 'voyage.csv'
+    config.write_text(text.replace('unit: rpm', "unit: rpm, gear: 4.2, column: 'ME [rpm]'", 1))
+    speeds = [571.2 if t < 60 or t % 2 else 100.8 for t in range(120)]
+    log.write_text('time,ME [rpm]\n' + ''.join(f'{t},{rpm}\n' for t, rpm in enumerate(speeds)))
+    assert main(['check', str(log), '--config', str(config), '--json']) == 1
+    document = json.loads(capsys.readouterr().out)
+    (bearing,) = document['bearings'].values()
+    speed, load = (bearing['inputs'][name] for name in ('speed', 'load'))
+    assert speed['values'].startswith('100.8 to 571.2 rpm of an engine with a gear of 4.2 (')
+    assert load['values'] == '611.1 to 2000 N from the alignment table'
+    assert load['assumed'] is True
+    assert [len(each['source_faults']) for each in (speed, load)] == [1, 0]
+    assert any('of an engine with a gear of 4.2' in text for text in document['warnings'])
+    assert 'Now 24 rpm, 1.76 kN (from the alignment table)' in bearing['events'][0]['text']
 
 
 @pytest.mark.parametrize(('every', 'code'), [(3, 1), (4, 0)])

@@ -225,14 +225,21 @@ def test_a_sender_that_was_killed_and_came_back_is_one(host: Any, run: Any) -> N
     peer.until(lambda: sending() == [False, True], 'the ghost, and the sender')
 
 
-def test_a_constant_load_and_a_speed_by_its_name(host: Any) -> None:
+@pytest.mark.parametrize(
+    ('load', 'text'),
+    [
+        ({'constant': 30}, 'Now 60 rpm, 30 kN (assumed)'),
+        ({'over_speed': [0.0, 32.0, 120.0, 28.0]}, 'Now 60 rpm, 30 kN (from the alignment table)'),
+    ],
+)
+def test_an_assumed_load_and_a_speed_by_its_name(host: Any, load: dict[str, Any], text: str) -> None:
     """The load comes with the speed, whose place in the message changes."""
     from sensor_msgs.msg import JointState
 
     speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
     values = kit.parameters(speed | {'speed.field': 'velocity[shaft]', 'load.unit': 'kN'})
     del values['aft.load.topic']
-    monitor = host(values | {'aft.load.constant': 30})
+    monitor = host(values | {f'aft.load.{name}': value for name, value in load.items()})
     diagnostics = monitor.diagnostics()
     shaft = monitor.peer.talk(JointState, monitor.input('shaft'))
     for names in (['rudder', 'shaft'], ['shaft', 'rudder'], ['rudder']):
@@ -245,7 +252,7 @@ def test_a_constant_load_and_a_speed_by_its_name(host: Any) -> None:
         'load [N]': '30000',
     }
     monitor.peer.until(lambda: expected.items() <= kit.status(diagnostics).items(), f'{expected}')
-    assert 'Now 60 rpm, 30 kN (assumed)' in kit.status(diagnostics)['message']
+    assert text in kit.status(diagnostics)['message']
     assert 'load in kN from' not in monitor.output
 
 

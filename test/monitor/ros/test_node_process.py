@@ -147,6 +147,10 @@ def test_an_override_that_is_read_needs_no_word(name: str, value: object) -> Non
         (('--ros-args', '--params-file', 'port.yaml'), "for '/stickslip_monitor': its sections are /port"),
         (('--ros-args', '--params-file', 'section.yaml', '--params-file', 'right.yaml'), ''),
         (('--ros-args', '--params-file', 'empty.yaml'), 'bearings = [] is empty: give it at least one entry'),
+        (
+            ('--ros-args', '--params-file', 'pairs.yaml'),
+            'does not read: write aft.load.over_speed: [0.0, 2.0, 60.0, 1.0]',
+        ),
     ],
 )
 def test_a_slip_in_how_parameters_are_given_is_told(
@@ -158,6 +162,7 @@ def test_a_slip_in_how_parameters_are_given_is_told(
         ('section', 'monitor', '[aft]'),
         ('port', '/port/stickslip_monitor', '[aft]'),
         ('empty', '/**', '[]'),
+        ('pairs', '/**', '[aft], aft: {load: {over_speed: [[0, 2], [60, 1]]}}'),
     ):
         Path(f'{name}.yaml').write_text(f'{section}:\n  ros__parameters: {{bearings: {names}}}\n')
     found = node._slip(arguments)
