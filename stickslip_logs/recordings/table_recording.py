@@ -37,7 +37,7 @@ from stickslip_logs.recordings.recording import (
     missing_topic,
 )
 from stickslip_logs.recordings.writer import encode_float64s
-from stickslip_logs.tables.clock import Cells, begun_at
+from stickslip_logs.tables.clock import Cells, Clock, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.time_order import TimeCourse, TimeOrder
@@ -101,39 +101,32 @@ class TableRecording(Recording):
         self._begin_at_zero()
         self.names = self._long_columns()
         """The columns of names and of values of a table of one value a line, else None."""
-        known, times = self._timed([*self.table.head, *self.table.tail])
+        order, ends = TimeOrder(), [*self.table.head, *self.table.tail]
+        for number, clock in enumerate(self.table.clocks):
+            known, times = _timed(ends, clock)
+            if times.size:
+                order.add(times, np.full(times.size, number), np.arange(times.size))
         self._may_lack_names = self._are_names_apart(known)
-        order = TimeOrder()
-        if times.size:
-            order.add(times, np.zeros(times.size, np.int64), np.arange(times.size))
-        ends = order.course()
-        self.is_unordered = ends.is_unordered
+        course = order.course()
+        self.is_unordered = course.is_unordered
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
         """What stands for the topics that are delivered."""
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
-        self.start_ns, self.end_ns = ends.start_ns, ends.end_ns
+        self.start_ns, self.end_ns = course.start_ns, course.end_ns
 
     def _begin_at_zero(self) -> None:
         """Let times that begin before zero, or before 1970, count from the first one."""
-        times = self._timed([*self.table.head, *self.table.tail])[1]
+        ends = [*self.table.head, *self.table.tail]
+        times = np.concatenate([_timed(ends, clock)[1] for clock in self.table.clocks])
         zero_ns = 0
         if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
             # A trigger's time before, and what spreadsheets make of a time of day.
             zero_ns = int(times.min())
             self._findings.note('times begin before 1970, or before zero: counted from the first one')
-        self.table.clock = begun_at(self.table.clock, zero_ns)
-
-    def _timed(self, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
-        """The rows that have a time, and these [ns]."""
-        most = max(self.table.clock.columns)
-        long = [row for row in rows if len(row) > most]
-        if not long:
-            return [], np.empty(0, np.int64)
-        times, is_timed = self.table.clock.read([[row[k] for row in long] for k in self.table.clock.columns])
-        return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
+        self.table.clocks = tuple(begun_at(clock, zero_ns) for clock in self.table.clocks)
 
     def _are_names_apart(self, rows: Sequence[Cells]) -> bool:
         """Return whether the names of a long table come one after the other, so that ends lack some."""
@@ -159,7 +152,7 @@ class TableRecording(Recording):
     def _words_and_numbers(self) -> tuple[list[int], list[int]]:
         """Columns without headings that are names, each about as often as any, and those of numbers."""
         rows, words, numbers = self.table.head, list[int](), list[int]()
-        for k in set(range(len(self.table.names))) - set(self.table.clock.columns):
+        for k in set(range(len(self.table.names))) - set(self.table.time_columns):
             cells = Counter(str(row[k]) for row in rows if k < len(row))
             if any(parse_number(cell) is not None for cell in cells):
                 numbers.append(k)
@@ -171,7 +164,7 @@ class TableRecording(Recording):
         table = self.table
         if self.names is None:
             for k, heading in enumerate(table.names):
-                if k not in table.clock.columns:
+                if k not in table.time_columns:
                     yield LogColumn(heading, k, unit=table.units[k])
             return
         name, value = self.names
@@ -258,7 +251,7 @@ class TableRecording(Recording):
         if column.name is not None and self.names is not None:
             rows = [row for row in rows if row[self.names[0]] == column.name]
         rows = [row for row in rows if str(row[column.place]).strip()]
-        times = self._timed(rows)[1]
+        times = _timed(rows, self.table.clock_of(column.place))[1]
         return _usual_gap(np.sort(times) if self.is_unordered else times) * 1e-9
 
     def definition(self, topic: str) -> str:
@@ -298,6 +291,16 @@ class TableRecording(Recording):
                 topic = [request.topic] * len(data)
                 rows += zip(numbers, topic, times, data, strict=True)
             yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
+
+
+def _timed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
+    """Return the rows that have a time of a clock, and these [ns]."""
+    most = max(clock.columns)
+    long = [row for row in rows if len(row) > most]
+    if not long:
+        return [], np.empty(0, np.int64)
+    times, is_timed = clock.read([[row[k] for row in long] for k in clock.columns])
+    return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
 
 
 def _usual_gap(time_ns: IntArray) -> float:
@@ -413,7 +416,10 @@ class TableReading:
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
-        return (whole if has_whole_lines else order).course(), has_whole_lines
+        course = (whole if has_whole_lines else order).course()
+        # Lines with a time for each signal are in no order but that of each.
+        course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
+        return course, has_whole_lines
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other."""
@@ -466,6 +472,9 @@ class TableReading:
         names = texts_of(rows.columns[0]) if self._number_of else []
         numbered = np.fromiter(map(self._number_of.get, names, itertools.repeat(-1)), np.int64, len(names))
         for topic, own in self._columns.items():
+            if not rows.clock.times(own.column.place):
+                part.numbers[topic] = np.empty(0, np.int64), np.empty(0)
+                continue
             cells, where = rows.columns[self._wanted.index(own.column.place)], None
             status = own.status
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])

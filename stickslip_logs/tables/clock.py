@@ -123,15 +123,29 @@ class TableColumns:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """The columns of the time, what reads them, and what was guessed of them."""
+    """The columns of a time, what reads them, and what was guessed of them.
+
+    Attributes:
+        columns: Of the time: one, or those of the date and of the time of the day.
+        read: Reads the cells of these columns.
+        said: What was guessed.
+        values: The columns whose cells are of this time; None for all.
+        is_count: Whether its cells are plain numbers.
+    """
 
     columns: tuple[int, ...]
     read: ReadTimes
     said: tuple[str, ...]
+    values: frozenset[int] | None = None
+    is_count: bool = False
+
+    def times(self, column: int) -> bool:
+        """Return whether the cells of a column are of this time."""
+        return self.values is None or column in self.values
 
 
 def begun_at(clock: Clock, zero_ns: int) -> Clock:
-    """A clock that counts from a time of another [ns]; before that there is none."""
+    """Return a clock that counts from a time of another [ns]; before that there is none."""
 
     def read(columns: Sequence[Cells]) -> Times:
         time_ns, good = clock.read(columns)
@@ -167,7 +181,7 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     if own:
         return _of_day(table, own[0])
     for k in (*named, 0):
-        if (found := _of_numbers(table, rows, k, is_named=k in named)) is not None:
+        if (found := number_clock(table, rows, k, is_named=k in named)) is not None:
             return found
     if stamps or times:
         return _of_stamps(table, rows, (stamps[0],)) if stamps else _of_day(table, times[0])
@@ -218,8 +232,8 @@ def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, .
     return Clock(columns, layout.read, tuple(said))
 
 
-def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named: bool) -> Clock | None:
-    """Numbers of a column as times; None where it does not look like one."""
+def number_clock(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named: bool) -> Clock | None:
+    """Return the clock of a column of numbers; None where they do not look like times."""
     found = [_number(row[k], table.decimal) for row in rows if k < len(row)]
     values = [value for value in found if math.isfinite(value)]
     heading, (words, written) = table.names[k], table.headings[k]
@@ -233,7 +247,7 @@ def _of_numbers(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named:
 
     def clock(factor: int, said: str, zero: int = 0) -> Clock:
         read = scaled_reader(factor, zero, table.decimal)
-        return Clock((k,), read, (f"times in '{heading}' are {said}",))
+        return Clock((k,), read, (f"times in '{heading}' are {said}",), is_count=True)
 
     # A stated unit in which they are no date since 1973: since the start.
     is_elapsed = unit in _UNITS and size * _UNITS[unit] < _SINCE[-1][0] * SECOND

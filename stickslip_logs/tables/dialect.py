@@ -270,6 +270,9 @@ def _table(
         raise BagError(
             f"log '{path}' has no line with a time and a number: write them as CSV, one time in each line"
         )
+    # Where signals have times of their own, the lines behind the end of one are short.
+    if first > 0 and len(rows[first - 1]) == len(rows[first]) > width:
+        width = len(rows[first])
     above, below = rows[:first], rows[first:]
     heading, units = _headings(above, width)
     if len(heading) > width and len(joined := _with_bare_units(heading)) == width:

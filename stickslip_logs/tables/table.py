@@ -24,15 +24,17 @@ from stickslip_logs.tables.clock import (
     Cells,
     Clock,
     TableColumns,
-    find_clock,
     likeliest_first,
     scaled_reader,
 )
 from stickslip_logs.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
+from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
 _MOST_SHOWN = 60
+# Columns that a line of a terminal has room for.
+_MAX_NAMED = 6
 _PARQUET, _PARQUET_HEAD = b'PAR1', 2000
 # What a line that is no row begins with; WinCC ends with a count of rows.
 _REMARKS = '#', '$RT_'
@@ -42,8 +44,9 @@ Say = Callable[[str], None]
 
 @dataclass(slots=True)
 class Rows:
-    """Some rows: their times [ns], which of them have one, and the cells of the columns."""
+    """Some rows by one clock: their times [ns], which have one, and the cells of all columns asked for."""
 
+    clock: Clock
     time_ns: IntArray
     is_timed: BoolArray
     columns: Sequence[Any]
@@ -64,7 +67,7 @@ class NumberTable(ABC):
     Attributes:
         names: The headings.
         units: The unit of each as the configuration calls it.
-        clock: Its time.
+        clocks: Its times: one, or one for each signal.
         head: Rows of the beginning.
         tail: Rows of the end.
         line_count: About how many rows there are.
@@ -75,7 +78,7 @@ class NumberTable(ABC):
 
     names: tuple[str, ...]
     units: tuple[str | None, ...]
-    clock: Clock
+    clocks: tuple[Clock, ...]
     head: Sequence[Cells]
     tail: Sequence[Cells]
     line_count: int
@@ -83,9 +86,28 @@ class NumberTable(ABC):
     losses: tuple[str, ...] = ()
     is_sent = False
 
+    @property
+    def time_columns(self) -> list[int]:
+        """The columns of all clocks."""
+        return [k for clock in self.clocks for k in clock.columns]
+
+    def clock_of(self, column: int) -> Clock:
+        """Return the clock that a column is of."""
+        return next((clock for clock in self.clocks if clock.times(column)), self.clocks[0])
+
+    def clocks_of(self, columns: Sequence[int]) -> list[Clock]:
+        """Return the clocks that some columns are of."""
+        return [clock for clock in self.clocks if any(clock.times(k) for k in columns)] or [self.clocks[0]]
+
     @abstractmethod
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Some columns, in the order of the file; told is what was not used, and what is odd."""
+        """Yield some columns in the order of the file, each block once for each of their clocks.
+
+        Args:
+            wanted: The columns.
+            lose: Takes sentences on what was not used.
+            note: Takes sentences on what is odd.
+        """
 
     @abstractmethod
     def numbers(self, cells: Any) -> Numbers:
@@ -140,13 +162,14 @@ class TextTable(NumberTable):
         self._path, extent = path, extent_of(path)
         self._dialect = sniff(path, extent)
         self._is_ended, self.is_sent = extent.is_ended, self._dialect.delimiter in BUS_LOGS
-        self.clock = _without_unit(find_clock(path, self._dialect), self._dialect.suffixes)
+        found = find_clocks(path, self._dialect)
+        self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in found)
         self.names, self.units = self._dialect.names, self._dialect.units
         self.head, self.tail = self._dialect.rows, self._dialect.tail
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
         said = of_encoding if self._dialect.encoding == 'cp1252' else ()
-        self.said = (*self.clock.said, *self._dialect.said, *said)
+        self.said = (*_notes_on(self.clocks, self.names), *self._dialect.said, *said)
         losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
@@ -171,7 +194,8 @@ class TextTable(NumberTable):
         if self._dialect.delimiter in BUS_LOGS:
             yield from self._bus_blocks(wanted, lose)
             return
-        reading = _TextReading(self._dialect.heading, self._dialect.above, self.clock, wanted)
+        clocks = self.clocks_of(wanted)
+        reading = _TextReading(self._dialect.heading, self._dialect.above, clocks, wanted)
         for batch, lost in self._batches():
             reading.short += lost
             yield from (self._without_units(rows, wanted) for rows in reading.parts(batch))
@@ -186,15 +210,15 @@ class TextTable(NumberTable):
 
     def _bus_blocks(self, wanted: Sequence[int], lose: Say) -> Iterator[Rows]:
         found = BUS_LOGS[self._dialect.delimiter](text_lines(self._path, self._dialect.encoding))
-        lost = 0
+        lost, clock = 0, self.clocks[0]
         while some := list(itertools.islice(found, BLOCK)):
             rows = [row for row in some if row]
             lost += len(some) - len(rows)
-            columns = [[row[k] for row in rows] for k in (*self.clock.columns, *wanted)]
-            begin = len(self.clock.columns)
-            time_ns, is_timed = self.clock.read(columns[:begin])
+            columns = [[row[k] for row in rows] for k in (*clock.columns, *wanted)]
+            begin = len(clock.columns)
+            time_ns, is_timed = clock.read(columns[:begin])
             lost += int((~is_timed).sum())
-            yield Rows(time_ns, is_timed, columns[begin:])
+            yield Rows(clock, time_ns, is_timed, columns[begin:])
         if lost:
             lose(_not_used(lost, 'damaged, or without a time'))
 
@@ -218,8 +242,18 @@ class TextTable(NumberTable):
             yield batch, lost
 
 
+def _notes_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
+    """Return what was guessed of the clocks of a table, and which columns are of which."""
+    notes = list(dict.fromkeys(text for clock in clocks for text in clock.said))
+    if len(clocks) > 1:
+        pairs = [f"'{names[k]}' by #{clock.columns[0] + 1}" for clock in clocks for k in clock.values or ()]
+        listed = ', '.join(pairs[:_MAX_NAMED]) + (', ...' if len(pairs) > _MAX_NAMED else '')
+        notes.append(f'{len(clocks)} columns are times, each of the signals beside it: {listed}')
+    return notes
+
+
 def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
-    """A clock that reads times with a unit behind each, as '12 sec'."""
+    """Return a clock that reads times with a unit behind each, as '12 sec'."""
     suffix = suffixes[clock.columns[0]] if suffixes else ''
     if not suffix:
         return clock
@@ -233,10 +267,13 @@ class _TextReading:
     the middle; what comes below them is in their order.
     """
 
-    def __init__(self, heading: Cells, above: Sequence[Cells], clock: Clock, wanted: Sequence[int]) -> None:
+    def __init__(
+        self, heading: Cells, above: Sequence[Cells], clocks: Sequence[Clock], wanted: Sequence[int]
+    ) -> None:
         self._first = [cell.strip() for cell in heading]
-        self._above, self._clock, self._wanted = {tuple(row) for row in above}, clock, [*wanted]
-        self._places: list[int] | None = [*clock.columns, *wanted]
+        self._above, self._clocks, self._wanted = {tuple(row) for row in above}, clocks, [*wanted]
+        self._times = [k for clock in clocks for k in clock.columns]
+        self._places: list[int] | None = [*self._times, *wanted]
         self._order: Cells = self._first
         self.short = self._untimed = self._repeated = self._foreign = 0
         self._shown = self._other = ''
@@ -252,18 +289,31 @@ class _TextReading:
                 continue
             self._fill(batch, max(self._places))
             columns = [[row[k] for row in batch] for k in self._places]
-            begin = len(self._clock.columns)
-            times = self._clock.read(columns[:begin])
-            odd = np.flatnonzero(~times[1]).tolist()
+            cells = iter(columns)
+            times = [clock.read([*itertools.islice(cells, len(clock.columns))]) for clock in self._clocks]
+            values = [*cells]
+            odd = np.flatnonzero(~np.any([is_timed for _, is_timed in times], axis=0)).tolist()
             end = next((k for k in odd if self._is_heading(batch[k])), len(batch))
             for k in odd:
                 if k < end:
                     self._see_untimed(batch[k])
-                for cells in columns[begin:]:
-                    cells[k] = ''
-            yield Rows(times[0][:end], times[1][:end], [cells[:end] for cells in columns[begin:]])
+                for column in values:
+                    column[k] = ''
+            for clock, (time_ns, is_timed) in zip(self._clocks, times, strict=True):
+                if len(self._clocks) > 1:
+                    self._blank_untimed(clock, is_timed[:end], values)
+                yield Rows(clock, time_ns[:end], is_timed[:end], [column[:end] for column in values])
             self._take_heading(batch[end] if end < len(batch) else None)
             batch = batch[end + 1 :]
+
+    def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Sequence[list[str]]) -> None:
+        """Count the lines where a signal has a value and its own clock has no time, and leave these out."""
+        own = [column for k, column in zip(self._wanted, values, strict=True) if clock.times(k)]
+        lacking = [k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in own)]
+        self._untimed += len(lacking)
+        for column in own:
+            for k in lacking:
+                column[k] = ''
 
     def _is_heading(self, row: Cells) -> bool:
         """Whether a row has headings of the table in another order than the last."""
@@ -276,10 +326,10 @@ class _TextReading:
         if row is None:
             return
         self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1
-        wanted = [self._first[k] for k in (*self._clock.columns, *self._wanted)]
+        places = [_same_heading(self._first, k, self._order) for k in (*self._times, *self._wanted)]
         self._places = None
-        if set(wanted) <= set(self._order):
-            self._places = [self._order.index(name) for name in wanted]
+        if -1 not in places:
+            self._places = places
         else:
             self._other = self._other or ', '.join(self._order)[:_MOST_SHOWN]
 
@@ -288,13 +338,17 @@ class _TextReading:
             self._repeated += 1
         elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
             self._untimed += 1
-            self._shown = self._shown or ' '.join(row[k].strip() for k in self._clock.columns)[:_MOST_SHOWN]
+            self._shown = (
+                self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:_MOST_SHOWN]
+            )
 
     def _fill(self, batch: list[list[str]], most: int) -> None:
         """Take rows of too few cells away, but those that lack empty ones at their end."""
         if min(map(len, batch)) > most:
             return
-        need = max(max(self._clock.columns) + 1, len(self._first) // 2)
+        # A signal that ended before another leaves the rest of the line out.
+        half = len(self._first) // 2 if len(self._clocks) == 1 else 0
+        need = max(max(self._clocks[0].columns) + 1, half)
         for k in reversed(range(len(batch))):
             row = batch[k]
             if most >= len(row) > need:
@@ -306,13 +360,22 @@ class _TextReading:
     def tell(self, lose: Say, note: Say) -> None:
         """Say what was not used."""
         if self._untimed:
-            lose(_not_used(self._untimed, 'without a time', f", the first '{self._shown}'"))
+            shown = f", the first '{self._shown}'" if self._shown else ''
+            lose(_not_used(self._untimed, 'without a time', shown))
         if self.short:
             lose(_not_used(self.short, 'damaged or of too few cells'))
         if self._foreign:
             lose(_not_used(self._foreign, f"under other headings ('{self._other}')"))
         if self._repeated:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
+
+
+def _same_heading(first: Cells, place: int, other: Cells) -> int:
+    """Return where headings in another order have one of the first ones, or -1: the n-th of those alike."""
+    name = first[place]
+    places = [k for k, heading in enumerate(other) if heading == name]
+    number = first[:place].count(name)
+    return places[number] if number < len(places) else -1
 
 
 def _not_used(count: int, what: str, more: str = '') -> str:
@@ -346,10 +409,11 @@ class ParquetTable(NumberTable):
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
             read = scaled_reader(1, 0, '.')  # as _texts() writes them
-            self.clock = Clock((stamped[0],), read, () if has_zone else (WITHOUT_ZONE,))
+            main, *others = (Clock((k,), read, () if has_zone else (WITHOUT_ZONE,)) for k in stamped)
+            self.clocks = share_columns(columns, main, others)
         else:
-            self.clock = find_clock(path, columns)
-        self.said = self.clock.said
+            self.clocks = find_clocks(path, columns)
+        self.said = tuple(_notes_on(self.clocks, self.names))
 
     def numbers(self, cells: Any) -> Numbers:
         """The numbers of a column: of numbers, or of texts that are some."""
@@ -364,13 +428,19 @@ class ParquetTable(NumberTable):
         """Some columns, in the order of the file."""
         del note
         untimed = 0
-        every = list(dict.fromkeys([*self.clock.columns, *wanted]))
+        clocks = self.clocks_of(wanted)
+        every = list(dict.fromkeys([*(k for clock in clocks for k in clock.columns), *wanted]))
         try:
             for batch in _opened(self._path).iter_batches(BLOCK, columns=[self.names[k] for k in every]):
                 own = dict(zip(every, batch.columns, strict=True))
-                times = self.clock.read([_texts(own[k]) for k in self.clock.columns])
-                untimed += int((~times[1]).sum())
-                yield Rows(*times, [own[k] for k in wanted])
+                for clock in clocks:
+                    times = clock.read([_texts(own[k]) for k in clock.columns])
+                    lacking = ~times[1]
+                    if len(clocks) > 1:
+                        timed = [own[k].is_valid() for k in wanted if clock.times(k)]
+                        lacking &= np.any([each.to_numpy(zero_copy_only=False) for each in timed], axis=0)
+                    untimed += int(lacking.sum())
+                    yield Rows(clock, *times, [own[k] for k in wanted])
         except Exception as error:  # pyarrow's errors have no common root
             lose(f'the file is damaged ({str(error)[:100]}): not read from there on')
         if untimed:

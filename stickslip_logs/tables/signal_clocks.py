@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The times of a table in which each signal has a column of times of its own, as trends are exported."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stickslip_logs.tables.clock import NAMED, SECOND, Clock, TableColumns, find_clock, number_clock
+
+# Rows by which columns are compared: as many as their times are found by.
+_MAX_ROWS = 500
+# Of the cells of a column of times more are times; of their steps fewer go back.
+_MIN_SHARE, _MAX_BACK = 0.5, 0.1
+# Times of another zone are a whole number of these apart, up to 14 hours [ns].
+_ZONE_STEP, _MAX_ZONE = 900 * SECOND, 14 * 3600 * SECOND
+_OF_TIME = re.compile(NAMED.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
+
+
+def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
+    """Find the times of a table, one for all columns or one for each signal.
+
+    Raises:
+        BagError: No column is a time.
+    """
+    main = find_clock(path, table)
+    return share_columns(table, main, [*_other_clocks(table, main)])
+
+
+def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
+    """Yield clocks of the further columns that hold times as the first ones do."""
+    first = main.columns[0]
+    if main.columns != tuple(range(first, first + len(main.columns))):
+        return
+    for k in range(len(table.names) - len(main.columns) + 1):
+        own = replace(main, columns=tuple(c - first + k for c in main.columns))
+        if set(own.columns) & set(main.columns):
+            continue
+        if main.is_count:
+            is_named = NAMED.search(table.headings[k][0])
+            found = number_clock(table, table.rows[:_MAX_ROWS], k, is_named=True) if is_named else None
+            if found is None:
+                continue
+            own = found
+        rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > own.columns[-1] and row[k].strip()]
+        time_ns, is_timed = own.read([[row[c] for row in rows] for c in own.columns])
+        steps = np.diff(time_ns[is_timed])
+        if is_timed.sum() > _MIN_SHARE * len(rows) and (steps < 0).sum() <= _MAX_BACK * steps.size:
+            yield own
+
+
+def share_columns(table: TableColumns, main: Clock, others: Sequence[Clock]) -> tuple[Clock, ...]:
+    """Give each column its clock.
+
+    A time that is named after a signal is that of the signal. Else a column has the time to its left, if the
+    times are headed alike or differ by more than a zone, and each stands before a column.
+
+    Args:
+        table: The columns.
+        main: The clock of all columns where there is one only.
+        others: Clocks of other columns of times.
+    """
+    every = sorted([main, *others], key=lambda own: own.columns)
+    taken = {k for own in every for k in own.columns}
+    values = [k for k in range(len(table.names)) if k not in taken]
+    named = dict(_named_clocks(table, every, values))
+    alike = [own for own in others if _heading(table, own) == _heading(table, main)]
+    apart = alike or [own for own in others if _is_apart(table, main, own)]
+    beside = _clocks_beside(sorted([main, *apart], key=lambda own: own.columns), values)
+    if any(own is not main for own in named.values()):
+        rest = beside if any(own is main for own in named.values()) else dict.fromkeys(values, main)
+        return _clocks_of({**rest, **named})
+    return _clocks_of(beside) if all(own in beside.values() for own in (main, *apart)) else (main,)
+
+
+def _heading(table: TableColumns, clock: Clock) -> list[str]:
+    return [table.names[k] for k in clock.columns]
+
+
+def _named_clocks(
+    table: TableColumns, clocks: Sequence[Clock], values: Sequence[int]
+) -> Iterator[tuple[int, Clock]]:
+    """Yield the columns of values whose names a clock has beside words of time, and that clock."""
+    called = [
+        ({*_OF_TIME.sub(' ', ' '.join(table.headings[k][0] for k in own.columns)).split()}, own)
+        for own in clocks
+    ]
+    for k in values:
+        words = {*table.headings[k][0].split()}
+        fitting = [(len(name), own) for name, own in called if name and name <= words]
+        if fitting:
+            yield k, max(fitting, key=lambda each: each[0])[1]
+
+
+def _is_apart(table: TableColumns, main: Clock, own: Clock) -> bool:
+    """Return whether the times of a clock differ from those of another, by more than a zone."""
+    last = max(*main.columns, *own.columns)
+    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > last]
+    times, others = (clock.read([[row[k] for row in rows] for k in clock.columns]) for clock in (own, main))
+    both = times[1] & others[1]
+    changes = len({*times[0][both].tolist()}), len({*others[0][both].tolist()})
+    ahead_ns = times[0][both] - others[0][both]
+    zone_ns = np.rint(ahead_ns / _ZONE_STEP).astype(np.int64) * _ZONE_STEP
+    is_zone = (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0 if both.any() else False
+    return 2 * changes[0] >= changes[1] and not (is_zone and abs(int(zone_ns[0])) <= _MAX_ZONE)
+
+
+def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
+    """Return the clock left of each column, or right of it where no time is left of the first one."""
+    if values and values[0] < clocks[0].columns[0] and values[-1] < clocks[-1].columns[0]:
+        return {k: next(own for own in clocks if own.columns[0] > k) for k in values}
+    return {k: [clocks[0], *(own for own in clocks if own.columns[0] < k)][-1] for k in values}
+
+
+def _clocks_of(owners: Mapping[int, Clock]) -> tuple[Clock, ...]:
+    """Return the clocks of columns, with what is of each of them."""
+    clocks = {own.columns: own for own in owners.values()}
+    return tuple(
+        replace(clock, values=frozenset(k for k, own in owners.items() if own.columns == columns))
+        for columns, clock in clocks.items()
+    )

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exports in which each signal has a column of times of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from nasty_logs import after, opened
+
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Recording, Request
+
+
+def times_and_values(recording: Recording, *names: str) -> list[tuple[list[int], list[float]]]:
+    found = recording.read([Request(name, 'data') for name in names]).values()
+    return [(series.stamp_ns.tolist(), series.value.tolist()) for series in found]
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,@6,901\n',
+        'rpm Time,rpm,load Time,load\n@0,30,@4,900\n@1,31,@6,901\n',
+        'rpm,Time,load,Time\n30,@0,900,@4\n31,@1,901,@6\n',
+        'rpm,rpm_TIMESTAMP,load,load_TIMESTAMP\n30,@0,900,@4\n31,@1,901,@6\n',
+        'time,rpm,rpm_time,load,load_time\n@0,30,@0,900,@4\n@1,31,@1,901,@6\n',
+        'Time,rpm,torque,measured,load\n@0,30,5,@4,900\n@1,31,5,@6,901\n',
+        'Date,Time,rpm,Date,Time,load\n'
+        '2026-04-13,10:00:00,30,2026-04-13,10:00:04,900\n2026-04-13,10:00:01,31,2026-04-13,10:00:06,901\n',
+        'Time,load,Time,rpm\n@4,900,@0,30\n@6,901,@1,31\n,,@2,32\n,,@3,33\n',
+        'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,@6,901\n@2,32\n@3,33\n@4,34\n',
+        'Time;rpm;Time;load\n13.04.2026 10:00:00;30;13.04.2026 10:00:04;900\n'
+        '13.04.2026 10:00:01;31;13.04.2026 10:00:06;901\n',
+        'Timestamp\trpm\tTimestamp\tload\n'
+        '1776074400000\t30\t1776074404000\t900\n1776074401000\t31\t1776074406000\t901\n',
+    ],
+)
+def test_each_value_has_the_time_beside_it(text: str, tmp_path: Path) -> None:
+    recording = opened(tmp_path, text)
+    (speed_ns, speed), (load_ns, load) = times_and_values(recording, 'rpm', 'load')
+    assert (speed_ns[:2], speed[:2]) == (after(0, 1), [30, 31])
+    assert (load_ns, load) == (after(4, 6), [900, 901])
+    assert speed_ns == after(*range(len(speed)))
+    assert any('columns are times, each of the signals beside it' in text for text in recording.warnings)
+    assert recording.losses == ()
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        # The same time in another zone, an arrival, a time that does not rise, another quantity.
+        'time,rpm,local time,load\n@0,30,~0,900\n@1,31,~1,901\n',
+        'time,rpm,arrival,load\n@0,30,@9,900\n@1,31,@9,901\n@2,32,@9,902\n@3,32,@9,902\n',
+        'time,rpm,eta,load\n@0,30,@9,900\n@1,31,@7,901\n@2,32,@8,902\n',
+        't,rpm,T,load\n0,30,21.5,900\n1,31,21.4,901\n2,31,21.5,901\n',
+        'time,rpm,load,received\n@0,30,900,@5\n@1,31,901,@9\n',
+    ],
+)
+def test_of_a_time_that_is_no_signals_nothing_is_taken(text: str, tmp_path: Path) -> None:
+    (speed_ns, _), (load_ns, _) = times_and_values(opened(tmp_path, text), 'rpm', 'load')
+    assert speed_ns == load_ns
+    assert len(speed_ns) == text.count('\n') - 1
+
+
+def test_a_value_without_its_own_time_is_lost(tmp_path: Path) -> None:
+    recording = opened(tmp_path, 'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,,901\n@2,32,,\n')
+    assert [len(values) for _, values in times_and_values(recording, 'rpm', 'load')] == [3, 1]
+    assert recording.losses == ('1 line without a time was not used',)
+
+
+def test_headings_alike_in_another_order_further_down(tmp_path: Path) -> None:
+    text = 'Time,rpm,Time,load\n@0,30,@4,900\nTime,load,Time,rpm\n@5,901,@1,31\n'
+    recording = opened(tmp_path, text)
+    assert times_and_values(recording, 'load')[0][1] == [900, 901]
+
+
+def test_times_of_each_signal_in_parquet(tmp_path: Path) -> None:
+    times = [pa.array(after(*seconds), pa.timestamp('ns', 'UTC')) for seconds in ((0, 1), (4, 6))]
+    columns = {'rpm time': times[0], 'rpm': [30.0, 31.0], 'load time': times[1], 'load': [900.0, 901.0]}
+    pq.write_table(pa.table(columns), tmp_path / 'voyage.parquet')
+    found = times_and_values(open_bag(tmp_path / 'voyage.parquet'), 'rpm', 'load')
+    assert found == [(after(0, 1), [30, 31]), (after(4, 6), [900, 901])]
