@@ -382,7 +382,9 @@ class TableReading:
         self._converted: set[str] = set()
         self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
-        self._number_of = {own.column.name: k for k, own in enumerate(columns.values()) if own.column.name}
+        self._number_of = {
+            own.column.name: k for k, own in enumerate(columns.values()) if own.column.name is not None
+        }
         self._kept = _Kept(recording.path)
         self._course, self._has_whole_lines = self._judge()
         for text in self._course.notes('the lines are', 'of the lines'):
