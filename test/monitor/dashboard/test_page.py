@@ -277,6 +277,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
         ship = dashboard.ship
         for causes in ship.session.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
+        ship.tick()  # the alarms take over the texts of their causes
         own = record(dashboard)
         inputs = {'speed': own['inputs']['speed'] | {'fault': HOSTILE}}
         ship.shown.take_record(
@@ -287,7 +288,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
 
     dashboard.do(poison)
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
-    assert page.text(f'{ALARM} .text') == HOSTILE
+    assert page.text(f'#aside-list {ALARM} .text') == HOSTILE
     page.until(f'document.querySelector(".badge").textContent === {json.dumps(HOSTILE)}')
     assert page.text('.verdict') == HOSTILE
     assert HOSTILE in page.text('#log')
