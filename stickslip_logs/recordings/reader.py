@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens recordings of every format, finds those of an archive, and takes one that is piped."""
+"""Opens recordings of every format, and one that is piped."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import gzip
 import itertools
-import os
 import re
 import tempfile
 import unicodedata
-import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
@@ -20,7 +17,7 @@ from typing import IO, Any
 import yaml
 import zstandard
 
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import BagError
 from stickslip_logs.files import near_name, open_file, read_file
 from stickslip_logs.recordings.mcap_chunks import MAGIC
 from stickslip_logs.recordings.mcap_file import McapFile, scan_file
@@ -36,7 +33,7 @@ from stickslip_logs.recordings.recording import (
 from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE
 from stickslip_logs.recordings.sqlite_recording import SqliteRecording
 from stickslip_logs.recordings.table_recording import TableRecording
-from stickslip_logs.tables.dialect import GZIP
+from stickslip_logs.tables.text_file import PACKED, ZSTD, unpacked_begin
 
 # What is often brought and not read, by its first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
@@ -54,7 +51,11 @@ _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
     (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
 )
 _LOOK = 4096
-_ZSTD = b'\x28\xb5\x2f\xfd'
+# STX and ETX frame the lines of some instruments, and SUB ends texts of DOS.
+_CONTROLS = re.compile(rb'[\x01\x04-\x08\x0e-\x19\x1b-\x1f\x7f]')
+_CELL_MARKS = b',', b';', b'\t', b'|', b' '
+# Where the name of its format stands in a tar archive.
+_TAR = slice(257, 262)
 # What a packed file may grow to [bytes]: so much, and so much for each of its own.
 _FREE, _FOR_EACH = 160 << 20, 100
 _PIECE = 1 << 20
@@ -81,7 +82,7 @@ def open_bag(path: str | Path) -> Recording:
         raise BagError(f"bag '{path}' does not exist{near_name(path)}")
     findings = Findings()
     if not path.is_dir():
-        begin = _begin(path)
+        begin = begin_of(path)
         if _is_table(path, begin):
             return TableRecording(path)
         if (stem := stem_of(path.name)) and _has_other_parts(path):
@@ -104,10 +105,10 @@ def _opened(
     """A recording of some files of one format, which stay where they are."""
     scratch = Scratch()
     whole = [_unpacked(file, scratch) for file in files]
-    if any(is_sqlite(file.name) or _begin(file).startswith(SQLITE) for file in whole):
+    if any(is_sqlite(file.name) or begin_of(file).startswith(SQLITE) for file in whole):
         return SqliteRecording(path, whole, packed == 'message', findings, scratch)
     contents = [scan_file(file, findings) for file in whole]
-    if not is_one and not _follow_on(contents):
+    if not is_one and not follow_on(contents):
         raise BagError(
             f"folder '{path}' holds {len(files)} recordings that lap over in time or lie more than"
             ' an hour apart: name one of them'
@@ -115,7 +116,7 @@ def _opened(
     return McapRecording(path, contents, findings, scratch)
 
 
-def _begin(path: Path) -> bytes:
+def begin_of(path: Path) -> bytes:
     """The first bytes of a file.
 
     Raises:
@@ -128,6 +129,8 @@ def _begin(path: Path) -> bytes:
             raise OSError(errno.EAGAIN, 'it has nothing to read yet')
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror or error}") from None
+    if begin[_TAR] == b'ustar':
+        raise BagError(f"'{path}' is a tar archive: unpack it")
     for magic, what in _FOREIGN:
         if begin.startswith(magic):
             raise BagError(f"'{path}' is {what.format(path)}")
@@ -135,20 +138,34 @@ def _begin(path: Path) -> bytes:
 
 
 def _is_table(path: Path, begin: bytes) -> bool:
-    """Whether a file is text with cells, packed text, or Parquet."""
+    """Return whether a file is text with cells, packed or not, or Parquet.
+
+    Raises:
+        BagError: It is a recording packed as no recorder packs it.
+    """
     if is_recording(path.name):
         return False
-    if begin.startswith(GZIP):
-        with contextlib.suppress(OSError, EOFError, zlib.error), gzip.open(path) as packed:
-            if packed.read(len(SQLITE)).startswith((MAGIC, SQLITE)):
-                raise BagError(f"'{path}' is a recording packed by gzip: unpack it with gunzip")
-        return True
-    if begin.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')):
-        return True
+    if begin.startswith(PACKED):
+        inner = unpacked_begin(path)
+        is_recorded = inner.startswith((MAGIC, SQLITE))
+        if begin.startswith(ZSTD):
+            return bool(inner) and not is_recorded
+        if not is_recorded:
+            return True
+        raise BagError(f"'{path}' is a packed recording: unpack it first")
+    return begin.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')) or is_text(begin)
+
+
+def is_text(begin: bytes) -> bool:
+    """Return whether the first bytes of a file are lines of text with cells.
+
+    Control characters on some of the lines, as noise of a serial line leaves them, make it no other format.
+    """
     # In UTF-16 without its mark every other byte is zero.
-    text = begin.replace(b'\0', b'')
-    is_text = bool(text) and not any(byte < 9 or 13 < byte < 32 for byte in text)
-    return is_text and any(mark in text for mark in (b',', b';', b'\t', b'|', b' '))
+    lines = begin.replace(b'\0', b'').split(b'\n')
+    sound = [line for line in lines if not _CONTROLS.search(line)]
+    is_mostly_sound = 2 * sum(map(len, sound)) > sum(map(len, lines))
+    return is_mostly_sound and any(mark in line for line in sound for mark in _CELL_MARKS)
 
 
 def _unpacked(path: Path, scratch: Scratch) -> Path:
@@ -157,7 +174,7 @@ def _unpacked(path: Path, scratch: Scratch) -> Path:
     Raises:
         BagError: It cannot be unpacked, or grows to more than its size allows.
     """
-    if not _begin(path).startswith(_ZSTD):
+    if not begin_of(path).startswith(ZSTD):
         return path
     target = scratch.folder / path.stem
     most = _FREE + _FOR_EACH * path.stat().st_size
@@ -177,7 +194,7 @@ def _unpacked(path: Path, scratch: Scratch) -> Path:
     return target
 
 
-def _follow_on(files: Sequence[McapFile]) -> bool:
+def follow_on(files: Sequence[McapFile]) -> bool:
     """Whether the spans of some files are those of parts of one recording."""
     known = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(
@@ -194,84 +211,6 @@ def _has_other_parts(path: Path) -> bool:
         return False
     stem = stem_of(path.name)
     return METADATA_NAME not in names and sum(stem_of(name) == stem for name in names) > 1
-
-
-def find_bags(paths: Iterable[str | Path]) -> list[Path]:
-    """Find the recordings that are meant by some paths.
-
-    Args:
-        paths: Files, rosbag2 folders, and folders that hold such at any depth. Files of a folder
-            without ``metadata.yaml`` are recordings of their own, unless all are numbered as
-            rosbag2 numbers the files of one, and follow on in time. Logs are meant where a folder
-            has nothing else.
-
-    Returns:
-        Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
-        path under which there is none, and a folder that cannot be read, stay as they are:
-        opening them says why.
-    """
-    found: dict[Path, Path] = {}
-    for path in map(as_it_is_kept, map(Path, paths)):
-        for bag in _within(path) or [path]:
-            found.setdefault(Path(os.path.realpath(bag)), bag)
-    return list(found.values())
-
-
-def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
-    """A sentence on the logs under some paths that are not among what is found; empty for none."""
-    known = {os.path.realpath(path) for path in found}
-    logs = {log for path in map(Path, paths) for log in _walk(path, is_log) if is_log(log.name)}
-    others = sorted(str(log) for log in logs if os.path.realpath(log) not in known)
-    if not others:
-        return ''
-    named = ', '.join(f"'{log}'" for log in others[:MOST_NAMED]) + ', ...' * (len(others) > MOST_NAMED)
-    return f'{plural(len(others), "log")} beside recordings not checked (name logs to check them): {named}'
-
-
-def _within(path: Path) -> list[Path]:
-    # Path.is_dir raises where a link leads through a folder that is closed.
-    if not os.path.isdir(path):  # noqa: PTH112
-        return [path]
-    found = list(_walk(path, is_recording)) or list(_walk(path, is_log))
-    return sorted(found, key=lambda bag: [natural(part) for part in bag.parts])
-
-
-def _walk(folder: Path, is_wanted: Callable[[str], bool]) -> Iterator[Path]:
-    closed: list[OSError] = []
-    for where, folders, files in os.walk(folder, onerror=closed.append):
-        # Drafts of recordings that are being written begin with a dot.
-        folders[:] = [name for name in folders if not name.startswith('.')]
-        yield from _recordings(Path(where), files, is_wanted)
-    yield from (Path(error.filename) for error in closed)
-
-
-def _recordings(folder: Path, names: Iterable[str], is_wanted: Callable[[str], bool]) -> list[Path]:
-    """The folder, if its files are parts of one recording, or else each of its files."""
-    # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
-    # stays: whoever reads it says so.
-    names = [
-        name
-        for name in names
-        if os.path.isfile(folder / name) or os.path.islink(folder / name)  # noqa: PTH113, PTH114
-    ]
-    loose = [name for name in names if is_wanted(name)]
-    stems = {stem_of(name) for name in loose}
-    if METADATA_NAME in names and is_wanted is is_recording:
-        return [folder]
-    if len(stems) == 1 and stems != {''} and (len(loose) == 1 or _are_parts(folder, loose)):
-        return [folder]
-    return [folder / name for name in loose]
-
-
-def _are_parts(folder: Path, names: Sequence[str]) -> bool:
-    """Whether numbered files follow on in time, as far as that can be known."""
-    try:
-        files = [folder / name for name in sorted(names, key=natural)]
-        if any(is_sqlite(file.name) or _begin(file).startswith(_ZSTD) for file in files):
-            return True
-        return _follow_on([scan_file(file, Findings()) for file in files])
-    except BagError:
-        return True
 
 
 @contextlib.contextmanager
@@ -292,7 +231,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
     with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
         piece = stream.read(_PIECE)
         ending = '.mcap' if MAGIC.startswith(piece[: len(MAGIC)]) else ''
-        is_recorded = bool(ending) or piece.startswith((SQLITE, _ZSTD))
+        is_recorded = bool(ending) or piece.startswith((SQLITE, ZSTD))
         path = Path(folder) / f'standard_input{ending}'
         try:
             with path.open('wb') as file:

@@ -6,38 +6,29 @@ Nothing of it is asked for; it is found by the head and the tail of the file.
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import gzip
-import io
 import itertools
 import re
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from stickslip_logs.errors import BagError, plural
-from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_logs.tables.clock import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
+from stickslip_logs.tables.text_file import Extent, lines_of
 from stickslip_logs.units import find_unit, names_of
 
-# What is looked at of a file: its head, its tail, and lines of the head [bytes, bytes, lines].
-_HEAD, _TAIL, _MOST_LINES = 1 << 18, 1 << 14, 2000
-_PIECE = 1 << 20
-# A line without an end is given in pieces of this length, so that none takes the memory.
-_LONGEST_LINE = 1 << 20
+# Lines of the head that are looked at.
+_MOST_LINES = 2000
 # More than half of so many rows in turn are numbers where those of a table begin.
 _RUN = 4
 _DELIMITERS = '\t;|, '
 _OF_BLANKS = 0.9
 _MOST_SHOWN = 60
-GZIP = b'\x1f\x8b'
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
-_BROKEN = (EOFError, OSError, zlib.error)
 # Of a standard's package of JSON, the rows that this program reads.
 _JQ = (
     'jq -r \'.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
@@ -164,67 +155,6 @@ class Dialect(TableColumns):
     losses: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Extent:
-    """What a first pass over the bytes of a file found.
-
-    ``problem`` is why it could not be read to its end, ``is_ended`` whether its last line is
-    whole.
-    """
-
-    head: bytes
-    tail: bytes
-    lines: int
-    size: int
-    zeros: int
-    is_ended: bool
-    problem: str
-
-
-def opened(path: Path) -> IO[bytes]:
-    """The bytes of a file, decompressed.
-
-    Raises:
-        OSError: It cannot be opened.
-    """
-    file = open_file(path)
-    begin = file.read(len(GZIP))
-    file.seek(0)
-    return gzip.open(file) if begin == GZIP else file  # type: ignore[return-value]
-
-
-def extent_of(path: Path) -> Extent:
-    """Read a file once for its head, its tail and the number of its lines.
-
-    Raises:
-        BagError: Nothing of it can be read.
-    """
-    head, tail, lines, size, zeros, problem, last = b'', b'', 0, 0, 0, '', b''
-    try:
-        with opened(path) as file:
-            while piece := file.read(_PIECE):
-                head += piece[: _HEAD - len(head)]
-                tail = (tail + piece)[-_TAIL:] if size + len(piece) > _HEAD else b''
-                lines, zeros = lines + piece.count(b'\n'), zeros + piece.count(b'\0')
-                size += len(piece)
-                last = piece[-2:]
-    except _BROKEN as error:
-        problem = str(error) or type(error).__name__
-        if not size:
-            raise BagError(f"log '{path}' cannot be read: {problem}") from None
-    is_ended = b'\n' in last
-    return Extent(head, tail, lines + (not is_ended), size, zeros, is_ended, problem)
-
-
-def text_lines(path: Path, encoding: str) -> Iterator[str]:
-    """The lines without zero bytes, as far as they can be read; one without an end in pieces."""
-    with opened(path) as raw:
-        text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
-        with contextlib.suppress(*_BROKEN):
-            for line in iter(lambda: text.readline(_LONGEST_LINE), ''):
-                yield line.replace('\0', '') if '\0' in line else line
-
-
 def reader(lines: Iterator[str], delimiter: str) -> Any:
     """The rows of lines; those cut by blanks may be cut by several."""
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
@@ -240,11 +170,11 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     text = extent.head.decode(encoding, 'replace').replace('\0', '')
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
-    lines = _lines_of(text)
+    lines = lines_of(text)
     kept, others = lines[:_MOST_LINES], lines[_MOST_LINES:]
     # The tail begins within a line, and within a character of two bytes.
     tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
-    last = _lines_of(tail.replace('\0', ''))[1:] or others[-_MOST_LINES:]
+    last = lines_of(tail.replace('\0', ''))[1:] or others[-_MOST_LINES:]
     if kind := bus_log_of(kept):
         return _bus_log(path, encoding, kind, kept, last)
     if text.lstrip().startswith('{'):
@@ -253,11 +183,6 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")
     return _table(path, encoding, delimiter, rows, _split(last, delimiter))
-
-
-def _lines_of(text: str) -> list[str]:
-    """The lines of a text as a file gives them: a form feed ends none."""
-    return io.StringIO(text, newline='').readlines()
 
 
 def _table(

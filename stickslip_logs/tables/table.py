@@ -24,11 +24,13 @@ from stickslip_logs.tables.clock import (
     Cells,
     Clock,
     TableColumns,
+    find_clock,
     likeliest_first,
     scaled_reader,
 )
-from stickslip_logs.tables.dialect import extent_of, parse_heading, parse_number, reader, sniff, text_lines
+from stickslip_logs.tables.dialect import parse_heading, parse_number, reader, sniff
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
+from stickslip_logs.tables.text_file import extent_of, text_lines
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
@@ -149,6 +151,20 @@ def open_table(path: Path) -> NumberTable:
     with open_file(path) as file:
         is_parquet = file.read(len(_PARQUET)) == _PARQUET
     return ParquetTable(path) if is_parquet else TextTable(path)
+
+
+def is_number_table(path: Path) -> bool:
+    """Return whether the head of a text is a bus log, or a table with a time and a column of numbers."""
+    try:
+        dialect = sniff(path, extent_of(path, is_whole=False))
+        places = {*range(len(dialect.names))} - {*find_clock(path, dialect).columns}
+    except BagError:
+        return False
+    if dialect.delimiter in BUS_LOGS:
+        return True
+    columns = [[row[k] for row in dialect.rows if k < len(row) and row[k].strip()] for k in places]
+    numbers = [sum(parse_number(cell, dialect.decimal) is not None for cell in cells) for cells in columns]
+    return any(2 * count > len(cells) for count, cells in zip(numbers, columns, strict=True))
 
 
 class TextTable(NumberTable):

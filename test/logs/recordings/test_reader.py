@@ -21,8 +21,9 @@ from made_logs import record
 from mcap.writer import Writer
 
 from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.archive import find_bags
 from stickslip_logs.recordings.mcap_chunks import MAGIC
-from stickslip_logs.recordings.reader import find_bags, open_bag, spooled
+from stickslip_logs.recordings.reader import open_bag, spooled
 from stickslip_logs.recordings.recording import Request, TopicInfo
 
 FLOAT64 = 'std_msgs/msg/Float64'
@@ -346,10 +347,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             lambda path: path.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(88)),
             "'{}' is an HDF5 file: export it as CSV or Parquet",
         ),
-        (
-            lambda path: path.write_bytes(gzip.compress(MAGIC)),
-            "'{}' is a recording packed by gzip: unpack it with gunzip",
-        ),
+        (lambda path: path.write_bytes(gzip.compress(MAGIC)), "'{}' is a packed recording: unpack it first"),
         # A frame of which the first block has not come whole.
         (
             lambda path: path.write_bytes(zstandard.compress(bytes(range(256)) * 9)[:20]),

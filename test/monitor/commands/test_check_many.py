@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, Stickslip, until
 
-from stickslip_logs.recordings.reader import find_bags, left_out
+from stickslip_logs.recordings.archive import find_bags, left_out
 
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
@@ -68,11 +68,11 @@ def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, stickslip: Stick
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
 
 
-def test_logs_beside_recordings_are_named_and_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_files_beside_recordings_are_named_and_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
     shutil.copytree(BAGS / 'voyage', tmp_path / 'b')
-    log = tmp_path / 'load.csv'
-    log.write_text('time,rpm,load\n')
-    text = f"1 log beside recordings not checked (name logs to check them): '{log}'"
+    log = tmp_path / 'load.log'
+    log.write_text('time,rpm,load\n' + ''.join(f'{k},30,900\n' for k in range(20)))
+    text = f"1 file not checked (name one to check it, or to see why not): '{log}'"
     code, (checked,) = documents(stickslip, tmp_path)
     assert (code, checked['complete'], checked['warnings'][-1]) == (1, False, text)
     assert f'data: {text}\n' in stickslip(*CHECK, tmp_path).out
