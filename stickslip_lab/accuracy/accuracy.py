@@ -177,13 +177,13 @@ class Summary:
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
     """One summary a method, in the order of their first rows; times over those of ``base``."""
     unit = {row.case: row.seconds for row in rows if row.method == base}
-    found = []
+    summaries = []
     for name in dict.fromkeys(row.method for row in rows):
         group = [row for row in rows if row.method == name]
         used = [row for row in group if row.outcome != REFUSED]
         errors = [abs(row.error) if math.isfinite(row.error) else math.inf for row in used]
         ratios = [row.seconds / unit[row.case] for row in used if row.case in unit]
-        found.append(
+        summaries.append(
             Summary(
                 method=name,
                 family=group[0].family,
@@ -196,7 +196,7 @@ def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
                 refused=len(group) - len(used),
             )
         )
-    return found
+    return summaries
 
 
 def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
@@ -204,13 +204,13 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
 
     Points that are not finite take no part; errors below rounding are equal.
     """
-    known = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]
-    usable = [i for i, is_known in enumerate(known) if is_known]
+    is_finite = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]
+    usable = [i for i, is_known in enumerate(is_finite) if is_known]
     front: list[int] = []
-    least = math.inf
+    least_error = math.inf
     for i in sorted(usable, key=lambda i: (seconds[i], errors[i])):
-        if max(errors[i], _FLOOR) < least:
-            least = max(errors[i], _FLOOR)
+        if max(errors[i], _FLOOR) < least_error:
+            least_error = max(errors[i], _FLOOR)
             front.append(i)
     return front
 
@@ -263,17 +263,17 @@ def _single_and_bulk(
     return Method(name, name, partial(amplitude, 1)), bulk
 
 
-def _smoothed(width: float, tight: bool) -> Method:
+def _smoothed_method(width: float, tight: bool) -> Method:
     name = f'tanh {width:.0e} m/s, {"tight" if tight else "default"}'.replace('e-0', 'e-')
     solve = partial(smoothed, width, tight)
     return Method(name, 'tanh friction, LSODA', solve, slow=tight and width < 5e-5)
 
 
-def _switching(name: str, tight: bool, longest: float = math.inf) -> Method:
+def _switching_method(name: str, tight: bool, longest: float = math.inf) -> Method:
     return Method(f'switching, {name}', 'switching, solve_ivp', partial(switching, tight, longest))
 
 
-def _balance(harmonics: int) -> Method:
+def _harmonic_balance(harmonics: int) -> Method:
     name, solve = f'harmonic balance, H = {harmonics}', partial(harmonic_balance, harmonics)
     return Method(name, 'harmonic balance', solve, has_resolvent, slow=harmonics > 31)
 
@@ -283,11 +283,11 @@ BASE, _AVERAGING_IN_BULK = _single_and_bulk('KBM', averaging)
 METHODS = (
     BASE,
     _AVERAGING_IN_BULK,
-    *map(_balance, HARMONICS),
-    *(_smoothed(width, tight) for tight in (False, True) for width in WIDTHS),
-    _switching('default', False),
-    _switching('tight', True),
-    _switching('tight, bounded step', True, 0.1),
+    *map(_harmonic_balance, HARMONICS),
+    *(_smoothed_method(width, tight) for tight in (False, True) for width in WIDTHS),
+    _switching_method('default', False),
+    _switching_method('tight', True),
+    _switching_method('tight, bounded step', True, 0.1),
     Method('event-driven integrator', 'event-driven integrator', event_driven),
     *_single_and_bulk('exact cycle', exact),
 )
@@ -298,28 +298,30 @@ REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), journal_diam
 _RPM = REFERENCE.speed.factor('rpm')
 
 
-def _bench(name: str, rpm: float, load: float, reference: float, quick: bool = False, **changes: Any) -> Case:
+def _bench_case(
+    name: str, rpm: float, load: float, reference: float, quick: bool = False, **changes: Any
+) -> Case:
     return Case(name, replace(REFERENCE, **changes), rpm * _RPM, load, reference, quick)
 
 
 CASES = (
     # eta = 0.002: almost harmonic, overtakes the belt.
-    _bench('weak friction', 30.0, 10.0, 0.0007870856429556819, damping=4.0),
+    _bench_case('weak friction', 30.0, 10.0, 0.0007870856429556819, damping=4.0),
     # Near the fold at 40.7 rpm; just below the Hopf speed; in the middle of the unstable range;
     # sticks for an eighth of the cycle; crawls, far from harmonic.
-    _bench('38 rpm', 38.0, 1000.0, 0.001000211996591925, quick=True),
-    _bench('30 rpm', 30.0, 1000.0, 0.0008048004753024688),
-    _bench('20 rpm', 20.0, 1000.0, 0.0005567552520338237, quick=True),
-    _bench('10 rpm', 10.0, 1000.0, 0.0002969526471492934, quick=True),
-    _bench('2 rpm', 2.0, 1000.0, 6.520669876360655e-05),
+    _bench_case('38 rpm', 38.0, 1000.0, 0.001000211996591925, quick=True),
+    _bench_case('30 rpm', 30.0, 1000.0, 0.0008048004753024688),
+    _bench_case('20 rpm', 20.0, 1000.0, 0.0005567552520338237, quick=True),
+    _bench_case('10 rpm', 10.0, 1000.0, 0.0002969526471492934, quick=True),
+    _bench_case('2 rpm', 2.0, 1000.0, 6.520669876360655e-05),
     # Grazes the belt: event location misses it.
-    _bench('40 rpm', 40.0, 1000.0, 0.001048880117242072, quick=True),
+    _bench_case('40 rpm', 40.0, 1000.0, 0.001048880117242072, quick=True),
     # nu = 0.05 s/m: friction rises again.
-    _bench('viscous', 20.0, 1000.0, 0.0005525388009365229, friction=Stribeck(0.30, 0.10, 10.0, 0.05)),
+    _bench_case('viscous', 20.0, 1000.0, 0.0005525388009365229, friction=Stribeck(0.30, 0.10, 10.0, 0.05)),
     # eta = 3: strongly damped, strongly driven.
-    _bench('zeta = 0.3', 20.0, 15000.0, 0.000978449202489445, damping=6000.0),
+    _bench_case('zeta = 0.3', 20.0, 15000.0, 0.000978449202489445, damping=6000.0),
     # zeta = 0.02: a relaxation oscillation, sticks for 70 % of the cycle.
-    _bench('eta = 5', 20.0, 25000.0, 0.0026514206849174407),
+    _bench_case('eta = 5', 20.0, 25000.0, 0.0026514206849174407),
 )
 """Operating points of the reference bearing, easy ones first."""
 

@@ -80,7 +80,7 @@ _WATCHED = 0.6
 _QUIET, _DECAYS = 0.5, 0.8
 
 
-def _turning(_: float, y: FloatArray) -> float:
+def _measure_velocity(_: float, y: FloatArray) -> float:
     return float(y[1])
 
 
@@ -111,14 +111,14 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
         mu = law.top - friction_drop(law.own, 0.0, abs(relative))
         return load * math.tanh(relative / width) * mu
 
-    flow = _flow(bearing, speed, friction)
-    way = solve_ivp(flow, (0.0, span), start, method='LSODA', events=_turning, rtol=rtol, atol=atol)
+    flow = _build_flow(bearing, speed, friction)
+    way = solve_ivp(flow, (0.0, span), start, method='LSODA', events=_measure_velocity, rtol=rtol, atol=atol)
     if not way.success:
         return not_converged(way.nfev)
     return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
 
 
-def _flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
+def _build_flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
     """``(x', x'')`` with a friction force [N] of the relative speed [m/s]."""
     mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
 
@@ -154,7 +154,7 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
             (time, span),
             (x, speed),
             method=method,
-            events=[_turning, _contact(speed, side, time + _DEAF / omega)],
+            events=[_measure_velocity, _contact_event(speed, side, time + _DEAF / omega)],
             rtol=rtol,
             atol=atol,
             max_step=longest / omega,
@@ -178,10 +178,10 @@ def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow
     def friction(relative: float) -> float:
         return load * side * (law.top - friction_drop(law.own, 0.0, side * relative))
 
-    return _flow(bearing, speed, friction)
+    return _build_flow(bearing, speed, friction)
 
 
-def _contact(speed: float, side: float, earliest: float) -> Event:
+def _contact_event(speed: float, side: float, earliest: float) -> Event:
     """Terminal where the lining reaches the belt's speed from its side.
 
     A phase begins at contact: a first step too small to change the speed would end it at once.
@@ -369,7 +369,7 @@ class _Problem:
             if size <= _CONVERGED * self.law.penalty:
                 return z[:-1], float(z[-1]), True
             step = np.zeros_like(z)
-            step[free] = _solved(jacobian[:, free], -value)
+            step[free] = _solve_linear(jacobian[:, free], -value)
             for halvings in range(_HALVINGS):
                 trial = z + 0.5**halvings * step
                 value, jacobian = self.residual(trial[:-1], float(trial[-1]))
@@ -379,7 +379,7 @@ class _Problem:
         return z[:-1], float(z[-1]), False
 
 
-def _solved(matrix: FloatArray, value: FloatArray) -> FloatArray:
+def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
     try:
         return np.asarray(np.linalg.solve(matrix, value))
     except np.linalg.LinAlgError:

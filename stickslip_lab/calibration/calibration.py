@@ -94,9 +94,9 @@ def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
     Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
     ``mu_s - mu_k``.
     """
-    known = replace(tolerance, damping=tolerance.damping or _DAMPING, decay=tolerance.decay or _DECAY)
+    completed = replace(tolerance, damping=tolerance.damping or _DAMPING, decay=tolerance.decay or _DECAY)
     without_fall = tolerance.of_fall(bearing.friction) == 0.0
-    return known.covariance(bearing.friction) + np.diag([0.0, without_fall * UNKNOWN_FALL**2])
+    return completed.covariance(bearing.friction) + np.diag([0.0, without_fall * UNKNOWN_FALL**2])
 
 
 @dataclass(frozen=True)
@@ -125,26 +125,26 @@ class Calibration:
     @cached_property
     def factors(self) -> tuple[float, float]:
         """``ln r`` and ``ln q`` in the middle, by the ends."""
-        return self._middle(self.posterior.by_ends)
+        return self._middle_factors(self.posterior.by_ends)
 
-    def _middle(self, grid: Grid) -> tuple[float, float]:
+    def _middle_factors(self, grid: Grid) -> tuple[float, float]:
         u, log_q = grid.middle
         there, here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
         return u - float(there - here), log_q
 
-    def _covariance(self, grid: Grid) -> FloatArray:
+    def _factor_covariance(self, grid: Grid) -> FloatArray:
         """Covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
         _, log_q = grid.middle
         by = np.array([[1.0, -self.reference.slope(grid.load + log_q)], [0.0, 1.0]])
-        found: FloatArray = by @ grid.covariance @ by.T
-        return found
+        covariance: FloatArray = by @ grid.covariance @ by.T
+        return covariance
 
     @property
     def spread(self) -> FloatArray:
         """Standard deviations of :attr:`factors`, shape (2,)."""
-        return np.asarray(np.sqrt(np.diag(self._covariance(self.posterior.by_ends))))
+        return np.asarray(np.sqrt(np.diag(self._factor_covariance(self.posterior.by_ends))))
 
-    def _moved(self, factors: tuple[float, float]) -> Bearing:
+    def _scale_bearing(self, factors: tuple[float, float]) -> Bearing:
         return moved(self.reference.bearing, *map(math.exp, factors))
 
     @cached_property
@@ -154,7 +154,7 @@ class Calibration:
         When stick-slip sets in depends on how noisy the ship is. By onsets too the Hopf speed was 2 % low
         in voyages noisier than those calibrated on, and alarms came late.
         """
-        return self._moved(self.factors)
+        return self._scale_bearing(self.factors)
 
     @property
     def floor(self) -> float:
@@ -165,8 +165,8 @@ class Calibration:
     def belief(self) -> Belief:
         """The boundaries themselves by all evidence, without what single passages scatter."""
         grid = self.posterior.by_all
-        middle = self._moved(self._middle(grid))
-        return Belief(middle, self._covariance(grid), self.floor, 0.0, self.loads, True)
+        middle = self._scale_bearing(self._middle_factors(grid))
+        return Belief(middle, self._factor_covariance(grid), self.floor, 0.0, self.loads, True)
 
     @cached_property
     def before(self) -> Belief:
@@ -204,31 +204,31 @@ class Calibration:
     @property
     def warnings(self) -> list[str]:
         """What makes the result worth less, a sentence each."""
-        found, seen = [], self.edges.seen
+        texts, seen = [], self.edges.seen
         if not self.episodes:
-            found.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
+            texts.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
         elif not seen:
-            found.append(
+            texts.append(
                 'no vibration was seen to end while the speed rose, so that the fold is only'
                 ' bounded: record a passage from stick-slip to faster speeds'
             )
         elif len(seen) == 1:
-            found.append(
+            texts.append(
                 f'all rests on one end of vibration ({seen[0].report.source}): one more episode'
                 ' would confirm it'
             )
         for end, p in self.doubts:
             one = end.report
-            found.append(
+            texts.append(
                 f'{one.source}: vibration for {one.seconds:.0f} s until {one.end_ns / 1e9:.0f} s'
                 f' ({end.recording}) fits nothing else: worthless with {p:.0%}'
             )
         if self.has_changed:
-            found.append(
+            texts.append(
                 'the last episodes end elsewhere than those before: the bearing may have changed;'
                 ' calibrate with --forget 0.03, or with the newest recordings alone'
             )
-        return found
+        return texts
 
     @property
     def has_changed(self) -> bool:
@@ -240,40 +240,40 @@ class Calibration:
         speed, load = np.log([end.middle for end in ends]).T
         spread = np.hypot(0.02, [end.timing for end in ends])
         off = np.clip(speed - (log_r + self.reference.fold(load + log_q)), -4.0 * spread, 4.0 * spread)
-        least = math.hypot(_LEAST_SCATTER, self.spreads.load)
-        size = max(float(np.std(np.diff(off)) / math.sqrt(2.0)), least)
+        least_scatter = math.hypot(_LEAST_SCATTER, self.spreads.load)
+        size = max(float(np.std(np.diff(off)) / math.sqrt(2.0)), least_scatter)
         place = np.arange(off.size) - 0.5 * (off.size - 1)
         trend = float(place @ off) / math.sqrt(float(place @ place)) / size
-        few = math.sqrt(1.0 / _LAST + 1.0 / (off.size - _LAST))
-        step = float(off[-_LAST:].mean() - off[:-_LAST].mean()) / (size * few)
+        small_sample = math.sqrt(1.0 / _LAST + 1.0 / (off.size - _LAST))
+        step = float(off[-_LAST:].mean() - off[:-_LAST].mean()) / (size * small_sample)
         return max(abs(trend), abs(step)) > _CHANGED
 
     @property
     def remarks(self) -> list[str]:
         """What else is to be known, a sentence each."""
-        (low, high), found = self.loads, []
+        (low, high), texts = self.loads, []
         if off := [over_fold(end, self.reference) for end in self.edges.seen]:
             middle = 100.0 * (float(np.median(off)) - 1.0)
             count = '1 episode ends' if len(off) == 1 else f'{len(off)} episodes end'
             side = 'above' if middle >= 0.0 else 'below'
-            found.append(f'{count} {abs(middle):.1f} % {side} the configured fold')
-        found += [f'{name} was given before and counts once' for name in self.repeated]
+            texts.append(f'{count} {abs(middle):.1f} % {side} the configured fold')
+        texts += [f'{name} was given before and counts once' for name in self.repeated]
         if len(self.edges.seen) >= _WELL_KNOWN and not self.warnings:
-            found.append(
+            texts.append(
                 f'recommended now: alarm.onset_growth: {RECOMMENDED_GROWTH:g}, where the sensors are ordinary'
                 ' or better; with a load once a second and 10 % of noise leave it at 3'
             )
         if knocks := [knock for one in self.evidence for knock in one.knocks]:
-            found.append(
+            texts.append(
                 f'{plural(len(knocks), "vibration")} of less than 10 s left out as knocks,'
                 f' the first at {knocks[0].start_ns / 1e9:.0f} s ({knocks[0].source})'
             )
         if high < _ONE_LOAD * low:
-            found.append(
+            texts.append(
                 f'all evidence is at {rounded(low, 4)} to {rounded(high, 4)} N: beyond a fifth from there the'
                 ' boundaries are known less well'
             )
-        return found
+        return texts
 
 
 def over_fold(end: End, reference: Reference) -> float:
@@ -302,7 +302,7 @@ def calibrate(
         CalibrationError: The evidence is none, or of another bearing.
     """
     reference = Reference(bearing)
-    pairs, repeated = _once(found)
+    pairs, repeated = _drop_repeated(found)
     edges = edges_of(pairs, reference, onsets)
     if not edges.tracks or not edges.loads[0] > 0.0:
         raise CalibrationError(
@@ -323,32 +323,32 @@ def calibrate(
     return result
 
 
-def _once(
-    found: Sequence[Evidence],
+def _drop_repeated(
+    evidence: Sequence[Evidence],
 ) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
     """Each course once with its reports, and the names of recordings that repeat one."""
-    kept: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
+    courses: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
     repeated: dict[str, None] = {}
-    for one in found:
+    for one in evidence:
         for course in one.courses:
             contents = b''.join(x.tobytes() for x in (course.time_ns, course.speed, course.load))
-            if contents in kept:
+            if contents in courses:
                 repeated[course.name] = None
             else:
-                kept[contents] = course, one.reports
-    return list(kept.values()), tuple(repeated)
+                courses[contents] = course, one.reports
+    return list(courses.values()), tuple(repeated)
 
 
 def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
     """The damping and the law of a bearing as parameters of a configuration."""
     law, kind = bearing.friction, 'stribeck'
-    own = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
+    values = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
     if isinstance(law, Tabulated):
-        kind, own = 'tabulated', {'speed': law.speed, 'coefficient': law.values}
+        kind, values = 'tabulated', {'speed': law.speed, 'coefficient': law.values}
     elif isinstance(law, Coulomb):
         kind = 'coulomb'
-    written = {f'friction.{name}': _rounded(value) for name, value in own.items()}
-    return {'damping': _rounded(bearing.damping), 'friction.law': kind, **written}
+    written = {f'friction.{name}': _round_values(value) for name, value in values.items()}
+    return {'damping': _round_values(bearing.damping), 'friction.law': kind, **written}
 
 
 def to_document(config: BearingConfig, found: Calibration, created: str, version: str) -> dict[str, Any]:
@@ -359,24 +359,25 @@ def to_document(config: BearingConfig, found: Calibration, created: str, version
         'schema': CALIBRATION_SCHEMA,
         'bearing': config.name,
         'inputs': {
-            name: sensor_record(own) for name, own in (('speed', config.speed), ('load', config.load))
+            name: sensor_record(input_config)
+            for name, input_config in (('speed', config.speed), ('load', config.load))
         },
         'parameters': parameters_of_law(found.bearing),
         'believed': parameters_of_law(found.belief.bearing),
-        'covariance': _rounded(found.belief.covariance),
-        'loads': _rounded(found.loads),
+        'covariance': _round_values(found.belief.covariance),
+        'loads': _round_values(found.loads),
         'floor': found.floor,
-        'factors': {'speeds': _rounded(math.exp(log_r)), 'loads': _rounded(math.exp(log_q))},
-        'boundaries': _rounded(found.boundaries()),
+        'factors': {'speeds': _round_values(math.exp(log_r)), 'loads': _round_values(math.exp(log_q))},
+        'boundaries': _round_values(found.boundaries()),
         'ends': [
             {
                 'recording': end.recording,
                 'source': end.report.source,
                 'time': round(end.time * 1e9),
-                'speed': _rounded(end.middle[0]),
-                'load': _rounded(end.middle[1]),
+                'speed': _round_values(end.middle[0]),
+                'load': _round_values(end.middle[1]),
                 'bound': end.is_bound,
-                'worthless': _rounded(doubtful.get(id(end), 0.0)),
+                'worthless': _round_values(doubtful.get(id(end), 0.0)),
             }
             for end in found.edges.ends
         ],
@@ -387,13 +388,13 @@ def to_document(config: BearingConfig, found: Calibration, created: str, version
     }
 
 
-def _rounded(values: Any) -> Any:
+def _round_values(values: Any) -> Any:
     return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
 
 
-def fragment(config: BearingConfig, found: Calibration) -> str:
+def fragment(config: BearingConfig, calibration: Calibration) -> str:
     """The law and the damping that have the calibrated boundaries, as configuration."""
-    rows = parameters_of_law(found.bearing)
+    rows = parameters_of_law(calibration.bearing)
     damping = rows.pop('damping')
     law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())
     return (
@@ -424,7 +425,7 @@ class EvidenceSource:
         name, courses = bag.path.name, courses_of(bag.path.name, scan)
         if self.reports is not None:
             return Evidence(name, courses, self._reports_of(config))
-        if self._hears(config):
+        if self._is_level_source(config):
             return Evidence(name, courses, level=level_of(config, kept.stream(config.name), scan))
         if not has_truth(bag, config.name):
             raise CalibrationError(
@@ -436,27 +437,27 @@ class EvidenceSource:
     def _reports_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
         return tuple(report for report in self.reports or () if report.bearing == config.name)
 
-    def _hears(self, config: BearingConfig) -> bool:
+    def _is_level_source(self, config: BearingConfig) -> bool:
         """Whether the bearing's level is the source."""
         return config.level is not None and self.reports is None
 
     def calibrated(
-        self, config: BearingConfig, found: Sequence[Evidence], forget: float = 0.0
+        self, config: BearingConfig, evidence: Sequence[Evidence], forget: float = 0.0
     ) -> Calibration:
         """What all recordings together give of a bearing; see :func:`.calibrate`.
 
         Raises:
             CalibrationError: They give nothing; the text says why.
         """
-        spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in found for c in one.courses]
+        spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in evidence for c in one.courses]
         for report in self._reports_of(config):
             if not any(report.end_ns > a and report.start_ns < b for a, b in spans):
                 raise CalibrationError(
                     f'{report.source}: the report lies outside the recordings: give the bag that it is about'
                 )
-        if self._hears(config):
-            found = read_levels(config.name, found)
-        return calibrate(found, config.bearing, config.tolerance, forget, self.reports is None)
+        if self._is_level_source(config):
+            evidence = read_levels(config.name, evidence)
+        return calibrate(evidence, config.bearing, config.tolerance, forget, self.reports is None)
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:

@@ -202,16 +202,16 @@ def edges_of(
         reference: The configured bearing.
         onsets: Whether quiet counts too, up to an onset or without one: a person hears late.
     """
-    found = Edges()
+    edges = Edges()
     for course, reports in sorted(courses, key=lambda one: int(one[0].time_ns[0])):
         track = track_of(course, reports, reference)
         if track is not None:
-            found.tracks.append(track)
-            _read(found, track, reference, onsets)
-    return found
+            edges.tracks.append(track)
+            _read_track(edges, track, reference, onsets)
+    return edges
 
 
-def _read(found: Edges, track: ReportedCourse, reference: Reference, onsets: bool) -> None:
+def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onsets: bool) -> None:
     first, last = float(track.time[0]), float(track.time[-1])
     begin = first
     for one, after in zip(track.reports, [*track.reports[1:], None], strict=True):
@@ -220,16 +220,16 @@ def _read(found: Edges, track: ReportedCourse, reference: Reference, onsets: boo
             after = None  # they do not meet
         if one.squeal:
             end = _end_of(track, one, a, b, after is not None, reference)
-            found.ends += [end] if end else []
+            edges.ends += [end] if end else []
             # Where it ended inside it is not known how far a disturbance has grown.
             begin = b if end and not end.is_bound else math.inf
         else:
-            passage = _passage(track, one, begin, b, after)
-            found.passages += [passage] if passage and onsets else []
+            passage = _find_passage(track, one, begin, b, after)
+            edges.passages += [passage] if passage and onsets else []
             begin = b
 
 
-def _passage(
+def _find_passage(
     track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
 ) -> Passage | None:
     """Quiet up to the onset that ends it, if any; ``None`` where it tells nothing."""
@@ -238,14 +238,14 @@ def _passage(
     if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
         return None
     time, speed = track.time[rows], track.speed[rows]
-    if onset and _pace(time, speed, b) > 1.0 / _SLOWEST_ONSET:
+    if onset and _log_speed_rate(time, speed, b) > 1.0 / _SLOWEST_ONSET:
         return None
     step = np.minimum(np.diff(time, prepend=time[0]), 5.0)
     trust = min(report.trust, onset.trust) if onset else report.trust
     return Passage(b, speed, track.load[rows], step, onset is not None, report.tolerance, trust)
 
 
-def _pace(time: FloatArray, speed: FloatArray, at: float) -> float:
+def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:
     """By how much ``ln V`` changes in a second about a time [1/s]."""
     near = np.abs(time - at) <= _ONSET
     if np.count_nonzero(near) < 2:
@@ -262,34 +262,36 @@ def _end_of(
     inside = (track.time >= a + off) & (track.time <= max(middle - off, a + off))
     if not inside.any():
         return None
-    if meets and _rises(track, middle, inside):
+    if meets and _is_rising(track, middle, inside):
         points = [track.at(b - share * whole + lag) for share in SHARES for lag in LAGS]
         off /= 2.0 if off > _TIMELY else 1.0
         (v0, n0), (v1, n1) = track.at(middle - off), track.at(middle + off)
         slope = reference.slope(math.log(n0))
         timing = 0.5 * abs(math.log(v1 / v0) - slope * math.log(n1 / n0))
         return End(report, track.name, b, np.array(points), timing)
-    return End(report, track.name, *_highest(track, inside), 0.0)
+    return End(report, track.name, *_find_farthest(track, inside), 0.0)
 
 
-def _rises(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
+def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
     """Whether V/V_F has risen when a vibration ends, and goes on: the shaft did not stop."""
-    wide = _averaged(track.over, _WIDE)
+    wide = _moving_average(track.over, _WIDE)
     after = (track.time > time) & (track.time <= time + _GOES_ON)
-    least = (1.0 + _RISEN) * wide[inside].min()
+    least_ratio = (1.0 + _RISEN) * wide[inside].min()
     return bool(
-        np.interp(time, track.time, wide) > least and after.any() and track.over[after].mean() > least
+        np.interp(time, track.time, wide) > least_ratio
+        and after.any()
+        and track.over[after].mean() > least_ratio
     )
 
 
-def _highest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
+def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
     """When a vibration was farthest out, and speed and load there, shape (1, 2)."""
     rows = np.flatnonzero(inside)
-    time = float(track.time[rows[np.argmax(_averaged(track.over, 3)[rows])]])
+    time = float(track.time[rows[np.argmax(_moving_average(track.over, 3)[rows])]])
     return time, np.array([track.at(time)])
 
 
-def _averaged(values: FloatArray, width: int) -> FloatArray:
+def _moving_average(values: FloatArray, width: int) -> FloatArray:
     padded = np.pad(values, width // 2, 'edge')
     return np.convolve(padded, np.full(width, 1.0 / width), 'valid')
 
@@ -322,7 +324,7 @@ def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
         drive = np.exp(np.minimum(load[k] - bound, 3.0))
         grown = np.minimum(y[:, k - 1] * np.exp((drive - 1.0) * rate * _STEP), 1.0)
         y[:, k] = np.where(clock[k] > passed, grown, 1.0)
-    edge, foot = (_first(y < 10.0 ** (-below / 20.0), clock) for below in (EDGE, FOOT))
+    edge, foot = (_first_true(y < 10.0 ** (-below / 20.0), clock) for below in (EDGE, FOOT))
     with np.errstate(invalid='ignore'):
         rings = foot - edge <= SLOWEST_FALL
         seen = np.where(rings, edge - (foot - edge) * EDGE / (FOOT - EDGE), edge)
@@ -332,6 +334,6 @@ def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
     return float(end - passed[first]) if first < passed.size else 0.0
 
 
-def _first(there: BoolArray, clock: FloatArray) -> FloatArray:
+def _first_true(is_true: BoolArray, clock: FloatArray) -> FloatArray:
     """The first time at which each row is true; ``inf`` for never."""
-    return np.where(there.any(axis=1), clock[np.argmax(there, axis=1)], np.inf)
+    return np.where(is_true.any(axis=1), clock[np.argmax(is_true, axis=1)], np.inf)

@@ -81,27 +81,27 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
         where = f'{path}, line {line}'
         if len(cells) != len(names):
             raise CalibrationError(f'{where}: it has {len(cells)} cells and there are {len(names)} headings')
-        reports.append(_report(where, dict(zip(names, cells, strict=True)), bearings))
+        reports.append(_parse_report(where, dict(zip(names, cells, strict=True)), bearings))
     return in_order(reports)
 
 
-def _report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
+def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
     if row['bearing'] not in bearings:
         raise CalibrationError(
             f"{where}: bearing '{row['bearing']}' is not configured; there are: {', '.join(bearings)}"
         )
     if row['state'].lower() not in STATES:
         raise CalibrationError(f"{where}: state '{row['state']}' must be squeal or quiet")
-    start, end = (_time(f'{where}: {name}', row[name]) for name in ('start', 'end'))
+    start, end = (_parse_time(f'{where}: {name}', row[name]) for name in ('start', 'end'))
     if end <= start:
         raise CalibrationError(f"{where}: end '{row['end']}' must be after start '{row['start']}'")
-    tolerance = _number(where, row, 'tolerance', OPERATOR_TOLERANCE, math.inf)
-    trust = _number(where, row, 'trust', OPERATOR_TRUST, 1.0)
+    tolerance = _parse_number(where, row, 'tolerance', OPERATOR_TOLERANCE, math.inf)
+    trust = _parse_number(where, row, 'trust', OPERATOR_TRUST, 1.0)
     squeal = STATES[row['state'].lower()]
     return VibrationReport(row['bearing'], start, end, squeal, tolerance, trust, where)
 
 
-def _time(where: str, text: str) -> int:
+def _parse_time(where: str, text: str) -> int:
     """Nanoseconds of an ISO 8601 time with a zone."""
     fraction = _FRACTION.search(text)
     whole = _FRACTION.sub(r'\1', text)
@@ -116,7 +116,7 @@ def _time(where: str, text: str) -> int:
     return (passed.days * 86400 + passed.seconds) * 10**9 + int(digits)
 
 
-def _number(where: str, row: dict[str, str], name: str, default: float, highest: float) -> float:
+def _parse_number(where: str, row: dict[str, str], name: str, default: float, highest: float) -> float:
     text = row.get(name, '')
     if not text:
         return default
@@ -150,9 +150,9 @@ def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
 def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
     """The truth of a simulated recording: squeal in the episodes, quiet between them."""
     edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
-    known = TRUTH_TOLERANCE, TRUTH_TRUST
+    bounds = TRUTH_TOLERANCE, TRUTH_TRUST
     return tuple(
-        VibrationReport(bearing, start, end, bool(k % 2), *known, f'truth of {recording}, {k + 1}')
+        VibrationReport(bearing, start, end, bool(k % 2), *bounds, f'truth of {recording}, {k + 1}')
         for k, (start, end) in enumerate(pairwise(edges))
         if end > start
     )
@@ -216,11 +216,11 @@ def level_over_speed(
         speed_time: Times of the speed, rising, shape (m,) [s].
         speed: Surface speed, shape (m,) [m/s].
     """
-    known = np.isfinite(decibels)
-    if not known.any() or not speed_time.size:
+    is_finite = np.isfinite(decibels)
+    if not is_finite.any() or not speed_time.size:
         return LevelBins(np.empty(0), np.empty(0), np.empty(0))
-    bins, inverse = np.unique(np.floor(time[known] / BIN), return_inverse=True)
-    value = np.bincount(inverse, decibels[known]) / np.bincount(inverse)
+    bins, inverse = np.unique(np.floor(time[is_finite] / BIN), return_inverse=True)
+    value = np.bincount(inverse, decibels[is_finite]) / np.bincount(inverse)
     middle = (bins + 0.5) * BIN
     size = np.interp(middle, speed_time, np.abs(speed), left=0.0, right=0.0)
     turns = size > 0.0
@@ -286,7 +286,7 @@ def level_reports(
         threshold: Between the two modes [dB].
         source: Where the level stands, for a sentence.
     """
-    found: list[VibrationReport] = []
+    reports: list[VibrationReport] = []
     knocks: list[VibrationReport] = []
     lags: list[float] = []
 
@@ -299,23 +299,23 @@ def level_reports(
         if t.size < 3:
             continue
         quiet, last = float(t[0]), 0
-        for a, b in _spells(t, x >= threshold):
+        for a, b in _find_spells(t, x >= threshold):
             if t[b - 1] - t[a] < _SHORTEST:
                 knocks.append(report(t[a], t[b - 1], True))
                 continue
             on, off, late = _on_and_off(t, x, a, b)
             lags += late
-            found += [report(quiet, on, False)] if a and on > quiet else []
-            found.append(report(on, off if b < t.size else float(t[-1]), True))
+            reports += [report(quiet, on, False)] if a and on > quiet else []
+            reports.append(report(on, off if b < t.size else float(t[-1]), True))
             quiet, last = off, b
         if last < t.size and t[-1] - quiet > _REST:
-            found.append(report(quiet, float(t[-1]), False))
+            reports.append(report(quiet, float(t[-1]), False))
     lag = round(1e9 * float(np.median(lags))) if lags else 0
-    for i, (before, one) in enumerate(pairwise(found)):  # the rise lags as the fall does
+    for i, (before, one) in enumerate(pairwise(reports)):  # the rise lags as the fall does
         start = one.start_ns - lag
         if one.squeal and not before.squeal and start > before.start_ns:
-            found[i : i + 2] = replace(found[i], end_ns=start), replace(one, start_ns=start)
-    return [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(found)], knocks
+            reports[i : i + 2] = replace(reports[i], end_ns=start), replace(one, start_ns=start)
+    return [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(reports)], knocks
 
 
 def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
@@ -335,7 +335,7 @@ def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, fl
     return on, max(off - lag, on), [lag]
 
 
-def _spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
+def _find_spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
     """Begin and end (the first row after) of each stretch that is high but for short rests."""
     edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
     spells: list[list[int]] = []

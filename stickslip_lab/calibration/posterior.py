@@ -89,8 +89,8 @@ class Grid:
         a, b = self.u - of_u @ self.u, self.log_q - of_q @ self.log_q
         low, high = np.interp((0.05, 0.95), np.cumsum(of_u), self.u)
         scale = (high - low) / (2.0 * 1.6449 * math.sqrt(of_u @ a**2))
-        both = float(a @ self.weight @ b) * scale
-        return np.array([[float(of_u @ a**2) * scale**2, both], [both, float(of_q @ b**2)]])
+        product = float(a @ self.weight @ b) * scale
+        return np.array([[float(of_u @ a**2) * scale**2, product], [product, float(of_q @ b**2)]])
 
     def quantiles(self, values: FloatArray, shares: Sequence[float]) -> FloatArray:
         """Quantiles of a number that each cell has, shape (m, n)."""
@@ -123,9 +123,9 @@ def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spread
     wide = _REACH * math.sqrt(float(along @ prior @ along))
     grid = partial(_fold_grid, edges, reference, prior, spreads, load, log_q)
     u = np.arange(-wide, wide, _COARSE)
-    found = grid(u, quick=True)
-    known = np.flatnonzero(found.weight.max(axis=1) > found.weight.max() * math.exp(-_DEPTH))
-    fold = grid(np.linspace(u[known[0]] - _ROOM, u[known[-1]] + _ROOM, _FINE))
+    coarse = grid(u, quick=True)
+    rows = np.flatnonzero(coarse.weight.max(axis=1) > coarse.weight.max() * math.exp(-_DEPTH))
+    fold = grid(np.linspace(u[rows[0]] - _ROOM, u[rows[-1]] + _ROOM, _FINE))
     return Posterior(fold, _with_onsets(fold, edges, reference, spreads))
 
 
@@ -185,7 +185,7 @@ def log_end(
     spread = np.hypot(np.hypot(scatter, bias) * slope, end.timing).reshape(-1, 1, 1)
     trust = end.report.trust
     points = end.points[:1] if end.is_bound else end.points[list(nodes)]
-    found = []
+    terms = []
     for v, n in np.log(points).tolist():
         z = (v - log_r - reference.fold(n + log_q)) / spread
         if end.is_bound:
@@ -193,8 +193,8 @@ def log_end(
         else:
             density = np.exp(-0.5 * z * z) / (spread * math.sqrt(2.0 * math.pi))
             p = trust * density + (1.0 - trust) / _ANYWHERE
-        found.append(np.log(p))
-    return np.stack(found)
+        terms.append(np.log(p))
+    return np.stack(terms)
 
 
 def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: float) -> float:
@@ -214,7 +214,7 @@ def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spread
     drift are no more independent than the steps of a walk.
     """
     since = edges.tracks[-1].time[0] if spreads.forget else -math.inf
-    own = math.hypot(0.02, spreads.load)
+    spread = math.hypot(0.02, spreads.load)
     cells = np.argwhere(fold.weight > fold.weight.max() * math.exp(-_DEPTH))
     log_r, log_q = fold.log_r[tuple(cells.T)], fold.log_q[cells[:, 1]]
     common = -0.5 * _FOLD_NODES**2
@@ -223,7 +223,7 @@ def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spread
     )
     for one in (passage for passage in edges.passages if passage.time >= since):
         # Three nodes of the passage's own boundary, as a load.
-        parts = [log_passage(one, reference, log_r, log_q + z * own) for z in (-1.2247, 0.0, 1.2247)]
+        parts = [log_passage(one, reference, log_r, log_q + z * spread) for z in (-1.2247, 0.0, 1.2247)]
         total += logsumexp(np.stack(parts), axis=0) - math.log(3.0)
     log_p = np.full(fold.weight.shape, -np.inf)
     log_p[tuple(cells.T)] = np.log(fold.weight[tuple(cells.T)]) + logsumexp(total, axis=(1, 2))
@@ -240,12 +240,12 @@ def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: Fl
     growth = sums - np.minimum(np.minimum.accumulate(sums, axis=1), 0.0)
     folds = math.log(_FOLDS) + _FOLDS_SPREAD * _FOLD_NODES
     if not one.began:
-        most = np.log(np.maximum(growth.max(axis=1), 1e-6))[:, None]
-        p = one.trust * ndtr((folds - most) / _GROWN) + (1.0 - one.trust) * 0.5
+        max_growth = np.log(np.maximum(growth.max(axis=1), 1e-6))[:, None]
+        p = one.trust * ndtr((folds - max_growth) / _GROWN) + (1.0 - one.trust) * 0.5
         return np.repeat(np.log(p)[..., None], len(LAGS), axis=-1)
     ends = np.cumsum(one.step)
     width = max(1, min(round(2.0 * one.tolerance) + 1, 12, growth.shape[1] - 1))
-    found = []
+    terms = []
     for lag in LAGS:
         last = max(int(np.searchsorted(ends, ends[-1] - LAGS[-1] + lag, 'right')), width)
         part = slice(last - width, last)
@@ -253,6 +253,6 @@ def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: Fl
         z = (np.log(grown)[:, :, None] - folds) / _GROWN
         density = np.exp(-0.5 * z * z) / (_GROWN * math.sqrt(2.0 * math.pi))
         pace = np.maximum(rate[:, part] / grown, 0.0)[:, :, None]
-        found.append((density * pace).mean(axis=1))
+        terms.append((density * pace).mean(axis=1))
     right = (1.0 - _BLOWN) * one.trust
-    return np.log(right * np.stack(found, axis=-1) + (1.0 - right) / float(ends[-1]))
+    return np.log(right * np.stack(terms, axis=-1) + (1.0 - right) / float(ends[-1]))

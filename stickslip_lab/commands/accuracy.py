@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.markdown:
         sys.stdout.write(markdown(rows))
     else:
-        _print(output.console(), rows)
+        _print_rows(output.console(), rows)
     return 0
 
 
@@ -89,12 +89,12 @@ def to_json(rows: Sequence[Row]) -> dict[str, Any]:
     return {
         'schema': SCHEMA,
         'base': BASE.name,
-        'rows': [_plain(row) for row in rows],
-        'methods': [_plain(summary) for summary in summarise(rows, BASE.name)],
+        'rows': [_to_plain_values(row) for row in rows],
+        'methods': [_to_plain_values(summary) for summary in summarise(rows, BASE.name)],
     }
 
 
-def _plain(record: Row | Summary) -> dict[str, object]:
+def _to_plain_values(record: Row | Summary) -> dict[str, object]:
     return {k: number(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
 
 
@@ -109,12 +109,12 @@ def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
     ]
     count = len({row.case for row in rows if row.method == BASE.name})
     return {
-        f'{TYPICAL}: the middle of the unstable range': _marks(one),
-        f'worst of {count} cases, median time': _marks(every),
+        f'{TYPICAL}: the middle of the unstable range': _method_marks(one),
+        f'worst of {count} cases, median time': _method_marks(every),
     }
 
 
-def _marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
+def _method_marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
     errors = [e if math.isfinite(e) else math.inf for *_, e in points]
     front = pareto([t if count == 1 else math.nan for _, count, t, _ in points], errors)
     return [
@@ -171,7 +171,7 @@ def markdown(rows: Sequence[Row]) -> str:
     return ''.join(f'| {" | ".join(line)} |\n' for line in [headings, rule, *lines])
 
 
-def _print(out: Console, rows: Sequence[Row]) -> None:
+def _print_rows(out: Console, rows: Sequence[Row]) -> None:
     headings, lines = table_cells(rows)
     caption = (
         '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'

@@ -68,26 +68,26 @@ def run(args: argparse.Namespace) -> int:
     config = options.the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
     source = source_of(args.reports, whole)
     with output.ProgressBar() as meter:
-        evidence = _evidence(args.bags, config, source, meter)
+        evidence = _read_evidence(args.bags, config, source, meter)
     try:
-        found = source.calibrated(config, evidence, args.forget)
+        calibration = source.calibrated(config, evidence, args.forget)
     except NoTwoModes as error:
         levels = error.levels
         output.write_outputs(args, picture=lambda: draw_levels(config, levels))
         raise
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
-    document = to_document(config, found, now, __version__)
+    document = to_document(config, calibration, now, __version__)
     output.write_outputs(
         args,
         output=lambda: output.json_text(document),
-        fragment=lambda: fragment(config, found),
-        picture=lambda: draw_calibration(config, found),
+        fragment=lambda: fragment(config, calibration),
+        picture=lambda: draw_calibration(config, calibration),
     )
     if args.json:
         output.print_json(document)
     else:
-        _print(output.console(), config, found)
-    return int(bool(found.warnings))
+        _print_calibration(output.console(), config, calibration)
+    return int(bool(calibration.warnings))
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
@@ -96,41 +96,42 @@ def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
     return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 
 
-def _evidence(
+def _read_evidence(
     bags: Sequence[str], config: BearingConfig, source: EvidenceSource, meter: output.ProgressBar
 ) -> list[Evidence]:
-    found = []
+    evidence = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
         kept = Kept()
         check_recording(path, MonitorConfig((config,)), [kept])
-        found.append(source.of_recording(kept, config))
-    return found
+        evidence.append(source.of_recording(kept, config))
+    return evidence
 
 
-def _print(out: Console, config: BearingConfig, found: Calibration) -> None:
-    (low, high), (log_r, log_q) = found.loads, found.factors
+def _print_calibration(out: Console, config: BearingConfig, calibration: Calibration) -> None:
+    (low, high), (log_r, log_q) = calibration.loads, calibration.factors
     out.print(
-        f'[bold]{escape(config.name)}[/]: {plural(len(found.edges.tracks), "passage")},'
-        f' {plural(found.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
+        f'[bold]{escape(config.name)}[/]: {plural(len(calibration.edges.tracks), "passage")},'
+        f' {plural(calibration.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
     )
-    out.print(_boundary_table(config, found))
+    out.print(_boundary_table(config, calibration))
     out.print(
-        f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{found.spread[0]:.0%}), loads divided'
-        f' by {math.exp(log_q):.3g} (+-{found.spread[1]:.0%}), as one known far better than either'
+        f'speeds of both boundaries times {math.exp(log_r):.3g} (+-{calibration.spread[0]:.0%}), loads'
+        f' divided by {math.exp(log_q):.3g} (+-{calibration.spread[1]:.0%}), as one known far better than'
+        ' either'
     )
-    for text in found.remarks:
+    for text in calibration.remarks:
         out.print(escape(text))
-    for text in found.warnings:
+    for text in calibration.warnings:
         out.print(f'[yellow]warning:[/] {escape(text)}')
     out.print('It holds for the readings of these sensors, and is no measurement of friction.')
 
 
-def _boundary_table(config: BearingConfig, found: Calibration) -> Table:
+def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
     table = output.table_of(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')
-    before = found.before.hopf_speed, found.before.fold_speed
-    for load, *now in found.boundaries():
+    before = calibration.before.hopf_speed, calibration.before.fold_speed
+    for load, *now in calibration.boundaries():
         for k, (name, of) in enumerate(zip(('Hopf', 'fold'), before, strict=True)):
             past = [of(load, p) for p in QUANTILES]
             texts = [

@@ -80,20 +80,23 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, name) and not args.config:
             raise ConfigurationError(f'--{name} needs --config and --load')
     bearings = options.chosen(args).bearings if args.config else ()
-    fit = fit_curve(_read(args, bearings), args.viscous)
+    fit = fit_curve(_read_curve(args, bearings), args.viscous)
     load = options.parse_loaded(args.load) if args.load else 0.0
-    beliefs = [(item, _belief(fit, item, load)) for item in bearings]
-    found = [(item, boundaries(belief, load), _regimes(args, belief, load)) for item, belief in beliefs]
+    beliefs = [(item, _bearing_belief(fit, item, load)) for item in bearings]
+    results = [
+        (item, boundaries(belief, load), _regime_probabilities(args, belief, load))
+        for item, belief in beliefs
+    ]
     if args.json:
-        output.print_json(to_json(fit, args, load, found))
+        output.print_json(to_json(fit, args, load, results))
     else:
-        print_fit(output.console(), args, fit, found)
-    drawn = found[0][1] if len(found) == 1 else None
+        print_fit(output.console(), args, fit, results)
+    drawn = results[0][1] if len(results) == 1 else None
     output.write_outputs(
         args,
         fragment=lambda: fragment(args.curve, fit),
         output=lambda: point_columns(fit),
-        picture=lambda: draw_friction_fit(fit, _footnote(args, fit, found), drawn),
+        picture=lambda: draw_friction_fit(fit, _footnote_text(args, fit, results), drawn),
     )
     return int(bool(fit.warnings))
 
@@ -101,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 Found = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
 
 
-def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
+def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
     columns = {name: getattr(args, f'{name}_column') for name in NAMES}
     diameters = {item.bearing.journal_diameter for item in bearings}
     diameter = args.journal_diameter
@@ -110,7 +113,7 @@ def _read(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> Fricti
     return read_curve(args.curve, columns, args.speed_unit, diameter)
 
 
-def _belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belief:
+def _bearing_belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belief:
     require_positive('damping', item.bearing.damping, 'N s/m')
     return boundary_belief(fit, item.bearing, load)
 
@@ -124,7 +127,7 @@ def boundaries(belief: Belief, load: float) -> Boundaries:
     }
 
 
-def _regimes(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
+def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
     """Return the probability of each regime at ``--speed``."""
     if not args.speed:
         return None
@@ -150,18 +153,21 @@ def point_columns(fit: StribeckFit) -> dict[str, Any]:
     }
 
 
-def _summary(source: str, fit: StribeckFit) -> str:
+def _summary_sentence(source: str, fit: StribeckFit) -> str:
     name, outliers = ' '.join(Path(source).name.split()), plural(fit.outliers.size, 'outlier')
     return f'{name}: {fit.weight.size} points, {outliers}'
 
 
-def _footnote(args: argparse.Namespace, fit: StribeckFit, found: Found) -> str:
-    if len(found) != 1:
-        return _summary(args.curve, fit)
-    return f'{_summary(args.curve, fit)}; boundaries of {found[0][0].name} at {args.load}, 95 % intervals'
+def _footnote_text(args: argparse.Namespace, fit: StribeckFit, results: Found) -> str:
+    if len(results) != 1:
+        return _summary_sentence(args.curve, fit)
+    bearing = results[0][0]
+    return (
+        f'{_summary_sentence(args.curve, fit)}; boundaries of {bearing.name} at {args.load}, 95 % intervals'
+    )
 
 
-def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Found) -> dict[str, Any]:
+def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, results: Found) -> dict[str, Any]:
     """Return the fit as the documented JSON object."""
     points, test = point_columns(fit), fit.viscous_test
     return {
@@ -190,18 +196,18 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, found: Foun
             {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
             for k in fit.outliers
         ],
-        'conditions': _conditions(fit),
+        'conditions': _reference_conditions(fit),
         'warnings': list(fit.warnings),
         'unchecked': unchecked(fit) or None,
         'fragment': fragment(args.curve, fit),
         'bearings': [
             {'bearing': item.name, 'load': load, **speeds, 'regimes': regimes}
-            for item, speeds, regimes in found
+            for item, speeds, regimes in results
         ],
     }
 
 
-def _conditions(fit: StribeckFit) -> dict[str, Any] | None:
+def _reference_conditions(fit: StribeckFit) -> dict[str, Any] | None:
     """Return load and water of the reference points, and the exponent; ``None`` without columns of them."""
     if not isinstance(fit, PooledFit):
         return None
@@ -219,35 +225,35 @@ def fragment(source: str, fit: StribeckFit) -> str:
     """Return the law as a bearing's entry in the parameter file."""
     written = [name for name in UNITS if name != 'viscous' or name in fit.names]
     values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
-    both = zip(fit.names, fit.standard_error, strict=True)
-    errors = ', '.join(f'{name} {error:.2g}' for name, error in both)
+    estimates = zip(fit.names, fit.standard_error, strict=True)
+    errors = ', '.join(f'{name} {error:.2g}' for name, error in estimates)
     if isinstance(fit, PooledFit):
-        known = {'at_load': fit.load, 'at_temperature': fit.temperature}
-        values += ''.join(f', {name}: {value:.6g}' for name, value in known.items() if value == value)
+        conditions = {'at_load': fit.load, 'at_temperature': fit.temperature}
+        values += ''.join(f', {name}: {value:.6g}' for name, value in conditions.items() if value == value)
         if fit.lubrication is not None:
             values += f', load_exponent: {fit.lubrication.load_exponent:.4g}'
             errors += f', load_exponent {fit.exponent_error:.2g}'
     return (
-        f'{FRAGMENT_MARK}{_summary(source, fit)}.\n'
+        f'{FRAGMENT_MARK}{_summary_sentence(source, fit)}.\n'
         f'# Standard errors: {errors}.\n'
         f'friction: {{law: stribeck, {values}}}\n'
     )
 
 
-def viscous_sentence(fit: StribeckFit, asked: str) -> str:
+def viscous_sentence(fit: StribeckFit, option: str) -> str:
     """Why the law has a viscous slope or not."""
     used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'
     numbers = f'slope {test.slope:.3g} s/m, F = {test.f_value:.3g}, p = {test.p_value:.2g}'
     rule = f'rule: slope > 0 and p < {VISCOUS_LEVEL:g}'
-    asked_for = '' if asked == 'auto' else f', as asked for by --viscous {asked}'
-    if asked == 'yes' and not used:
+    asked_for = '' if option == 'auto' else f', as asked for by --viscous {option}'
+    if option == 'yes' and not used:
         asked_for = ': it would be negative and is held at 0'
     return f'{"with" if used else "no"} viscous slope{asked_for} ({numbers}; {rule})'
 
 
-def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: Found) -> None:
+def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results: Found) -> None:
     """Print the fit and what its uncertainty means for the bearings."""
     curve, names = fit.points, fit.names
     out.print(
@@ -276,7 +282,7 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: F
         out.print(f'[yellow]warning:[/] {escape(text)}')
     if note := unchecked(fit):
         out.print(f'note: {escape(note)}')
-    for item, speeds, regimes in found:
+    for item, speeds, regimes in results:
         out.print(_boundary_table(item, speeds, args.load))
         if regimes:
             shares = ', '.join(f'{name} {share:.1%}' for name, share in regimes.items())
@@ -287,9 +293,9 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, found: F
 
 def _conditions_sentence(fit: PooledFit) -> str:
     """At which load and water the law holds as it stands."""
-    known = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
-    known += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
-    return f'the law is that at {" and ".join(known)}{f"; {fit.sentence}" if fit.sentence else ""}'
+    conditions = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
+    conditions += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
+    return f'the law is that at {" and ".join(conditions)}{f"; {fit.sentence}" if fit.sentence else ""}'
 
 
 def _print_outliers(out: Console, fit: StribeckFit) -> None:

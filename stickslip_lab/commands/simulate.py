@@ -31,11 +31,11 @@ def run(args: argparse.Namespace) -> int:
             written = write_bag(scene, args.output, lambda done: bar.show('simulating', done, scene.duration))
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
-    output.console().print(escape(_summary(args.output, scene, written)))
+    output.console().print(escape(_summary_sentence(args.output, scene, written)))
     return 0
 
 
-def _summary(path: str, scene: Scene, written: Mapping[str, int]) -> str:
+def _summary_sentence(path: str, scene: Scene, written: Mapping[str, int]) -> str:
     """Say in one sentence what was written."""
     topics = [channel.topic for channel in scene.channels]
     telemetry = sum(written[topic] for topic in topics)

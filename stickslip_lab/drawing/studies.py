@@ -45,7 +45,7 @@ def draw_friction_fit(
         _draw_law(axes, fit)
         _draw_points(axes, fit)
         for name, speeds in (boundaries or {}).items():
-            _mark(axes, 'Hopf' if name == 'hopf_speed' else 'fold', *speeds)
+            _draw_boundary(axes, 'Hopf' if name == 'hopf_speed' else 'fold', *speeds)
         axes.legend(loc='upper right', frameon=True, framealpha=0.9, edgecolor='none')
         return figure
 
@@ -84,7 +84,7 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
         axes.annotate(f'line {curve.line[k]}', at, size=9.0, color=canvas.MUTED, bbox=plate, **beside)
 
 
-def _mark(axes: canvas.Axes, name: str, low: float, middle: float, high: float) -> None:
+def _draw_boundary(axes: canvas.Axes, name: str, low: float, middle: float, high: float) -> None:
     """Draw a boundary speed as a line in its interval, named at the foot of the axes."""
     if not middle > 0.0:
         return
@@ -104,44 +104,44 @@ _MOST_POINTS = 6000
 _SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.42, 0.79)
 
 
-def draw_calibration(config: BearingConfig, found: Calibration) -> canvas.Figure:
+def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.Figure:
     """Draw what was heard over the speed, with its edges, beside both boundaries' bands."""
-    heard = any(one.level is not None for one in found.evidence)
+    has_level = any(one.level is not None for one in calibration.evidence)
     with canvas.style():
-        count = plural(len(found.edges.tracks), 'passage'), plural(found.episodes, 'episode')
+        count = plural(len(calibration.edges.tracks), 'passage'), plural(calibration.episodes, 'episode')
         figure, axes = canvas.labelled(
             'shaft speed / configured fold speed',
-            'level / surface speed [dB]' if heard else 'passage',
+            'level / surface speed [dB]' if has_level else 'passage',
             title=f'{config.name}: {", ".join(count)}',
             size=_SIZE,
             box=_LEFT,
         )
-        (_draw_levels if heard else _draw_reports)(axes, found)
-        _draw_ends(axes, found, heard)
+        (_draw_levels if has_level else _draw_reports)(axes, calibration)
+        _draw_ends(axes, calibration, has_level)
         axes.axvline(1.0, color=canvas.INK, ls=':', lw=1.2, label='configured fold')
-        _draw_fold(axes, found)
-        fastest = max(float(track.over.max()) for track in found.edges.tracks)
+        _draw_fold(axes, calibration)
+        fastest = max(float(track.over.max()) for track in calibration.edges.tracks)
         axes.set_xlim(0.0, max(1.2, min(1.05 * fastest, _FASTEST)))
         axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5, markerscale=2.0)
-        _draw_boundaries(figure.add_axes(_RIGHT), config, found)
+        _draw_boundaries(figure.add_axes(_RIGHT), config, calibration)
     return figure
 
 
-def _vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
+def _is_vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
     loud = [(one.start_ns / 1e9, one.end_ns / 1e9) for one in track.reports if one.squeal]
     return np.any([np.zeros(time.size, bool), *((time >= a) & (time <= b) for a, b in loud)], axis=0)
 
 
-def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
+def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
     """Each value of the levels over the speed, coloured by what it was taken for."""
-    by_name = {one.name: one.level for one in found.evidence}
+    by_name = {one.name: one.level for one in calibration.evidence}
     rows = []
-    for track in found.edges.tracks:
+    for track in calibration.edges.tracks:
         if (level := by_name[track.name]) is not None:
             about = (level.time >= track.time[0]) & (level.time <= track.time[-1])
             time = level.time[about]
             over = np.interp(time, track.time, track.over)
-            rows.append([over, level.value[about], _vibrating(track, time)])
+            rows.append([over, level.value[about], _is_vibrating(track, time)])
     points = np.concatenate(rows, axis=1)
     points = points[:, points[0] < _FASTEST]
     points = points[:, :: max(1, points.shape[1] // _MOST_POINTS)]
@@ -150,57 +150,57 @@ def _draw_levels(axes: canvas.Axes, found: Calibration) -> None:
         axes.plot(*points[:2, points[2] == flag], '.', color=colour, label=name, **look)
 
 
-def _draw_reports(axes: canvas.Axes, found: Calibration) -> None:
+def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
     """Each passage as a line, thick where it was reported to vibrate."""
     names = 'passage', 'vibration reported'
-    for k, track in enumerate(found.edges.tracks, 1):
-        loud = np.where(_vibrating(track, track.time), track.over, np.nan)
+    for k, track in enumerate(calibration.edges.tracks, 1):
+        loud = np.where(_is_vibrating(track, track.time), track.over, np.nan)
         height = np.full(loud.size, k)
         axes.plot(track.over, height, color=_QUIET, lw=1.0, label=names[0])
         axes.plot(loud, height, color=_VIBRATING, lw=4.0, label=names[1])
         names = '_', '_'  # named once
-    axes.set_ylim(0.4, len(found.edges.tracks) + 0.6)
-    axes.set_yticks(range(1, len(found.edges.tracks) + 1))
+    axes.set_ylim(0.4, len(calibration.edges.tracks) + 0.6)
+    axes.set_yticks(range(1, len(calibration.edges.tracks) + 1))
 
 
-def _draw_ends(axes: canvas.Axes, found: Calibration, heard: bool) -> None:
+def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> None:
     """Draw the ends that count as at the fold, at their height; the doubtful ones crossed."""
-    doubtful = {id(end) for end, _ in found.doubts}
-    tracks = {track.name: (k, track) for k, track in enumerate(found.edges.tracks, 1)}
+    doubtful = {id(end) for end, _ in calibration.doubts}
+    tracks = {track.name: (k, track) for k, track in enumerate(calibration.edges.tracks, 1)}
     low, high = axes.get_ylim()
     for mark, text, edge, own in (
-        ('^', 'end at the fold', canvas.PAPER, [e for e in found.edges.seen if id(e) not in doubtful]),
-        ('>', 'fold is not below', canvas.PAPER, [e for e in found.edges.ends if e.is_bound]),
-        ('x', 'worthless', canvas.INK, [e for e in found.edges.ends if id(e) in doubtful]),
+        ('^', 'end at the fold', canvas.PAPER, [e for e in calibration.edges.seen if id(e) not in doubtful]),
+        ('>', 'fold is not below', canvas.PAPER, [e for e in calibration.edges.ends if e.is_bound]),
+        ('x', 'worthless', canvas.INK, [e for e in calibration.edges.ends if id(e) in doubtful]),
     ):
         at = []
         for end in own:
             k, track = tracks[end.recording]
             over = float(np.interp(end.time, track.time, track.over))
-            at.append((over, low + 0.5 * (high - low) if heard else float(k)))
+            at.append((over, low + 0.5 * (high - low) if has_level else float(k)))
         if at:
             axes.plot(*np.array(at).T, mark, color=canvas.INK, mec=edge, ms=8.0, label=text)
 
 
-def _draw_fold(axes: canvas.Axes, found: Calibration) -> None:
-    load = float(np.sqrt(found.loads[0] * found.loads[1]))
-    configured = float(np.exp(found.reference.fold(np.array([np.log(load)]))[0]))
-    low, middle, high = (float(found.belief.fold_speed(load, p)) / configured for p in QUANTILES)
+def _draw_fold(axes: canvas.Axes, calibration: Calibration) -> None:
+    load = float(np.sqrt(calibration.loads[0] * calibration.loads[1]))
+    configured = float(np.exp(calibration.reference.fold(np.array([np.log(load)]))[0]))
+    low, middle, high = (float(calibration.belief.fold_speed(load, p)) / configured for p in QUANTILES)
     _, colour, dashes = canvas.BOUNDARY_LINES['fold']
     axes.axvspan(low, high, color=colour, alpha=0.2, lw=0.0, label='calibrated fold, 5 to 95 %')
     axes.axvline(middle, color=colour, ls=dashes, lw=1.6)
 
 
-def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibration) -> None:
+def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, calibration: Calibration) -> None:
     """Both boundaries over the load, before and after, with their bands."""
-    low, high = found.loads
+    low, high = calibration.loads
     load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
     top = 0.0
     for name in ('fold', 'Hopf'):
         regime, colour, dashes = canvas.BOUNDARY_LINES[name]
         (left, was, right), (near, now, far) = (
             [getattr(b, f'{name.lower()}_speed')(load, p) / rpm for p in QUANTILES]
-            for b in (found.before, found.belief)
+            for b in (calibration.before, calibration.belief)
         )
         band = canvas.REGIME_COLOUR[regime]
         hatched: canvas.Look = {'fc': 'none', 'ec': band, 'hatch': '////', 'lw': 0.0, 'alpha': 0.35}
@@ -210,7 +210,7 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, found: Calibratio
         axes.plot(now, load, color=colour, ls=dashes, lw=1.8, label=f'{name} now, 5 to 95 %')
         top = max(top, float(far.max()), float(was.max()))
     thin: canvas.Look = {'color': canvas.INK, 'lw': 0.5, 'alpha': 0.5, 'zorder': 1}
-    for k, track in enumerate(found.edges.tracks):
+    for k, track in enumerate(calibration.edges.tracks):
         axes.plot(track.speed / rpm, track.load, label='_' if k else 'passages', **thin)
     axes.set_xlabel('shaft speed [rpm]')
     axes.set_ylabel('load [N]')
@@ -283,28 +283,28 @@ def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') 
             axes.grid(color='#e6e6e6', lw=0.6)
             axes.axhspan(6.0, _HIGHEST, color='#f0f0f0', lw=0.0)
             axes.set_title(title, loc='left', size=11.0, color=canvas.INK)
-            _methods(axes, marks, looks)
+            _draw_methods(axes, marks, looks)
         figure.axes[0].set_ylabel('relative error of the amplitude [-]')
         _name_families(figure, looks)
         figure.text(0.985, 0.012, footnote, ha='right', va='bottom', size=9.0, color=canvas.MUTED)
         return figure
 
 
-def _height(error: float) -> float:
+def _error_height(error: float) -> float:
     return _FAILED if math.isinf(error) else float(np.clip(error, _SMALLEST, 5.0))
 
 
-def _methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
+def _draw_methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
     front = sorted((m for m in marks if m.front), key=lambda m: m.seconds)
-    x, y = [m.seconds for m in front], [_height(m.error) for m in front]
+    x, y = [m.seconds for m in front], [_error_height(m.error) for m in front]
     axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=canvas.DASHES, zorder=2)
     for mark in marks:
         colour, shape = looks[mark.family]
         axes.plot(
             mark.seconds,
-            _height(mark.error),
+            _error_height(mark.error),
             shape,
-            ms=_size(shape),
+            ms=_marker_size(shape),
             mfc=canvas.PAPER if mark.together else colour,
             mec=colour if mark.together else canvas.INK if mark.front else canvas.PAPER,
             mew=1.4 if mark.front or mark.together else 0.8,
@@ -315,7 +315,7 @@ def _methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tu
         axes.text(0.012, 0.988, 'fails at some case', **look)
 
 
-def _size(shape: str) -> float:
+def _marker_size(shape: str) -> float:
     return 13.0 if shape == '*' else 8.5
 
 
@@ -323,7 +323,7 @@ def _name_families(figure: canvas.Figure, looks: dict[str, tuple[str, str]]) -> 
     from matplotlib.lines import Line2D
 
     rows: list[tuple[str, canvas.Look]] = [
-        (name, {'marker': shape, 'ls': '', 'ms': _size(shape), 'mfc': colour, 'mec': canvas.PAPER})
+        (name, {'marker': shape, 'ls': '', 'ms': _marker_size(shape), 'mfc': colour, 'mec': canvas.PAPER})
         for name, (colour, shape) in looks.items()
     ]
     hollow = {'marker': 'o', 'ls': '', 'ms': 8.0, 'mfc': canvas.PAPER, 'mec': canvas.INK}

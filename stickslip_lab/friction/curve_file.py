@@ -82,12 +82,12 @@ def read_curve(
     Raises:
         FitError: The file breaks a rule; the text names file, line, column, value and rule.
     """
-    rows, delimiter = _rows(path)
+    rows, delimiter = _read_rows(path)
     where = f'{path}, line {rows[0].line}'
-    chosen = _choose(where, rows[0].cells, columns or {})
+    chosen = _choose_columns(where, rows[0].cells, columns or {})
     headings = {quantity: rows[0].cells[index] for quantity, index in chosen.items()}
     _require_one_decimal_sign(path, rows[1:], chosen.values(), delimiter)
-    unit, source = _unit(where, headings['speed'], unit)
+    unit, source = _find_unit(where, headings['speed'], unit)
     if unit not in _LINEAR and journal_diameter is None:
         raise FitError(
             f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
@@ -95,12 +95,14 @@ def read_curve(
         )
     factor = _LINEAR.get(unit) or BearingSpeed(journal_diameter or 0.0).factor(unit)
     values = {
-        quantity: np.array([_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]])
+        quantity: np.array(
+            [_parse_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]]
+        )
         for quantity, index in chosen.items()
     }
     for name in ('coefficient', 'std'):
         if name in values:
-            values[name] *= _share(where, headings[name])
+            values[name] *= _coefficient_factor(where, headings[name])
     for name in ('load', 'temperature'):
         if name in values:
             values[name] = _in_unit(where, name, headings[name], values[name])
@@ -113,7 +115,7 @@ def read_curve(
     return FrictionCurve(speed, values['coefficient'], std, lines, unit, source, *conditions)
 
 
-def _rows(path: str | Path) -> tuple[list[TableRow], str]:
+def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
     """Return the rows, the headings with their units first, and what separates their cells."""
     rows, delimiter = read_table(path, _LARGEST, FitError)
     if len(rows) > _MOST_POINTS:
@@ -132,7 +134,7 @@ def _rows(path: str | Path) -> tuple[list[TableRow], str]:
     return rows, delimiter
 
 
-def _split(heading: str) -> tuple[list[str], str]:
+def _split_heading(heading: str) -> tuple[list[str], str]:
     """Return the words of a heading in lower case, and its unit as it is written."""
     match = _HEADING.fullmatch(heading)
     name, *units = match.groups() if match else (heading,)
@@ -143,21 +145,21 @@ def _split(heading: str) -> tuple[list[str], str]:
             return words[:-count], last
     if not unit:  # 'speed [rpm] of the shaft'
         unit = next((text for text in _BRACKETED.findall(heading) if _speed_unit(text) or text == '%'), '')
-    if _quantity([unit.lower()]) == 'coefficient':
+    if _find_quantity([unit.lower()]) == 'coefficient':
         unit = ''  # 'Coefficient of friction (COF)'
     return words, unit
 
 
-def _quantity(words: Iterable[str]) -> str:
+def _find_quantity(words: Iterable[str]) -> str:
     """Return the quantity that a heading of some words is of; '' for none."""
-    found = set(words)
-    name = next((name for name, own in NAMES.items() if found & {*own.split()}), '')
+    present = set(words)
+    name = next((name for name, text in NAMES.items() if present & {*text.split()}), '')
     if name in ('std', 'weight'):
-        known = f'{NAMES[name]} {NAMES["coefficient"]}'.split()
-        return name if found <= {*known} | _BESIDE else ''
-    if found >= {'normal', 'force'}:
+        coefficient_words = f'{NAMES[name]} {NAMES["coefficient"]}'.split()
+        return name if present <= {*coefficient_words} | _BESIDE else ''
+    if present >= {'normal', 'force'}:
         return 'load'
-    return '' if found & _OTHERS else name
+    return '' if present & _OTHERS else name
 
 
 def _speed_unit(text: str) -> str | None:
@@ -166,13 +168,13 @@ def _speed_unit(text: str) -> str | None:
     return unit if unit in _LINEAR or unit in SPEED_UNITS else None
 
 
-def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
+def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
     """Return the index of each quantity's column; std and weight only where there is one."""
-    asked = {quantity: columns.get(quantity) for quantity in NAMES}
-    if asked['std'] is not None and asked['weight'] is not None:
+    named = {quantity: columns.get(quantity) for quantity in NAMES}
+    if named['std'] is not None and named['weight'] is not None:
         raise FitError('give --std-column or --weight-column, not both')
-    found = {q: _index(where, cells, q, asked[q]) for q in NAMES}
-    chosen = {quantity: index for quantity, index in found.items() if index is not None}
+    indexes = {q: _find_column(where, cells, q, named[q]) for q in NAMES}
+    chosen = {quantity: index for quantity, index in indexes.items() if index is not None}
     if not chosen and all(map(_is_number, cells)):
         raise FitError(f"{where} has numbers and no headings: put a line 'speed [m/s],mu' before it")
     for quantity in ('speed', 'coefficient'):
@@ -188,51 +190,53 @@ def _choose(where: str, cells: list[str], columns: Mapping[str, str | None]) -> 
                 ' factor is not said: write the numbers themselves'
             )
     if 'std' in chosen and 'weight' in chosen:
-        del chosen['weight' if asked['weight'] is None else 'std']
+        del chosen['weight' if named['weight'] is None else 'std']
     return chosen
 
 
-def _index(where: str, cells: list[str], quantity: str, asked: str | None) -> int | None:
-    split = [_split(cell) for cell in cells]
-    if asked is None:
-        found = [k for k, (words, _) in enumerate(split) if _quantity(words) == quantity]
+def _find_column(where: str, cells: list[str], quantity: str, named: str | None) -> int | None:
+    split = [_split_heading(cell) for cell in cells]
+    if named is None:
+        candidates = [k for k, (words, _) in enumerate(split) if _find_quantity(words) == quantity]
         # 'speed' before 'speed setpoint'.
-        plain = [k for k in found if {*split[k][0]} <= {*NAMES[quantity].split()}]
-        found = plain or found
-        if not found and quantity == 'speed':
-            found = [k for k, (words, unit) in enumerate(split) if not words and unit]
+        plain = [k for k in candidates if {*split[k][0]} <= {*NAMES[quantity].split()}]
+        candidates = plain or candidates
+        if not candidates and quantity == 'speed':
+            candidates = [k for k, (words, unit) in enumerate(split) if not words and unit]
     else:
-        found = [k for k, cell in enumerate(cells) if cell == asked]
-        found = found or [k for k, (words, _) in enumerate(split) if words == _split(asked)[0]]
-    if len(found) > 1:
-        several = str([cells[k] for k in found])[1:-1]
+        candidates = [k for k, cell in enumerate(cells) if cell == named]
+        candidates = candidates or [
+            k for k, (words, _) in enumerate(split) if words == _split_heading(named)[0]
+        ]
+    if len(candidates) > 1:
+        several = str([cells[k] for k in candidates])[1:-1]
         raise FitError(
             f'{where}: several columns may be the {quantity}: {several}; name one with --{quantity}-column'
         )
-    if not found and asked is not None:
-        raise FitError(f"{where}: --{quantity}-column '{asked}' is none of the columns {str(cells)[1:-1]}")
-    return found[0] if found else None
+    if not candidates and named is not None:
+        raise FitError(f"{where}: --{quantity}-column '{named}' is none of the columns {str(cells)[1:-1]}")
+    return candidates[0] if candidates else None
 
 
-def _unit(where: str, heading: str, asked: str | None) -> tuple[str, str]:
+def _find_unit(where: str, heading: str, option: str | None) -> tuple[str, str]:
     """Return the unit of the speeds and where it was found."""
-    written = _split(heading)[1]
+    written = _split_heading(heading)[1]
     unit = _speed_unit(written)
     if written and unit is None:
-        known = ', '.join(dict.fromkeys((*SPEED_UNITS, *_LINEAR)))
-        raise FitError(f"{where}, column '{heading}': unit '{written}' must be one of {known}")
-    if asked is not None and unit is not None and asked != unit:
+        units = ', '.join(dict.fromkeys((*SPEED_UNITS, *_LINEAR)))
+        raise FitError(f"{where}, column '{heading}': unit '{written}' must be one of {units}")
+    if option is not None and unit is not None and option != unit:
         raise FitError(
-            f"{where}, column '{heading}' is in {unit}, and --speed-unit says {asked}: they must agree"
+            f"{where}, column '{heading}' is in {unit}, and --speed-unit says {option}: they must agree"
         )
-    if asked is not None:
-        return asked, '--speed-unit'
+    if option is not None:
+        return option, '--speed-unit'
     return (unit, 'the heading') if unit else ('m/s', 'assumed: the heading states none')
 
 
-def _share(where: str, heading: str) -> float:
+def _coefficient_factor(where: str, heading: str) -> float:
     """Return the factor of a coefficient in the heading's unit: percent or no unit."""
-    unit = _split(heading)[1].lower()
+    unit = _split_heading(heading)[1].lower()
     if unit not in _SHARES:
         raise FitError(
             f"{where}, column '{heading}': unit '{unit}' must be %, or none: a coefficient is force over load"
@@ -253,11 +257,11 @@ _CONDITION_UNITS = {
 
 def _in_unit(where: str, quantity: str, heading: str, values: FloatArray) -> FloatArray:
     """Convert loads to N and temperatures to C."""
-    unit, known = _split(heading)[1].lower(), _CONDITION_UNITS[quantity]
-    if unit not in known:
+    unit, units = _split_heading(heading)[1].lower(), _CONDITION_UNITS[quantity]
+    if unit not in units:
         names = 'N or kN' if quantity == 'load' else 'C, K or F'
         raise FitError(f"{where}, column '{heading}': unit '{unit}' must be {names}")
-    factor, summand = known[unit]
+    factor, summand = units[unit]
     return values * factor + summand
 
 
@@ -281,7 +285,7 @@ def _is_number(text: str) -> bool:
     return re.fullmatch(r'[-+]?[\d.,]+(?:e[-+]?\d+)?', text, re.IGNORECASE) is not None
 
 
-def _number(
+def _parse_number(
     path: str | Path, row: TableRow, headings: TableRow, index: int, quantity: str, delimiter: str
 ) -> float:
     """One cell as a number that keeps the rule of its quantity."""

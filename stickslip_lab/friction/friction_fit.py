@@ -113,7 +113,7 @@ class StribeckFit:
     @cached_property
     def residual(self) -> FloatArray:
         """Measured minus fitted coefficient, shape (n,) [-]."""
-        return self.curve.coefficient - _law(self.values, self.curve)
+        return self.curve.coefficient - _build_law(self.values, self.curve)
 
     @cached_property
     def weight(self) -> FloatArray:
@@ -143,7 +143,7 @@ class StribeckFit:
         correction = 1.0 + p / n * float(slope.var()) / mean**2
         influence = float(np.sum((self.weight * self.residual / self.curve.std) ** 2)) / (n - p)
         spread = correction**2 * influence / mean**2 * float(self.weight.mean())
-        return max(math.sqrt(spread), _rounding(self.curve))
+        return max(math.sqrt(spread), _rounding_scale(self.curve))
 
     @property
     def t_quantile(self) -> float:
@@ -191,23 +191,23 @@ class StribeckFit:
     def intervals(self) -> FloatArray:
         """95 % intervals, that of ``decay`` by its logarithm, shape (k, 2)."""
         reach = self.t_quantile * self.standard_error
-        both = np.stack([self.estimate - reach, self.estimate + reach], axis=1)
+        ends = np.stack([self.estimate - reach, self.estimate + reach], axis=1)
         decay, factor = self.law.decay, self.decay_factor
-        both[self.names.index('decay')] = decay / factor, decay * factor
-        return both
+        ends[self.names.index('decay')] = decay / factor, decay * factor
+        return ends
 
     def band(self, speed: ArrayLike) -> FloatArray:
         """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
-        gradient = self._gradient(np.asarray(speed, dtype=float))
+        gradient = self._law_gradient(np.asarray(speed, dtype=float))
         variance = np.einsum('ni,ij,nj->n', gradient, self.covariance, gradient)
         return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know before using the fit, one sentence each."""
-        return tuple(_warnings(self))
+        return tuple(_fit_warnings(self))
 
-    def _gradient(self, speed: FloatArray) -> FloatArray:
+    def _law_gradient(self, speed: FloatArray) -> FloatArray:
         """Return derivatives of the law at speeds, shape (n,), by the free coefficients, (n, k)."""
         decay = math.exp(self.values[2])
         left = np.exp(-decay * speed)
@@ -219,7 +219,7 @@ class StribeckFit:
     def decomposed(self) -> tuple[FloatArray, FloatArray]:
         """``Q`` (n, k) and ``R^-1`` (k, k) of the weighted gradient; ``inf`` if it is singular."""
         root = np.sqrt(self.weight) / self.curve.std
-        rows = self._gradient(self.curve.speed) * root[:, None]
+        rows = self._law_gradient(self.curve.speed) * root[:, None]
         size = np.linalg.norm(rows, axis=0)
         orthogonal, triangle = np.linalg.qr(rows / size)
         if np.abs(np.diag(triangle)).min() > _SINGULAR:
@@ -227,13 +227,13 @@ class StribeckFit:
         return orthogonal, np.full((size.size, size.size), np.inf)
 
 
-def _law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
+def _build_law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
     drop, kinetic, log_decay, viscous = values
     path = curve.speed - curve.speed.min()
     return np.asarray(kinetic + drop * np.exp(-np.exp(log_decay) * path) + viscous * curve.speed)
 
 
-def _rounding(curve: FrictionCurve) -> float:
+def _rounding_scale(curve: FrictionCurve) -> float:
     """Return the least scale: what rounding leaves of exact data."""
     return _ROUNDING * float(np.max(np.abs(curve.coefficient / curve.std), initial=1e-14))
 
@@ -247,22 +247,22 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
     Raises:
         FitError: The curve cannot identify the law.
     """
-    asked = ' '.join(_questions(curve))
+    questions = ' '.join(_unit_questions(curve))
     try:
         with np.errstate(all='ignore'):
-            return _identified(_chosen(curve, viscous))
+            return _require_identified(_choose_fit(curve, viscous))
     except FitError as error:
-        raise FitError(f'{error}. {asked}' if asked else str(error)) from error
+        raise FitError(f'{error}. {questions}' if questions else str(error)) from error
     except (ArithmeticError, ValueError, IndexError, np.linalg.LinAlgError) as error:
         raise FitError(
             f'the {curve.speed.size} points do not determine a Stribeck law in numbers that a'
             f' computer holds ({error}): speeds from {curve.speed.min():.3g} to'
             f' {curve.speed.max():.3g} m/s, coefficients from {curve.coefficient.min():.3g} to'
-            f' {curve.coefficient.max():.3g}{". " if asked else ""}{asked}'
+            f' {curve.coefficient.max():.3g}{". " if questions else ""}{questions}'
         ) from error
 
 
-def _chosen(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
+def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     """Return the fit with or without a viscous slope."""
     if lack := _lack_of_points(curve, RISING if viscous == 'yes' else PLAIN):
         raise FitError(lack)
@@ -286,15 +286,15 @@ def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) 
 
     A ``scale`` > 0 is that of the residuals, in place of one by their median.
     """
-    found, given = StribeckFit(curve, names, _start(curve, names), 1.0), scale
+    found, given = StribeckFit(curve, names, _start_values(curve, names), 1.0), scale
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
     for loss, at in (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY)):
         scale = given or _robust_scale(found)
-        found = replace(found, median_scale=scale, values=_descend(found, scale, loss, at))
+        found = replace(found, median_scale=scale, values=_minimise_loss(found, scale, loss, at))
     return found
 
 
-def _start(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
+def _start_values(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
     """Find the best law over ten decays a decade, from a straight line to a step at the lowest speed."""
     path = curve.speed - curve.speed.min()
     place = np.unique(path)
@@ -314,7 +314,7 @@ def _start(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
     return start
 
 
-def _descend(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray:
+def _minimise_loss(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray:
     """Find the values that fit best, from those on, by a loss of the residuals over the scale."""
     free = np.array([name in fit.names for name in UNITS])
 
@@ -324,7 +324,7 @@ def _descend(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray
         return full
 
     def misfit(part: FloatArray) -> FloatArray:
-        return (_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
+        return (_build_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
 
     exactly: Any = dict.fromkeys(('ftol', 'xtol', 'gtol'), 1e-15)
     how: Any = {'x_scale': 'jac', 'loss': loss, 'f_scale': at, 'max_nfev': 200}
@@ -339,7 +339,7 @@ def _robust_scale(fit: StribeckFit) -> float:
     """
     ordered, k = np.sort(np.abs(fit.residual / fit.curve.std)), len(fit.names)
     caution = 1.0 + _SMALL_SAMPLE / (ordered.size - k)
-    return max(_MAD * caution * float(np.median(ordered[k - 1 :])), 0.01 * _rounding(fit.curve))
+    return max(_MAD * caution * float(np.median(ordered[k - 1 :])), 0.01 * _rounding_scale(fit.curve))
 
 
 def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
@@ -355,17 +355,17 @@ def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
     return f'different speeds = {distinct} must be at least {k}: {coefficients}' * (distinct < k)
 
 
-def _identified(free: StribeckFit) -> StribeckFit:
+def _require_identified(free: StribeckFit) -> StribeckFit:
     """Return the fit if the curve identifies it.
 
     Raises:
         FitError: It does not; the text says what is missing.
     """
-    kept, least = int(np.sum(free.weight > ASIDE)), len(free.names) + SPARE_POINTS
-    if kept < least:
+    used_count, required_count = int(np.sum(free.weight > ASIDE)), len(free.names) + SPARE_POINTS
+    if used_count < required_count:
         raise FitError(
-            f'points on one curve = {kept} must be at least {least}: the other'
-            f' {free.weight.size - kept} lie far from it, so no Stribeck law describes the'
+            f'points on one curve = {used_count} must be at least {required_count}: the other'
+            f' {free.weight.size - used_count} lie far from it, so no Stribeck law describes the'
             f' measurement; {SEVERAL_LOADS}'
         )
     _require_fall(free)
@@ -398,10 +398,10 @@ def _require_fall(fit: StribeckFit) -> None:
     level = np.linalg.lstsq(left, target, rcond=None)[0]
     gain = np.sum((target - left @ level) ** 2) - np.sum((root * fit.residual) ** 2)
     f_value = float(gain) / 2.0 / fit.scale**2
-    least = float(stats.f.isf(FALL_LEVEL, 2.0, fit.degrees_of_freedom))
-    if not f_value > least:
+    critical = float(stats.f.isf(FALL_LEVEL, 2.0, fit.degrees_of_freedom))
+    if not f_value > critical:
         raise FitError(
-            f'F = {f_value:.3g} of the falling part must be above {least:.3g} (0.1 % level): no'
+            f'F = {f_value:.3g} of the falling part must be above {critical:.3g} (0.1 % level): no'
             f' falling part stands out of the scatter of {fit.scale:.2g}'
         )
 
@@ -433,26 +433,26 @@ def _require_decay(fit: StribeckFit) -> None:
     )
 
 
-def _questions(curve: FrictionCurve) -> list[str]:
+def _unit_questions(curve: FrictionCurve) -> list[str]:
     """Return a question to the user for each quantity whose numbers look like another unit."""
-    found = []
+    questions = []
     top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
     if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
-        found.append(
+        questions.append(
             f'a coefficient of {curve.coefficient[top]:.3g} (line {curve.line[top]}) is unusual:'
             ' is it in percent, 30 for 0.30?'
         )
     fastest = float(curve.speed.max(initial=0.0))
     if fastest > _UNUSUAL_SPEED:
-        other = 'is the diameter in metres' if curve.unit in SPEED_UNITS else 'is its unit right'
-        other = 'is it in rpm (--speed-unit rpm)' if curve.unit == 'm/s' else other
-        found.append(f'a sliding speed of {fastest:.3g} m/s is unusual: {other}?')
-    return found
+        advice = 'is the diameter in metres' if curve.unit in SPEED_UNITS else 'is its unit right'
+        advice = 'is it in rpm (--speed-unit rpm)' if curve.unit == 'm/s' else advice
+        questions.append(f'a sliding speed of {fastest:.3g} m/s is unusual: {advice}?')
+    return questions
 
 
-def _warnings(fit: StribeckFit) -> Iterator[str]:
+def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
     curve = fit.curve
-    yield from _questions(curve)
+    yield from _unit_questions(curve)
     share = fit.outliers.size / fit.weight.size
     if share > _MANY_OUTLIERS:
         yield f'{share:.0%} of the points count less than half: the law may not be the right one'
@@ -490,16 +490,16 @@ def unchecked(fit: StribeckFit) -> str:
 
 def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
     """Whether neighbours are too much alike: along the speeds, and in the order of measurement."""
-    if fit.scale <= _rounding(fit.curve):
+    if fit.scale <= _rounding_scale(fit.curve):
         return
     along = np.argsort(fit.curve.speed, kind='stable')
-    if (alike := _likeness(fit, along)) < SHAPE_LEVEL:
+    if (alike := _neighbour_probability(fit, along)) < SHAPE_LEVEL:
         yield (
             f'neighbours along the speeds lie on one side of the law more often than by chance (p'
             f' = {alike:.1g}): the curve has another shape than the Stribeck law, so that errors'
             ' and intervals are too small'
         )
-    elif (alike := _likeness(fit, np.arange(along.size))) < SHAPE_LEVEL:
+    elif (alike := _neighbour_probability(fit, np.arange(along.size))) < SHAPE_LEVEL:
         yield (
             'points measured one after the other lie on one side of the law more often than by'
             f' chance (p = {alike:.1g}): friction changed during the measurement, as by running in'
@@ -524,7 +524,7 @@ def _spread_along_fall(fit: StribeckFit) -> float:
     return float(stats.spearmanr(fall, size, alternative='greater').pvalue)
 
 
-def _likeness(fit: StribeckFit, order: IndexArray) -> float:
+def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
     """Probability of residuals whose neighbours are as much alike, if the law is right.
 
     The serial correlation of Durbin and Watson (Biometrika 37, 1950), by simulation: scatter
@@ -532,8 +532,8 @@ def _likeness(fit: StribeckFit, order: IndexArray) -> float:
     """
     hat = fit.decomposed[0]
     noise = np.random.default_rng(0).standard_normal((_SIMULATED, order.size))
-    own = np.sqrt(fit.weight) * fit.residual / fit.curve.std
-    rows = np.vstack([own, noise - (noise @ hat) @ hat.T])[:, order]
+    scaled = np.sqrt(fit.weight) * fit.residual / fit.curve.std
+    rows = np.vstack([scaled, noise - (noise @ hat) @ hat.T])[:, order]
     serial = np.sum(rows[:, 1:] * rows[:, :-1], axis=1) / np.sum(rows**2, axis=1)
     return float(np.mean(serial >= serial[0]))
 
@@ -545,8 +545,8 @@ def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
     ``kappa = (c/N + nu)/((mu_s - mu_k) beta)``; both to first order in the coefficients. The
     covariance is widened by Student's t over the normal quantile.
     """
-    law, own = fit.law, replace(bearing, friction=fit.law, lubrication=fit.lubrication)
-    fall, damping = law.static - law.kinetic, bearing.damping / float(reference_point(own, 0.0, load)[1])
+    law, fitted = fit.law, replace(bearing, friction=fit.law, lubrication=fit.lubrication)
+    fall, damping = law.static - law.kinetic, bearing.damping / float(reference_point(fitted, 0.0, load)[1])
     of_r = {'decay': -1.0 / law.decay}
     of_q = {
         'static': 1.0 / fall,
@@ -561,4 +561,4 @@ def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
         log_load = math.log(load / fit.lubrication.load)
         rows = np.column_stack([rows, [log_load, -log_load]])
     wider = fit.t_quantile / stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
-    return Belief(own, wider**2 * rows @ fit.full_covariance @ rows.T)
+    return Belief(fitted, wider**2 * rows @ fit.full_covariance @ rows.T)

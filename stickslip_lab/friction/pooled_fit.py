@@ -77,16 +77,16 @@ class PooledFit(StribeckFit):
     def full_covariance(self) -> FloatArray:
         """Covariance of the free coefficients and the exponent, which is the last."""
         orthogonal, inverse = self.decomposed
-        known = self.scale**2 * (inverse @ inverse.T)
+        covariance = self.scale**2 * (inverse @ inverse.T)
         if not self.has_exponent:
-            return known
+            return covariance
         root = np.sqrt(self.weight) / self.curve.std
-        log_load = np.log(_known(self.measured.load) / self.load)
+        log_load = np.log(_finite_values(self.measured.load) / self.load)
         by_exponent = -log_load * self.curve.speed * self.law.slope(self.curve.speed) * root
         along = orthogonal.T @ by_exponent
-        own = self.scale**2 / float(np.sum((by_exponent - orthogonal @ along) ** 2))
+        variance = self.scale**2 / float(np.sum((by_exponent - orthogonal @ along) ** 2))
         shift = np.append(-inverse @ along, 1.0)
-        full = np.pad(known, ((0, 1), (0, 1))) + own * np.outer(shift, shift)
+        full = np.pad(covariance, ((0, 1), (0, 1))) + variance * np.outer(shift, shift)
         return np.asarray(full)
 
     @property
@@ -103,7 +103,7 @@ class PooledFit(StribeckFit):
         return f'no effect of the load stands out of the scatter ({number})'
 
 
-def _known(column: FloatArray | None) -> FloatArray:
+def _finite_values(column: FloatArray | None) -> FloatArray:
     return np.ones(1) if column is None else column
 
 
@@ -118,13 +118,15 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     load, temperature, ratio = np.nan, np.nan, np.ones(curve.speed.size)
     log_load = np.zeros(curve.speed.size)
     if curve.load is not None:
-        _require(curve, 'load', curve.load, curve.load > 0.0, 'above 0 N')
+        _require_values(curve, 'load', curve.load, curve.load > 0.0, 'above 0 N')
         load = float(np.exp(np.mean(np.log(curve.load))))
         log_load = np.log(curve.load / load)
     if curve.temperature is not None:
         water = curve.temperature
         liquid = (water >= MIN_TEMPERATURE) & (water <= MAX_TEMPERATURE)
-        _require(curve, 'temperature', water, liquid, f'from {MIN_TEMPERATURE:g} to {MAX_TEMPERATURE:g} C')
+        _require_values(
+            curve, 'temperature', water, liquid, f'from {MIN_TEMPERATURE:g} to {MAX_TEMPERATURE:g} C'
+        )
         temperature = float(np.mean(water))
         ratio = np.asarray(viscosity(water) / viscosity(temperature))
 
@@ -132,23 +134,25 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
         return replace(curve, speed=curve.speed * ratio * np.exp(-exponent * log_load))
 
     differs = bool(np.ptp(log_load) > np.log(LEAST_RATIO))
-    exponent = _exponent(reduced, PLAIN) if differs else 0.0
-    found = fit_stribeck(reduced(exponent), viscous)
-    if differs and found.names != PLAIN:
-        exponent = _exponent(reduced, found.names)
-        found = fit_stribeck(reduced(exponent), viscous)
-    own = {each.name: getattr(found, each.name) for each in fields(StribeckFit)}
+    exponent = _fit_exponent(reduced, PLAIN) if differs else 0.0
+    fit = fit_stribeck(reduced(exponent), viscous)
+    if differs and fit.names != PLAIN:
+        exponent = _fit_exponent(reduced, fit.names)
+        fit = fit_stribeck(reduced(exponent), viscous)
+    values = {field.name: getattr(fit, field.name) for field in fields(StribeckFit)}
     return PooledFit(
-        **own, measured=curve, load=load, temperature=temperature, exponent=exponent, has_exponent=differs
+        **values, measured=curve, load=load, temperature=temperature, exponent=exponent, has_exponent=differs
     )
 
 
-def _require(curve: FrictionCurve, name: str, values: FloatArray, possible: BoolArray, rule: str) -> None:
+def _require_values(
+    curve: FrictionCurve, name: str, values: FloatArray, possible: BoolArray, rule: str
+) -> None:
     for k in np.flatnonzero(~possible):
         raise FitError(f'line {curve.line[k]}: {name} = {values[k]:g} must be {rule}')
 
 
-def _exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:
+def _fit_exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:
     """Return the exponent with the least misfit by Cauchy's loss at one scale."""
     tried = [solve_law(reduced(float(g)), names) for g in _EXPONENTS]
     # Nearly absolute residuals choose the start and the scale, which outliers move little.

@@ -69,16 +69,16 @@ class SceneRun:
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
         """Take an effect for a topic or a bearing, or for one part of it, once."""
-        what = f"'{effect}' with {part}" if part else f"'{effect}'"
-        if (what, place) in self._claimed:
-            raise SceneError(f'effect {what} is listed twice{place}')
-        self._claimed.add((what, place))
+        owner = f"'{effect}' with {part}" if part else f"'{effect}'"
+        if (owner, place) in self._claimed:
+            raise SceneError(f'effect {owner} is listed twice{place}')
+        self._claimed.add((owner, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
         """Return the channels of a quantity that an effect is for: of its ``bearing``, else of all."""
-        own = [b.name for b in self._asked(settings)]
+        names = [b.name for b in self._named_bearings(settings)]
         for channel in self.channels:
-            if channel.quantity == quantity and any(map(channel.serves, own)):
+            if channel.quantity == quantity and any(map(channel.serves, names)):
                 self.claim(settings.name, f' for topic {channel.topic}')
                 yield channel
 
@@ -87,16 +87,16 @@ class SceneRun:
 
         Where it may be listed once for each part of a bearing, ``part`` names it.
         """
-        asked = self._asked(settings)
-        for config in asked:
+        named = self._named_bearings(settings)
+        for config in named:
             self.claim(settings.name, f' for bearing {config.name}', part)
-        return asked
+        return named
 
-    def _asked(self, settings: Settings) -> list[BearingConfig]:
-        known = {b.name: b for channel in self.channels for b in channel.bearings}
+    def _named_bearings(self, settings: Settings) -> list[BearingConfig]:
+        bearings = {b.name: b for channel in self.channels for b in channel.bearings}
         if 'bearing' not in settings:
-            return list(known.values())
-        return [known[settings.choice('bearing', list(known))]]
+            return list(bearings.values())
+        return [bearings[settings.choice('bearing', list(bearings))]]
 
     def course(self, config: BearingConfig) -> FrictionCourse:
         """Return the friction of a bearing over time."""
@@ -164,13 +164,13 @@ def channel_effect(
             if not named:
                 raise SceneError(f'{settings.name} must name speed, load or both')
             for quantity in named:
-                own = settings.section(quantity, keys, section) if section else settings
+                part = settings.section(quantity, keys, section) if section else settings
                 for channel in run.pick(settings, quantity):
-                    if change := function(own, channel, run):
+                    if change := function(part, channel, run):
                         run.effects.append(_on_signal(channel.topic, change))
 
-        known = ('bearing', *(quantities if section else keys))
-        DECLARED[function.__name__] = Effect(stage, known, build)
+        allowed = ('bearing', *(quantities if section else keys))
+        DECLARED[function.__name__] = Effect(stage, allowed, build)
         return function
 
     return declare
@@ -189,10 +189,10 @@ def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
 def require_header(channel: Channel, otherwise: str) -> None:
     """Refuse a channel whose messages have no time stamp, and say what could not be otherwise."""
     if not channel.is_stamped:
-        known = ' or '.join(STAMPED_FIELDS)
+        fields = ' or '.join(STAMPED_FIELDS)
         raise SceneError(
             f'topic {channel.topic} is {channel.input.type}, without a time stamp: {otherwise};'
-            f' use {known} in the configuration'
+            f' use {fields} in the configuration'
         )
 
 
@@ -214,7 +214,7 @@ def exp(x: FloatArray) -> FloatArray:
     x = np.maximum(x, -700.0)
     twos = np.rint(x * (1.0 / math.log(2.0)))
     rest = (x - twos * _LN2_HIGH) - twos * _LN2_LOW
-    return np.ldexp(_polynomial(_EXP, rest), twos.astype(np.int32))
+    return np.ldexp(_evaluate_polynomial(_EXP, rest), twos.astype(np.int32))
 
 
 def cos_turns(turns: FloatArray) -> FloatArray:
@@ -222,10 +222,10 @@ def cos_turns(turns: FloatArray) -> FloatArray:
     away = np.abs(turns - np.rint(turns))
     folded = np.minimum(away, 0.5 - away)
     angle = (2.0 * math.pi) * np.abs(folded)
-    return np.where(away > 0.25, -1.0, 1.0) * _polynomial(_COS, angle * angle)
+    return np.where(away > 0.25, -1.0, 1.0) * _evaluate_polynomial(_COS, angle * angle)
 
 
-def _polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
+def _evaluate_polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
     total = np.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         np.multiply(total, x, out=total)
@@ -233,7 +233,7 @@ def _polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
     return total
 
 
-def _add(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
+def _add_course(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
     """Add a course in a unit of which one is so many in SI; the integral of a speed turns."""
 
     def way(time: FloatArray) -> FloatArray:
@@ -245,12 +245,12 @@ def _add(channel: Channel, run: SceneRun, course: Profile | Response, factor: fl
 
 def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
     unit, factor = unit_of(settings, channel)
-    _add(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
+    _add_course(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
 
 
 def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
     unit, factor = unit_of(settings, channel)
-    _add(channel, run, read_steps(settings, unit, run.duration), factor)
+    _add_course(channel, run, read_steps(settings, unit, run.duration), factor)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
@@ -273,24 +273,26 @@ def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Lets the speed follow telegraph orders."""
     unit, factor = unit_of(settings, channel)
     time_constant = settings.number('time_constant', 's', above=0.0)
-    times, targets = _orders(settings, _speeds(settings, unit), run.duration)
-    _add(channel, run, Response.to(times, targets * factor, time_constant), 1.0)
+    times, targets = _read_orders(settings, _telegraph_speeds(settings, unit), run.duration)
+    _add_course(channel, run, Response.to(times, targets * factor, time_constant), 1.0)
 
 
-def _speeds(settings: Settings, unit: str) -> dict[str, float]:
+def _telegraph_speeds(settings: Settings, unit: str) -> dict[str, float]:
     """Return the speed of each order the telegraph has."""
     speeds = {'stop': 0.0}
     for way, sign in (('ahead', 1.0), ('astern', -1.0)):
         if way in settings:
             table = settings.section(way, STEPS, 'the speed of each step of the telegraph')
-            least = 0.0
+            previous = 0.0
             for step in (step for step in STEPS if step in table):
-                least = table.number(step, unit, above=least)
-                speeds[f'{step} {way}'] = sign * least
+                previous = table.number(step, unit, above=previous)
+                speeds[f'{step} {way}'] = sign * previous
     return speeds
 
 
-def _orders(settings: Settings, speeds: dict[str, float], duration: float) -> tuple[FloatArray, FloatArray]:
+def _read_orders(
+    settings: Settings, speeds: dict[str, float], duration: float
+) -> tuple[FloatArray, FloatArray]:
     """When each order is given, and the speed it asks for."""
     rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
     for name, order in rows:
@@ -320,22 +322,22 @@ class Response:
         values, ways = targets.copy(), times * targets
         response = cls(times, targets, values, ways, time_constant)
         for k in range(1, times.size):
-            before = response._piece(times[k : k + 1], k - 1)
+            before = response._evaluate_piece(times[k : k + 1], k - 1)
             values[k], ways[k] = before[0][0], before[1][0]
         return response
 
     def at(self, time: FloatArray) -> FloatArray:
         """Values at some times, shape (n,)."""
-        return self._piece(time, self._last(time))[0]
+        return self._evaluate_piece(time, self._last_change(time))[0]
 
     def integral(self, time: FloatArray) -> FloatArray:
         """Integral from 0 to some times, shape (n,)."""
-        return self._piece(time, self._last(time))[1]
+        return self._evaluate_piece(time, self._last_change(time))[1]
 
-    def _last(self, time: FloatArray) -> Any:
+    def _last_change(self, time: FloatArray) -> Any:
         return np.maximum(np.searchsorted(self.times, time, side='right') - 1, 0)
 
-    def _piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
+    def _evaluate_piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
         """Value and integral where target ``k`` is the last."""
         since, off = time - self.times[k], self.values[k] - self.targets[k]
         # Before the first target there is nothing off.
@@ -369,9 +371,9 @@ def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
     unit, factor = unit_of(settings, channel)
     per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
     sea = Sea.of(
-        settings.number('significant_height', 'm', least=0.0),
-        settings.number('peak_period', 's', least=_SHORTEST),
-        settings.number('gamma', '-', least=1.0, most=10.0),
+        settings.number('significant_height', 'm', minimum=0.0),
+        settings.number('peak_period', 's', minimum=_SHORTEST),
+        settings.number('gamma', '-', minimum=1.0, maximum=10.0),
         run.random(settings),
     )
     run.shaft.add(channel.topic, lambda time: sea.elevation(time) * per_metre)
@@ -416,7 +418,7 @@ def _energy_below(gamma: float) -> FloatArray:
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add ripple at the rate of the blades, a share of the speed."""
     blades = settings.whole('blades', 'the number of blades', 1, 20)
-    amplitude = settings.number('amplitude', '-', least=0.0, most=1.0)
+    amplitude = settings.number('amplitude', '-', minimum=0.0, maximum=1.0)
     shaft, bearing = run.shaft, channel.bearings[0].name
 
     def ripple(time: FloatArray) -> FloatArray:
@@ -430,6 +432,6 @@ def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
 def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add ripple once a turn to the load."""
     unit, factor = unit_of(settings, channel)
-    amplitude = settings.number('amplitude', unit, least=0.0) * factor
+    amplitude = settings.number('amplitude', unit, minimum=0.0) * factor
     shaft, bearing = run.shaft, channel.bearings[0].name
     shaft.add_ripple(channel.topic, lambda time: amplitude * cos_turns(shaft.turns(bearing, time)))

@@ -45,15 +45,15 @@ _LOAD_STEP = 0.1
 def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
     """Return what may move: the law's own numbers, and a factor on the whole coefficient."""
     # The protocol does not say that a law is a dataclass; those a configuration can name are.
-    own = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
-    return (*own, FACTOR)
+    names = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    return (*names, FACTOR)
 
 
 def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
     """Replace parameters of a law; ``values['factor']`` scales its coefficients."""
-    own = {name: value for name, value in values.items() if name != FACTOR}
+    replaced = {name: value for name, value in values.items() if name != FACTOR}
     # A dataclass, as above.
-    changed: Any = replace(law, **own) if own else law  # type: ignore[type-var]
+    changed: Any = replace(law, **replaced) if replaced else law  # type: ignore[type-var]
     factor = values.get(FACTOR, 1.0)
     if isinstance(changed, Tabulated):
         return Tabulated(changed.speed, [factor * value for value in changed.values])
@@ -296,7 +296,7 @@ class Lining:
         self.rate = math.ceil(max(_LEAST_RATE, _PER_PERIOD * cycles))
         self._number = 0
         self._nodes = self._drive_at(np.zeros(1))
-        self._state = self._start()
+        self._state = self._start_state()
         self._sticking = self._resting = False
 
     @property
@@ -317,20 +317,20 @@ class Lining:
             Displacement, velocity and acceleration in SI units and whether it sticks, shape
             (4, n), and the changes in their order.
         """
-        nodes = self._extend(end)
+        nodes = self._extend_grid(end)
         sampled: list[FloatArray] = []
         sticks: list[Change] = []
         taken = 0
-        for low, high in self._stretches(nodes):
+        for low, high in self._uniform_stretches(nodes):
             upto = int(np.searchsorted(times, nodes[0, high], 'right'))
-            motion = self._integrate(nodes[:, low : high + 1], times[taken:upto])
+            motion = self._integrate_motion(nodes[:, low : high + 1], times[taken:upto])
             columns = motion.displacement, motion.velocity, motion.acceleration, motion.sticking
             sampled.append(np.array(columns, float))
-            sticks += self._changes(motion)
+            sticks += self._stick_changes(motion)
             taken = upto
-        return np.concatenate(sampled, axis=1), list(heapq.merge(self._rests(nodes), sticks))
+        return np.concatenate(sampled, axis=1), list(heapq.merge(self._rest_changes(nodes), sticks))
 
-    def _start(self) -> MotionState:
+    def _start_state(self) -> MotionState:
         _, speed, load = self._nodes[:, 0].tolist()
         bearing = self._course.bearing_at(self.config.bearing, 0.0)
         place = float(bearing.equilibrium(speed, load)) if speed else 0.0
@@ -344,7 +344,7 @@ class Lining:
             load = load + self._deviation * self._random.standard_normal(time.size)
         return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
 
-    def _extend(self, end: float) -> FloatArray:
+    def _extend_grid(self, end: float) -> FloatArray:
         """Return the grid's instants from the last end to this one, and those of knocks, (3, n)."""
         last = math.floor(end * self.rate)
         time = np.arange(self._number + 1, last + 1) / self.rate
@@ -360,7 +360,7 @@ class Lining:
                 nodes = np.insert(nodes, place, row, axis=1)
         return nodes
 
-    def _stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
+    def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
         """First and last node of each stretch with one law and without a knock inside."""
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
@@ -372,7 +372,7 @@ class Lining:
         edges = [0, *np.flatnonzero(inner).tolist(), time.size - 1]
         return ((low, high) for low, high in pairwise(edges) if low < high)
 
-    def _integrate(self, nodes: FloatArray, times: FloatArray) -> Motion:
+    def _integrate_motion(self, nodes: FloatArray, times: FloatArray) -> Motion:
         start = float(nodes[0, 0])
         bearing = self._course.bearing_at(self.config.bearing, start)
         state = self._state
@@ -387,7 +387,7 @@ class Lining:
         self._state = motion.final
         return motion
 
-    def _changes(self, motion: Motion) -> list[Change]:
+    def _stick_changes(self, motion: Motion) -> list[Change]:
         """Where sticking begins and ends, at knocks and changes of the law too."""
         found = []
         starts = motion.start.phase is Phase.STICK
@@ -400,7 +400,7 @@ class Lining:
         self._sticking = motion.final.phase is Phase.STICK
         return found
 
-    def _rests(self, nodes: FloatArray) -> list[Change]:
+    def _rest_changes(self, nodes: FloatArray) -> list[Change]:
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])

@@ -78,8 +78,8 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
                 f' {MAX_TEMPERATURE:g} C'
             )
     for config in run.bearings(settings):
-        own = config.bearing.lubrication
-        if own is None or math.isnan(own.temperature):
+        lubrication = config.bearing.lubrication
+        if lubrication is None or math.isnan(lubrication.temperature):
             raise SceneError(
                 f'{settings.name}: {config.name} has no friction.at_temperature with a'
                 ' water_temperature.constant: its friction does not depend on the water'
@@ -91,8 +91,8 @@ def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Pr
     """Refuse a drift that breaks a rule at a point: each rule is a bound, so it holds between points too."""
     for time, value in zip(drift.times.tolist(), drift.values.tolist(), strict=True):
         if value < 0.0:
-            what = f'{settings.name}: {name} = {value:g} at {time:g} s'
-            raise SceneError(f'{what} must not be negative')
+            subject = f'{settings.name}: {name} = {value:g} at {time:g} s'
+            raise SceneError(f'{subject} must not be negative')
         try:
             with_parameters(config.bearing.friction, {name: value})
         except PhysicsError as error:
@@ -105,7 +105,7 @@ _HIGHEST_POINT_RATE = 1000.0
 @effect('lining', 'bearing', 'rate')
 def operating_point(settings: Settings, run: SceneRun) -> None:
     """Record the operating points, each with its friction over time."""
-    rate = settings.number('rate', 'Hz', above=0.0, most=_HIGHEST_POINT_RATE)
+    rate = settings.number('rate', 'Hz', above=0.0, maximum=_HIGHEST_POINT_RATE)
     bearings = [(config, run.course(config)) for config in run.bearings(settings)]
 
     def record(block: TimeBlock) -> None:
@@ -129,11 +129,11 @@ def _operating_point(
     step = time // STEP if changes else np.zeros(time.size)
     hopf, fold = np.empty(time.size), np.empty(time.size)
     carried = load * course.factor(time)
-    for own in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
-        if own.size:
-            bearing = course.bearing_at(config.bearing, float(time[own[0]]), scaled=False)
-            hopf[own] = hopf_speed(bearing, carried[own])
-            fold[own] = fold_speed(bearing, carried[own])
+    for rows in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
+        if rows.size:
+            bearing = course.bearing_at(config.bearing, float(time[rows[0]]), scaled=False)
+            hopf[rows] = hopf_speed(bearing, carried[rows])
+            fold[rows] = fold_speed(bearing, carried[rows])
     margins = {'hopf_margin': hopf, 'fold_margin': fold}
     return {'speed': speed, 'load': load} | {
         name: np.round(margin(np.abs(speed), boundary), _DIGITS) for name, boundary in margins.items()
@@ -159,31 +159,31 @@ LEVEL_FACTORS = {
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
     """Follows the lining: records when it sticks and what is asked for, and makes the level."""
-    what = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
-    disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], what)
+    meaning = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
+    disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], meaning)
     unit = disturbance.choice('unit', UNITS['load'])
-    deviation = disturbance.number('standard_deviation', unit, least=0.0)
-    knocks = _knocks(settings, run.duration)
+    deviation = disturbance.number('standard_deviation', unit, minimum=0.0)
+    knocks = _read_knocks(settings, run.duration)
     for config in run.bearings(settings):
         factor = run.shaft.channel(config.name, 'load').factor(unit)
-        blow = _blow(settings, config)
-        own = [(time, impulse * blow) for time, impulse in knocks]
+        blow = _unit_blow(settings, config)
+        blows = [(time, impulse * blow) for time, impulse in knocks]
         random = random_stream(run.seed, settings.name, config.name)
         course = run.course(config)
-        lining = Lining(config, run.shaft, course, factor * deviation, own, random, run.duration)
+        lining = Lining(config, run.shaft, course, factor * deviation, blows, random, run.duration)
         followed = FollowedLining(lining, run)
         # Windows of a higher rate would overlap.
-        most = 1.0 / (PERIODS * followed.period)
-        if rate := _rate(settings, 'amplitude', most):
+        max_rate = 1.0 / (PERIODS * followed.period)
+        if rate := _read_rate(settings, 'amplitude', max_rate):
             followed.ask(rate, followed.record_amplitude, followed.period)
-        if rate := _rate(settings, 'motion', _HIGHEST_MOTION_RATE):
+        if rate := _read_rate(settings, 'motion', _HIGHEST_MOTION_RATE):
             followed.ask(rate, followed.record_motion)
-        if channel := _level_channel(run, config, most):
+        if channel := _level_channel(run, config, max_rate):
             followed.ask(channel.rate, partial(followed.send_level, channel), followed.period)
         run.effects.append(followed.apply)
 
 
-def _knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
+def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
     """Time [s] and impulse of each blow."""
     if 'knocks' not in settings:
         return []
@@ -195,22 +195,22 @@ def _knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
     return knocks
 
 
-def _blow(settings: Settings, config: BearingConfig) -> float:
+def _unit_blow(settings: Settings, config: BearingConfig) -> float:
     """One unit of a blow [N s]; of ``fold``, what gives the lining the nominal fold speed."""
     if 'knock_unit' not in settings or settings.choice('knock_unit', ('N s', 'fold')) == 'N s':
         return 1.0
     return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
 
 
-def _rate(settings: Settings, key: str, most: float) -> float:
+def _read_rate(settings: Settings, key: str, max_rate: float) -> float:
     """Return the rate of what is asked for [Hz], 0 where it is not."""
     if key not in settings:
         return 0.0
     own = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')
-    return own.number('rate', 'Hz', above=0.0, most=most)
+    return own.number('rate', 'Hz', above=0.0, maximum=max_rate)
 
 
-def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel | None:
+def _level_channel(run: SceneRun, config: BearingConfig, max_rate: float) -> Channel | None:
     """Return the channel of a bearing's level, if the scene sends it, at a rate up to the most [Hz]."""
     try:
         channel = run.shaft.channel(config.name, 'level')
@@ -221,9 +221,9 @@ def _level_channel(run: SceneRun, config: BearingConfig, most: float) -> Channel
             f'{config.name}.level.unit = {channel.input.unit} in the configuration: a scene can'
             f' send a level in {", ".join(LEVEL_FACTORS)} only'
         )
-    if channel.rate > most:
+    if channel.rate > max_rate:
         raise SceneError(
-            f'telemetry.level.rate = {channel.rate:g} Hz must not be above {most:.3g} Hz for'
+            f'telemetry.level.rate = {channel.rate:g} Hz must not be above {max_rate:.3g} Hz for'
             f' bearing {config.name}: a value takes {PERIODS} natural periods'
         )
     return channel
@@ -241,7 +241,7 @@ class FollowedLining:
         # What is known and not yet due, by time [s].
         self._sticks: list[tuple[float, float]] = []
         self._events: list[tuple[float, str]] = []
-        self._event(0.0, 'start', 0.0)
+        self._add_event(0.0, 'start', 0.0)
 
     def ask(self, rate: float, take: Take, period: float = 0.0) -> None:
         """Sample the motion at a rate [Hz], with a period [s] in windows before each instant."""
@@ -249,26 +249,26 @@ class FollowedLining:
 
     def record_amplitude(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
         """Record the amplitude."""
-        block.truth.append(self._column('amplitude', FLOAT64, time, self._amplitude(motion)))
+        block.truth.append(self._make_column('amplitude', FLOAT64, time, self._vibration_amplitude(motion)))
 
     def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
         """Record the motion."""
         for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
-            block.truth.append(self._column(name, FLOAT64, time, values))
-        block.truth.append(self._column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
+            block.truth.append(self._make_column(name, FLOAT64, time, values))
+        block.truth.append(self._make_column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
 
     def send_level(self, channel: Channel, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
         """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
         power, factor = LEVEL_FACTORS[channel.input.unit]
         frequency = self.lining.config.bearing.natural_frequency
         signal = block.signals[channel.topic]
-        own = np.zeros(signal.time.size)
+        values = np.zeros(signal.time.size)
         # There is no window before the scene's start.
         scale = frequency**power * factor * math.sqrt(0.5)
-        own[np.searchsorted(signal.time, time)] = self._amplitude(motion) * scale
-        signal.value[:] = np.hypot(signal.value, own)
+        values[np.searchsorted(signal.time, time)] = self._vibration_amplitude(motion) * scale
+        signal.value[:] = np.hypot(signal.value, values)
 
-    def _amplitude(self, motion: FloatArray) -> FloatArray:
+    def _vibration_amplitude(self, motion: FloatArray) -> FloatArray:
         step = self.period / PER_PERIOD
         return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
 
@@ -276,42 +276,42 @@ class FollowedLining:
         """Follow the lining through a block."""
         last = block.end == block.duration
         if self.lining.reached < block.end:
-            self._follow(self.lining.next_end(block.end))
+            self._follow_until(self.lining.next_end(block.end))
         if last:
-            self._finish(block.end)
+            self._finish_truth(block.end)
         due = math.inf if last else block.end
-        block.truth.append(self._column('stick', FLOAT64, *_due(self._sticks, due)))
-        block.truth.append(self._column('events', STRING, *_due(self._events, due)))
+        block.truth.append(self._make_column('stick', FLOAT64, *_take_due(self._sticks, due)))
+        block.truth.append(self._make_column('events', STRING, *_take_due(self._events, due)))
         for samples, take in self._asked:
             take(block, *samples.due(due))
 
-    def _follow(self, end: float) -> None:
+    def _follow_until(self, end: float) -> None:
         asked = [samples.until(end) for samples, _ in self._asked]
         times = np.unique(np.concatenate([np.empty(0), *asked]))
         motion, changes = self.lining.follow(end, times)
-        for (samples, _), own in zip(self._asked, asked, strict=True):
-            samples.add(motion[:, np.searchsorted(times, own)])
+        for (samples, _), instants in zip(self._asked, asked, strict=True):
+            samples.add(motion[:, np.searchsorted(times, instants)])
         ended, events = self._episodes.see(changes, end)
         self._sticks += [(round(time, INSTANTS), round(duration, INSTANTS)) for time, duration in ended]
         for event in events:
-            self._event(*event)
+            self._add_event(*event)
 
-    def _finish(self, end: float) -> None:
+    def _finish_truth(self, end: float) -> None:
         if (since := self._episodes.since) is not None:
             self._sticks.append((end, round(end - since, INSTANTS)))
-        self._event(end, 'end', end)
+        self._add_event(end, 'end', end)
 
-    def _event(self, known: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
-        known, time = round(known, INSTANTS), round(time, INSTANTS)
+    def _add_event(self, known_at: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
+        known_at, time = round(known_at, INSTANTS), round(time, INSTANTS)
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
-        self._events.append((known, text))
+        self._events.append((known_at, text))
 
-    def _column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
+    def _make_column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
         return Column(topic(self.lining.config.name, name), kind, time, values)
 
 
-def _due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
+def _take_due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
     """Take the times [s] and values of what falls before ``end`` [s]; times do not fall."""
     count = bisect.bisect_left(pending, end, key=lambda item: item[0])
     taken, pending[:count] = pending[:count], []

@@ -91,46 +91,46 @@ def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | 
         ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
     """
     path = Path(path)
-    document = _document(path, 'scene', 'scene file', SCHEMA)
+    document = _read_document(path, 'scene', 'scene file', SCHEMA)
     try:
-        return _build(path, document, seed, sensors)
+        return _build_scene(path, document, seed, sensors)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
 
 
-def _document(path: str | Path, kind: str, what: str, schema: str) -> Any:
+def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> Any:
     """Return the mapping in a file of a kind, which its first key names."""
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
         raise SceneError(str(error)) from error
     if not isinstance(document, dict) or kind not in document:
-        raise SceneError(f"{path}: not a {what}: it must begin with '{kind}: {schema}'")
+        raise SceneError(f"{path}: not a {meaning}: it must begin with '{kind}: {schema}'")
     if document[kind] != schema:
         raise SceneError(f"{path}: {kind} = {document[kind]!r} must be '{schema}'")
     return document
 
 
-def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
-    seed = _seed(Settings('', document, document)) if seed is None else seed
+def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
+    seed = _read_seed(Settings('', document, document)) if seed is None else seed
     settings = Settings('', drawn(document, seed), KEYS)
-    given = _sensors(path.parent, settings, seed, sensors)
+    given = _read_sensors(path.parent, settings, seed, sensors)
     description = settings.text('description', 'what the scene shows')
-    duration = settings.number('duration', 's', above=0.0, most=_LATEST_NS * 1e-9)
+    duration = settings.number('duration', 's', above=0.0, maximum=_LATEST_NS * 1e-9)
     start_ns = _start_ns(settings, duration)
     config_path = _config_path(path.parent, settings, seed)
     config = load_config(config_path)
     telemetry, errors = (
         settings if given is None or key in settings else given for key in ('telemetry', 'parameter_error')
     )
-    what = '{speed: {rate: Hz}, load: {rate: Hz}}, or score it with --sensors'
-    rates = telemetry.value('telemetry', what)
+    meaning = '{speed: {rate: Hz}, load: {rate: Hz}}, or score it with --sensors'
+    rates = telemetry.value('telemetry', meaning)
     channels = read_channels(config, rates)
     for channel in channels:
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
             rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
             raise settings.broken('start', f'must lie, with the whole scene, before that: {rule}')
-    effects, wrong = _effects(settings, given), read_parameter_error(errors)
+    effects, wrong = _join_effects(settings, given), read_parameter_error(errors)
     place = path.parent, config_path, config
     scene = Scene(description, duration, start_ns, seed, *place, channels, effects, wrong)
     # Built here only to find wrong settings before anything is written.
@@ -138,7 +138,7 @@ def _build(path: Path, document: Any, seed: int | None, sensors: str | Path | No
     return scene
 
 
-def _seed(settings: Settings) -> int:
+def _read_seed(settings: Settings) -> int:
     return settings.whole('seed', 'a whole number, from which all random numbers follow', 0)
 
 
@@ -147,26 +147,26 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
     path = folder / settings.text('config', 'the path of a configuration file')
     if not path.is_dir():
         return path
-    found = sorted(path.glob('*.yaml'))
-    if not found:
+    candidates = sorted(path.glob('*.yaml'))
+    if not candidates:
         raise settings.broken('config', 'is a folder without a .yaml file')
-    return found[seed % len(found)]
+    return candidates[seed % len(candidates)]
 
 
-def _sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
+def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
     """Return the file of sensors that was asked for, else that which the scene names, if any."""
     if path is None:
         if 'sensors' not in settings:
             return None
         path = folder / settings.text('sensors', 'the path of a file of sensors')
-    document = _document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
+    document = _read_document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
     try:
         return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
 
 
-def _effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
+def _join_effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
     """Return what happens and what the sensors make of it; where both name an effect the scene's."""
     own = read_effects(settings.value('effects', 'the list of what happens'))
     if sensors is None or 'effects' not in sensors:
@@ -186,7 +186,7 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
     """
     if not isinstance(listed, list):
         raise SceneError(f'effects = {listed!r} must be a list')
-    return in_order(_settings(number, entry) for number, entry in enumerate(listed, 1))
+    return in_order(_effect_settings(number, entry) for number, entry in enumerate(listed, 1))
 
 
 def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
@@ -194,7 +194,7 @@ def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
     return tuple(sorted(effects, key=lambda settings: list(EFFECTS).index(settings.name)))
 
 
-def _settings(number: int, entry: Any) -> Settings:
+def _effect_settings(number: int, entry: Any) -> Settings:
     if not isinstance(entry, Mapping) or not ('effect' in entry or len(entry) == 1):
         raise SceneError(
             f'effects: entry {number} = {entry!r} must be {{name: {{settings}}}} or'
@@ -212,18 +212,18 @@ def _settings(number: int, entry: Any) -> Settings:
 
 def _start_ns(settings: Settings, duration: float) -> int:
     """Nanoseconds since 1970 from nanoseconds or an ISO time, which is UTC if it has no zone."""
-    what = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
-    value = settings.value('start', what)
+    meaning = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
+    value = settings.value('start', meaning)
     if isinstance(value, str):
         try:
             dt.date.fromisoformat(value[:10]), dt.time.fromisoformat(value[11:16])
             time = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
         except ValueError:
-            raise settings.broken('start', f'must be {what}') from None
+            raise settings.broken('start', f'must be {meaning}') from None
         zoned = time if time.tzinfo else time.replace(tzinfo=dt.timezone.utc)
         value = (zoned - _EPOCH) // dt.timedelta(microseconds=1) * 1000
     if isinstance(value, bool) or not isinstance(value, int):
-        raise settings.broken('start', f'must be {what}')
+        raise settings.broken('start', f'must be {meaning}')
     for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
         if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
             raise settings.broken('start', f'looks like {unit}: nanoseconds since 1970 are {value * factor}')
@@ -249,14 +249,14 @@ def simulate(
     for number in range(last + 1):
         start = number * block_length
         end = finish if number == last else (number + 1) * block_length
-        signals = {c.topic: _measured(scene, run, c, start, end) for c in scene.channels}
+        signals = {c.topic: _measure_channel(scene, run, c, start, end) for c in scene.channels}
         block = TimeBlock(start, end, scene.duration, run.shaft, signals)
         for effect in run.effects:
             effect(block)
         yield block
 
 
-def _measured(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
+def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
     """Return what a channel's sensor makes of the shaft from ``start`` to before ``end``."""
     span = telemetry.numbers(channel.rate, start, end, scene.duration)
     numbers = np.array(span, np.int64)
@@ -273,14 +273,14 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
     """Refuse an operating point that the monitor of one of its bearings would refuse."""
     for bearing in channel.bearings:
         size = np.abs(value) * channel.ratio(bearing.name)
-        most = bearing.inputs[channel.quantity].maximum
-        beyond = np.flatnonzero(size > most)
+        maximum = bearing.inputs[channel.quantity].maximum
+        beyond = np.flatnonzero(size > maximum)
         if beyond.size:
             unit = 'm/s' if channel.quantity == 'speed' else 'N'
             raise SceneError(
                 f'{channel.quantity} = {size[beyond[0]]:g} {unit} at {time[beyond[0]]:g} s is more'
                 f' than topic {channel.topic} can carry: {bearing.name}.{channel.quantity}.maximum'
-                f' = {most:g} {unit} in the configuration'
+                f' = {maximum:g} {unit} in the configuration'
             )
 
 
@@ -308,13 +308,13 @@ def write_bag(
         for channel in scene.channels:
             writer.add_topic(channel.topic, channel.input.type)
         for block in simulate(scene, run=run):
-            messages = {topic: _encoded(signal) for topic, signal in block.signals.items()}
+            messages = {topic: _encode_signal(signal) for topic, signal in block.signals.items()}
             for column in block.truth:
                 if block.start == 0.0:
                     writer.add_topic(column.topic, column.type)
                 data = list(_ENCODERS[column.type](column.values))
                 messages[column.topic] = column.stamps(scene.start_ns), data
-            writer.write_columns((topic, *own) for topic, own in messages.items())
+            writer.write_columns((topic, *columns) for topic, columns in messages.items())
             if progress:
                 progress(block.end)
         if run.cut is not None:
@@ -322,7 +322,7 @@ def write_bag(
         return writer.message_counts
 
 
-def _encoded(signal: Signal) -> tuple[IntArray, list[bytes]]:
+def _encode_signal(signal: Signal) -> tuple[IntArray, list[bytes]]:
     """Log times and messages of a signal."""
     (log_time_ns, stamp_ns, raw), source = signal.messages(), signal.channel.input
     if stamp_ns is None:

@@ -37,7 +37,7 @@ _HOUR = 3600.0
 @channel_effect('sensing', QUANTITIES, 'time_constant', section='the filter')
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Give a sensor a first-order lag."""
-    lag = settings.number('time_constant', 's', least=_SHORTEST, most=_LONGEST)
+    lag = settings.number('time_constant', 's', minimum=_SHORTEST, maximum=_LONGEST)
     run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
@@ -61,7 +61,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
 @channel_effect('sensing', QUANTITIES, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Lets a sensor average over the last seconds."""
-    window = settings.number('window', 's', least=_SHORTEST, most=_LONGEST)
+    window = settings.number('window', 's', minimum=_SHORTEST, maximum=_LONGEST)
     run.sense(channel, Memory(window, window, partial(moving_mean, window)))
 
 
@@ -100,10 +100,10 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     bearing = channel.bearings[0].name
     fold = run.shaft.channel(bearing, 'speed').factor('fold')
     floor = settings.number('floor', unit, above=0.0)
-    engine = settings.number('engine', unit, least=0.0)
-    sea = settings.number('sea', '-', least=0.0, most=1.0) if 'sea' in settings else 0.0
+    engine = settings.number('engine', unit, minimum=0.0)
+    sea = settings.number('sea', '-', minimum=0.0, maximum=1.0) if 'sea' in settings else 0.0
     period = settings.number('period', 's', above=0.0) if sea else 1.0
-    scatter = settings.number('scatter', '-', least=0.0, most=0.3)
+    scatter = settings.number('scatter', '-', minimum=0.0, maximum=0.3)
     random = run.random(settings, channel)
 
     def add(signal: Signal) -> None:
@@ -133,7 +133,7 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Add white normal noise."""
     unit, factor = unit_of(settings, channel)
-    deviation = settings.number('standard_deviation', unit, least=0.0) * factor
+    deviation = settings.number('standard_deviation', unit, minimum=0.0) * factor
     random = run.random(settings, channel)
 
     def add(signal: Signal) -> None:
@@ -162,7 +162,7 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Round to the nearest multiple of a step."""
     unit, factor = unit_of(settings, channel)
-    step = settings.number('step', unit, least=1e-9) * factor
+    step = settings.number('step', unit, minimum=1e-9) * factor
 
     def round_off(signal: Signal) -> None:
         signal.value[:] = np.rint(signal.value / step) * step
@@ -208,7 +208,7 @@ _MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 @channel_effect('recording', INPUTS, 'standard_deviation', section='the jitter')
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Scatters the stamps; none comes to lie before 1970."""
-    deviation = settings.number('standard_deviation', 's', least=0.0, most=_MOST_JITTER)
+    deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=_MOST_JITTER)
     random = run.random(settings, channel)
 
     def shift(signal: Signal) -> None:
@@ -222,7 +222,7 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 @channel_effect('recording', INPUTS, 'jumps')
 def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Shifts all stamps after each jump."""
-    jumps = _jumps(settings, run.duration)
+    jumps = _clock_jumps(settings, run.duration)
     if any(by < 0.0 for _, by in jumps):
         require_header(channel, 'its clock can only jump forward')
     times = np.array([time for time, _ in jumps])
@@ -242,7 +242,7 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return shift_stamps
 
 
-def _jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
+def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
     """When the clock jumps [s], and by how much [s]."""
     rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
     jumps = check_points(rows, duration)
@@ -258,7 +258,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Delays some messages."""
     require_header(channel, 'none of its messages can be out of order')
     # A shorter delay overtakes nothing.
-    delay = settings.number('delay', 's', above=1.0 / channel.rate, most=60.0)
+    delay = settings.number('delay', 's', above=1.0 / channel.rate, maximum=60.0)
     delay_ns = round(delay * 1e9)
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
@@ -296,7 +296,7 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
     """Send a constant value on the same topic, between the regular instants of its rate."""
     unit, factor = unit_of(settings, channel)
     value = settings.number('value', unit) * factor
-    rate = settings.number('rate', 'Hz', above=0.0, most=1000.0)
+    rate = settings.number('rate', 'Hz', above=0.0, maximum=1000.0)
 
     def join(block: TimeBlock) -> None:
         halves = block.instants(2.0 * rate)
@@ -306,9 +306,9 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
         more |= {'value': np.full(time.size, value), 'copies': np.ones_like(stamp)}
         signal = block.signals[channel.topic]
         order = np.argsort(np.concatenate([signal.time, time]), kind='stable')
-        for name, own in more.items():
-            if (known := getattr(signal, name)) is not None:
-                setattr(signal, name, np.concatenate([known, own])[order])
+        for name, values in more.items():
+            if (earlier := getattr(signal, name)) is not None:
+                setattr(signal, name, np.concatenate([earlier, values])[order])
 
     run.effects.append(join)
 
@@ -317,4 +317,4 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
 def cut_off(settings: Settings, run: SceneRun) -> None:
     """End the recorder in mid-write."""
     run.claim(settings.name)
-    run.cut = settings.number('time', 's', above=0.0, most=run.duration)
+    run.cut = settings.number('time', 's', above=0.0, maximum=run.duration)

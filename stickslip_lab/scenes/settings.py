@@ -40,11 +40,11 @@ class Settings:
         if not isinstance(content, Mapping):
             raise SceneError(f'{name or "the scene"} = {content!r} must be a mapping of keys')
         self._content = content
-        known = list(keys)
+        allowed = list(keys)
         for key, value in content.items():
-            if key not in known:
+            if key not in allowed:
                 where = f' in {self.name}' if self.name else ''
-                hint = suggestion(key, known)
+                hint = suggestion(key, allowed)
                 raise SceneError(f"unknown key '{key}' = {shown(value)}{where}; {hint}")
 
     def __contains__(self, key: str) -> bool:
@@ -54,67 +54,74 @@ class Settings:
         """Return the key's full name."""
         return f'{self.name}.{key}' if self.name else key
 
-    def value(self, key: str, what: str) -> Any:
-        """Return the value as it stands in the file; ``what`` says what is missing where it is."""
+    def value(self, key: str, meaning: str) -> Any:
+        """Return the value as it stands in the file; ``meaning`` says what is missing where it is."""
         if key not in self._content:
-            raise SceneError(f"key '{self.label(key)}' is missing: {what}")
+            raise SceneError(f"key '{self.label(key)}' is missing: {meaning}")
         return self._content[key]
 
-    def text(self, key: str, what: str) -> str:
+    def text(self, key: str, meaning: str) -> str:
         """Return a text that is not empty."""
-        value = self.value(key, what)
+        value = self.value(key, meaning)
         if not isinstance(value, str) or not value.strip():
-            raise self.broken(key, f'must be a text: {what}')
+            raise self.broken(key, f'must be a text: {meaning}')
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
         """One of some texts."""
         value = self.value(key, f'one of {", ".join(options)}')
-        self._checked(key, Parameter(key, 'str', REQUIRED, '', choices=tuple(options)))
+        self._check_value(key, Parameter(key, 'str', REQUIRED, '', choices=tuple(options)))
         return str(value)
 
     def number(
-        self, key: str, unit: str, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
+        self,
+        key: str,
+        unit: str,
+        above: float = -math.inf,
+        minimum: float = -math.inf,
+        maximum: float = math.inf,
     ) -> float:
         """Return a finite number above one bound, or not below another, and not above a third."""
-        low, is_open = max(above, least), above > least
-        row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, most, above_minimum=is_open)
+        low, is_open = max(above, minimum), above > minimum
+        row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, maximum, above_minimum=is_open)
         value = self.value(key, row.rule())
         if too_large(value):
-            row = replace(row, minimum=max(row.minimum, -LARGEST), maximum=min(most, LARGEST))
-        return float(self._checked(key, row))
+            row = replace(row, minimum=max(row.minimum, -LARGEST), maximum=min(maximum, LARGEST))
+        return float(self._check_value(key, row))
 
-    def whole(self, key: str, what: str, least: int, most: float = math.inf) -> int:
-        """Return a whole number within bounds; ``what`` says what is missing where it is."""
-        self.value(key, what)
-        return int(self._checked(key, Parameter(key, 'int', REQUIRED, '', minimum=least, maximum=most)))
+    def whole(self, key: str, meaning: str, minimum: int, maximum: float = math.inf) -> int:
+        """Return a whole number within bounds; ``meaning`` says what is missing where it is."""
+        self.value(key, meaning)
+        return int(
+            self._check_value(key, Parameter(key, 'int', REQUIRED, '', minimum=minimum, maximum=maximum))
+        )
 
-    def _checked(self, key: str, row: Parameter) -> Any:
+    def _check_value(self, key: str, row: Parameter) -> Any:
         """Return the value of a key that keeps a rule."""
         try:
             return row.checked(self.label(key), {self.label(key): self._content[key]})
         except ConfigurationError as error:
             raise SceneError(str(error)) from None
 
-    def rows(self, key: str, name: str, what: str) -> list[tuple[str, Any]]:
+    def rows(self, key: str, name: str, meaning: str) -> list[tuple[str, Any]]:
         """Return the entries of a list that is not empty, each with its name for sentences."""
-        listed = self.value(key, what)
+        listed = self.value(key, meaning)
         if not isinstance(listed, list) or not listed:
-            raise self.broken(key, f'must be {what}')
+            raise self.broken(key, f'must be {meaning}')
         return [(f'{self.label(key)}: {name} {k}', row) for k, row in enumerate(listed, 1)]
 
-    def section(self, key: str, keys: Iterable[str], what: str) -> Settings:
+    def section(self, key: str, keys: Iterable[str], meaning: str) -> Settings:
         """Return the mapping under a key."""
-        return Settings(self.label(key), self.value(key, what), keys)
+        return Settings(self.label(key), self.value(key, meaning), keys)
 
     def broken(self, key: str, rule: str) -> SceneError:
         """Return the error that says that a key's value breaks a rule."""
         return SceneError(f'{self.label(key)} = {shown(self._content[key])} {rule}')
 
 
-def suggestion(key: Any, known: Sequence[str]) -> str:
+def suggestion(key: Any, candidates: Sequence[str]) -> str:
     """Return what to say about a name that is not among the known ones."""
-    return did_you_mean(key, known).removeprefix('; ') or f'there are: {", ".join(known)}'
+    return did_you_mean(key, candidates).removeprefix('; ') or f'there are: {", ".join(candidates)}'
 
 
 def is_number(value: Any) -> bool:
@@ -208,10 +215,10 @@ def _is_pair(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
 
 
-def _check_pair(name: str, pair: Any, what: str) -> None:
+def _check_pair(name: str, pair: Any, meaning: str) -> None:
     if not _is_pair(pair):
         size = too_large(*pair) if isinstance(pair, list) else ''
-        raise SceneError(f'{name} = {pair!r} must be a pair of numbers, {what}{size}')
+        raise SceneError(f'{name} = {pair!r} must be a pair of numbers, {meaning}{size}')
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
@@ -287,7 +294,7 @@ def read_sample_mask(settings: Settings, duration: float, random: np.random.Gene
     if 'share' not in settings:
         assert windows is not None  # one of both is there
         return windows
-    share = settings.number('share', '-', above=0.0, most=1.0)
+    share = settings.number('share', '-', above=0.0, maximum=1.0)
 
     def hit(time: FloatArray) -> BoolArray:
         # One draw for each sample, in a window or not: windows do not change the draws.
@@ -322,15 +329,15 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
     """
     if isinstance(document, Mapping):
         if list(document) == [BETWEEN]:
-            return _draw(document[BETWEEN], seed, place)
+            return _draw_error(document[BETWEEN], seed, place)
         return {key: drawn(value, seed, f'{place}.{key}') for key, value in document.items()}
     if isinstance(document, list):
-        names = _names(document)
+        names = _number_repeated(document)
         return [drawn(value, seed, f'{place}.{name}') for name, value in zip(names, document, strict=True)]
     return document
 
 
-def _draw(limits: Any, seed: int, place: str) -> float:
+def _draw_error(limits: Any, seed: int, place: str) -> float:
     if not _is_pair(limits) or limits[0] > limits[1]:
         raise SceneError(
             f'{place.lstrip(".")} = {{{BETWEEN}: {limits!r}}} must be two numbers, the lower first'
@@ -340,7 +347,7 @@ def _draw(limits: Any, seed: int, place: str) -> float:
     return low + (high - low) * share
 
 
-def _names(entries: list[Any]) -> list[str]:
+def _number_repeated(entries: list[Any]) -> list[str]:
     """Return the names of a list's entries: effects by name, so that others change nothing."""
     seen: Counter[str] = Counter()
     found = []
@@ -357,4 +364,4 @@ def read_parameter_error(settings: Settings) -> dict[str, float]:
     if 'parameter_error' not in settings:
         return {}
     own = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')
-    return {name: own.number(name, '-', least=0.0, most=0.9) for name in PARAMETERS if name in own}
+    return {name: own.number(name, '-', minimum=0.0, maximum=0.9) for name in PARAMETERS if name in own}

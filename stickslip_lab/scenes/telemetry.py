@@ -175,20 +175,20 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
     """
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:
-        own = _section(telemetry, bearing.name, [b.name for b in config.bearings])
+        own = _telemetry_section(telemetry, bearing.name, [b.name for b in config.bearings])
         for quantity in QUANTITIES if 'level' not in own else INPUTS:
             if quantity not in bearing.inputs:
                 raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
             sampling = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
-            rate = sampling.number('rate', 'Hz', least=_LOWEST_RATE, most=_HIGHEST_RATE)
+            rate = sampling.number('rate', 'Hz', minimum=_LOWEST_RATE, maximum=_HIGHEST_RATE)
             channel = Channel(quantity, (bearing,), rate)
             _check_input(f'{bearing.name}.{quantity}', channel.input)
-            known = channels.get(channel.topic)
-            channels[channel.topic] = channel if known is None else _shared(known, channel)
+            earlier = channels.get(channel.topic)
+            channels[channel.topic] = channel if earlier is None else _share_channel(earlier, channel)
     return tuple(channels.values())
 
 
-def _section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
+def _telemetry_section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
     """Return the telemetry of one bearing: its own section, or the common one."""
     names = set(telemetry) if isinstance(telemetry, dict) else set()
     if names.isdisjoint(bearings) or not names.isdisjoint(INPUTS):
@@ -211,7 +211,7 @@ def _check_input(name: str, settings: InputConfig) -> None:
         )
 
 
-def _shared(known: Channel, other: Channel) -> Channel:
+def _share_channel(known: Channel, other: Channel) -> Channel:
     """One channel for two bearings, which must take its numbers to mean the same."""
     first, second = known.bearings[0], other.bearings[0]
     where = f'topic {known.topic} serves {first.name} and {second.name}'
@@ -221,12 +221,12 @@ def _shared(known: Channel, other: Channel) -> Channel:
         raise SceneError(f'{where} with different types or fields: they must agree')
     if known.rate != other.rate:
         raise SceneError(f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz')
-    if not all(map(math.isclose, _meaning(known, first), _meaning(other, second))):
+    if not all(map(math.isclose, _channel_meaning(known, first), _channel_meaning(other, second))):
         raise SceneError(f'{where} with different units, scales or offsets: they must agree')
     return replace(known, bearings=(*known.bearings, second))
 
 
-def _meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
+def _channel_meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
     """Scale, offset and unit of a channel's numbers, speeds by the turning of the shaft."""
     turning = bearing.bearing.speed.factor('Hz') if channel.quantity == 'speed' else 1.0
     return channel.input.scale, channel.input.offset, channel.input.factor / turning
@@ -261,20 +261,20 @@ class Shaft:
 
     def mean(self, topic: str, time: FloatArray) -> FloatArray:
         """Speed [m/s] or load [N] of a channel without ripple, shape (n,)."""
-        return _sum(self._means[topic], time)
+        return _sum_terms(self._means[topic], time)
 
     def value(self, topic: str, time: FloatArray) -> FloatArray:
         """Speed [m/s] or load [N] of a channel at some times [s], both of shape (n,).
 
         A load is never negative: a journal that lifts off has no load.
         """
-        total = _sum([*self._means[topic], *self._ripples[topic]], time)
+        total = _sum_terms([*self._means[topic], *self._ripples[topic]], time)
         return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
 
     def turns(self, bearing: str, time: FloatArray) -> FloatArray:
         """Return the turns of a bearing's journal since the start, shape (n,)."""
         channel = self.channel(bearing, 'speed')
-        way = _sum(self._ways[channel.topic], time)
+        way = _sum_terms(self._ways[channel.topic], time)
         return way / (math.pi * channel.bearings[0].bearing.journal_diameter)
 
     def speed(self, bearing: str, time: FloatArray) -> FloatArray:
@@ -298,7 +298,7 @@ class Shaft:
         raise KeyError(f'{bearing}.{quantity}')
 
 
-def _sum(terms: Iterable[Term], time: FloatArray) -> FloatArray:
+def _sum_terms(terms: Iterable[Term], time: FloatArray) -> FloatArray:
     total = np.zeros_like(time)
     for term in terms:
         total += term(time)
@@ -361,14 +361,14 @@ class Sensor:
         finer = math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / self._channel.rate)
         rate = self._channel.rate * finer
         if not self._chain:
-            self._settle(numbers.start * finer, rate)
+            self._settle_filter(numbers.start * finer, rate)
         start, self._next = self._next, numbers[-1] * finer + 1
         value = self._shaft.value(self._channel.topic, np.arange(start, self._next) / rate)
         for follow in self._chain:
             value = follow(value)
         return value[numbers.start * finer - start :: finer]
 
-    def _settle(self, first: int, rate: float) -> None:
+    def _settle_filter(self, first: int, rate: float) -> None:
         """Start so long before the first sample that the initial state is negligible."""
         begin = first - math.ceil(sum(memory.length for memory in self.memories) * rate)
         value = float(self._shaft.value(self._channel.topic, np.array([begin / rate]))[0])

@@ -63,11 +63,11 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
     """
     name = topic(bearing, 'events')
     if not has_truth(bag, bearing):
-        known = ', '.join(each for each in _bearings(bag) if has_truth(bag, each))
+        names = ', '.join(each for each in _bearing_names(bag) if has_truth(bag, each))
         have = 'only simulated recordings of a scene with the effect lining_motion have it'
         raise BagError(
             f"bag '{bag.path}' holds no truth about {bearing}: topic '{name}' is not in it; "
-            + (f'it is about {known}' if known else have)
+            + (f'it is about {names}' if names else have)
         )
     if bag.topics[name].type != STRING:
         raise BagError(f"topic '{name}' of bag '{bag.path}' is no {STRING}")
@@ -82,23 +82,23 @@ def known_truth(bag: Recording, bearing: str) -> TruthRecord:
     """
     name = topic(bearing, 'events')
     messages = bag.messages([name]) if has_truth(bag, bearing) else ()
-    events = [_event(bag, message.data, name) for message in messages]
+    events = [_decode_event(bag, message.data, name) for message in messages]
     times = [time for _, time in events] or [0]
     start = bag.start_ns if bag.start_ns is not None else times[0]
     over = bool(events) and events[-1][0] == 'end'
     end = times[-1] if over or bag.end_ns is None else bag.end_ns
     requests = {each: Request(topic(bearing, each), 'data', FLOAT64) for each in _NUMBERS}
     series = bag.read(r for r in requests.values() if r.topic in bag.topics)
-    numbers = {each: _numbers(series.get(request)) for each, request in requests.items()}
-    return TruthRecord(start, end, tuple(_episodes(events, end)), **numbers)
+    numbers = {each: _to_numbers(series.get(request)) for each, request in requests.items()}
+    return TruthRecord(start, end, tuple(_find_episodes(events, end)), **numbers)
 
 
-def _bearings(bag: Recording) -> list[str]:
+def _bearing_names(bag: Recording) -> list[str]:
     parts = [topic.split('/') for topic in bag.topics]
     return sorted({part[2] for part in parts if part[:2] == ['', 'truth'] and len(part) == 4})
 
 
-def _event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
+def _decode_event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
     """Name and time of an event [ns]."""
     try:
         (size,) = struct.unpack_from('<I', data, 4)
@@ -110,7 +110,7 @@ def _event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
     raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
 
 
-def _episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
+def _find_episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
     """First and last stick of each episode [ns], of events by name and time in their order.
 
     One that is going on at the end ends there.
@@ -126,7 +126,7 @@ def _episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int
         yield first, end
 
 
-def _numbers(series: Series | None) -> TruthNumbers:
+def _to_numbers(series: Series | None) -> TruthNumbers:
     if series is None:
         return TruthNumbers(np.empty(0, np.int64), np.empty(0))
     return TruthNumbers(series.log_time_ns, series.value)
