@@ -75,7 +75,8 @@ class BusInput:
 
     bearing: str
     place: Input
-    timeout: float = 5.0  # time-out of the input [s]
+    timeout: float = 5.0  # how long a value of the input counts [s]
+    hold: float = 0.0  # how long it stands where its source sends changes only [s]
     bus: str = parameter(REQUIRED, 'The bus.', choices=(SIGNALK, NMEA), name='from')
     path: str = parameter('', 'Signal K: the path.')
     source: str = parameter('', 'Signal K: the only `$source` to use.')
@@ -235,8 +236,9 @@ def _input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str,
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
     _require(not assumed, name, own['from'], 'left out, as the load is a constant')
-    timeout = bearing.inputs[place.name.lower()].timeout_ns * 1e-9
-    item = filled(BusInput, '', own, bearing=bearing.name, place=place, timeout=timeout)
+    source = bearing.inputs[place.name.lower()]
+    times = {'timeout': source.stands_ns * 1e-9, 'hold': source.hold_ns * 1e-9}
+    item = filled(BusInput, '', own, bearing=bearing.name, place=place, **times)
     if item.bus == SIGNALK:
         _check_unit(bearing, load, name, UNITS[place], 'Signal K')
         _require(_PATH.fullmatch(own['path']), f'{name}.path', own['path'], 'a Signal K path, without *')
@@ -321,7 +323,7 @@ class BusInputs:
     def __init__(self, inputs: Iterable[BusInput], log: Callable[[str], object]) -> None:
         found: dict[BusInput, list[BusInput]] = {}
         for item in inputs:
-            found.setdefault(replace(item, bearing='', timeout=0.0), []).append(item)
+            found.setdefault(replace(item, bearing='', timeout=0.0, hold=0.0), []).append(item)
         self.groups = [(items, SourceAdmission(items[0], log)) for items in found.values()]
         self.log, self._told = log, set[BusInput]()
         self._heard: dict[BusInput, float] = {}
@@ -341,7 +343,11 @@ class BusInputs:
         """The inputs that bring nothing, each once."""
         if not self._heard:
             self.wait(now)
-        new = [item for item, at in self._heard.items() if now - at >= UNHEARD and item not in self._told]
+        new = [
+            item
+            for item, at in self._heard.items()
+            if now - at >= max(UNHEARD, item.hold) and item not in self._told
+        ]
         self._told.update(new)
         return new
 

@@ -458,6 +458,7 @@ class _Section:
             'load.scale': 0.0,
             'load.offset': 0.0 if table[1] else own['load.constant'],
             'load.timeout': own['speed.timeout'],
+            'load.hold': own['speed.hold'],
         }
         more = {'field': speed.field, 'factor': factor, 'is_assumed': True, 'table': table}
         return filled(LoadConfig, 'load.', own | beside, **more)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +20,7 @@ from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
 from stickslip_monitor.monitor.severity import Condition, Unknown
-from stickslip_monitor.monitor.signals import INPUTS, Input, Sample, Status, Stream
+from stickslip_monitor.monitor.signals import INPUTS, VALUE_FAULTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.verdict import Event, Standing, Verdict, size_cycle
 from stickslip_monitor.monitor.vibration_rule import UNKNOWN
 
@@ -35,6 +35,14 @@ class Update:
 
 
 _STATUS = tuple(Status)
+_FIRST_REPEAT_NS, _REPEAT_SHARE = 10**9, 8
+"""A value that stands is repeated each second, and from 8 s on at each eighth of its age [ns]: a delay
+runs on by an eighth of it at most, and an hour takes 57 points."""
+
+
+def repeat_step(age_ns: int) -> int:
+    """Return after how long a value of such an age that stands is repeated again [ns]."""
+    return max(_FIRST_REPEAT_NS, age_ns // _REPEAT_SHARE)
 
 
 class BearingMonitor(Standing):
@@ -46,6 +54,8 @@ class BearingMonitor(Standing):
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
         super().__init__(config, settings_of(config), state or State())
+        # Of inputs that may stand the latest number, and when it is repeated on the memory's own time [ns].
+        self._held: dict[int, tuple[float, int]] = {}
         self.await_inputs()
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
 
@@ -53,6 +63,7 @@ class BearingMonitor(Standing):
         """Wait for the inputs as at a first start, after a time without listening."""
         self.state.now = self.state.began = NEVER
         self.state.came = [NEVER, NEVER, NEVER]
+        self._held.clear()
 
     def retune(self, config: BearingConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.
@@ -99,7 +110,7 @@ class BearingMonitor(Standing):
     def copy(self) -> BearingMonitor:
         """Copy the bearing: what happens to one does not happen to the other."""
         other = copy.copy(self)
-        other.state = self.state.copy()
+        other.state, other._held = self.state.copy(), self._held.copy()
         return other
 
     def excuse(self, held_ns: int) -> None:
@@ -121,22 +132,44 @@ class BearingMonitor(Standing):
             raise ConfigurationError(
                 f"parameter '{self.config.name}.level.topic' is missing: no level is configured"
             )
+        update = self._update(place, time_ns, float(number), time_ns if arrival_ns is None else arrival_ns)
+        status = update.status
+        self.counts[place, status] += 1
+        if rule.may_stand(self.settings.live, place) and not self.config.inputs[INPUTS[place]].is_assumed:
+            if status.valid:
+                self._held[place] = number, self.state.came[place] + repeat_step(0)
+            elif status in VALUE_FAULTS:
+                self._held.pop(place, None)
+        return update
+
+    def repeats(self) -> Iterator[Update]:
+        """Count values that stand once more, of inputs whose source sends changes only, where it is time."""
+        state = self.state
+        for place, (number, due_ns) in self._held.items():
+            if state.now < due_ns or state.stamp[place] == NEVER:
+                continue
+            self._held[place] = number, state.now + repeat_step(state.now - state.came[place])
+            yield self._update(place, state.stamp[place], number, state.now - state.shift)
+
+    def _update(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
         state, settings = self.state, self.settings
         c = settings.live
         if rule.amplitude_due(state, c):
             size_cycle(self.config, state)
         before, lost, onsets = rule.condition(state), state.lost, state.onsets
-        arrival = time_ns if arrival_ns is None else arrival_ns
-        code, time, si = rule.arrive(state, c, place, time_ns, arrival, float(number))
+        code, time, si = rule.arrive(state, c, place, time_ns, arrival_ns, number)
         status = _STATUS[code]
-        self.counts[place, status] += 1
-        if place == Input.LEVEL or not status.valid:
+        stands = code == rule.REPEATED and rule.may_stand(c, place)
+        if place == Input.LEVEL or not (status.valid or stands):
             return Update(status)
         events = []
         if state.lost > lost:
             events.append(self.event(before, state.lost_since))
             before = rule.condition(state)
-        if not rule.take(state, c, settings.model, place, time, si):
+        model = settings.model
+        if not (
+            rule.stand(state, c, model, place) if stands else rule.take(state, c, model, place, time, si)
+        ):
             return Update(status, None, events)
         chances = state.can, state.will, state.runs
         verdict = self.judge([*state.value, *chances], self.measured)

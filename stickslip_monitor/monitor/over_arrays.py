@@ -23,13 +23,16 @@ from stickslip_monitor.monitor.assessment import Assessments, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import (
     ACCEPTED,
+    REPEATED,
     Model,
     Numbers,
     Rows,
     amplitude_due,
     arrive,
     condition,
+    may_stand,
     measured_now,
+    stand,
     standing_until,
     take,
 )
@@ -94,6 +97,8 @@ def run(
             before = condition(s)
         if status == ACCEPTED and place != LEVEL:
             point = take(s, c, model, place, time, si)
+        elif status == REPEATED and may_stand(c, place):
+            point = stand(s, c, model, place)
         statuses[k], now[k] = status, s.now - s.shift
         if not point:
             continue
@@ -199,6 +204,12 @@ def joined(parts: Sequence[Scan]) -> Scan:
     )
 
 
+def counts_of(inputs: NDArray[np.int8], status: NDArray[np.int8]) -> IntArray:
+    """Return how many samples there are by :class:`Input` and :class:`Status`."""
+    kinds = np.bincount(inputs * len(Status) + status, minlength=len(Input) * len(Status))
+    return kinds.reshape(len(Input), len(Status))
+
+
 class _Snapshots(list[State]):
     """Room for copies of a memory, filled as an array of records is."""
 
@@ -257,7 +268,6 @@ class BearingScan:
         self._hold(made, made - out)
         self._taken += size
         status, now_ns = noted
-        kinds = np.bincount(stream.inputs * len(Status) + status, minlength=len(Input) * len(Status))
         return Scan(
             self.config,
             self.settings,
@@ -266,7 +276,7 @@ class BearingScan:
             at=at,
             now_ns=now_ns,
             status=status,
-            counts=kinds.reshape(len(Input), len(Status)),
+            counts=counts_of(stream.inputs, status),
             unknown=Standing(self.config, self.settings, self.state).unknown,
         )
 

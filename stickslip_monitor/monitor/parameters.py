@@ -113,6 +113,12 @@ class InputConfig:
         above_minimum=True,
         live=True,
     )
+    hold_ns: int = duration(
+        0.0,
+        'How long a value stands where its source sends or stores changes only, as home automation and'
+        ' historians do; 0 where it sends all the time.',
+        live=True,
+    )
     maximum: float = parameter(
         REQUIRED,
         'Largest valid magnitude; larger ones are counted as implausible.',
@@ -129,6 +135,11 @@ class InputConfig:
     factor: float = 1.0
     deadband: float = 0.0
     is_assumed: bool = False  # no sensor measures it, and a constant or a table stands for it
+
+    @property
+    def stands_ns(self) -> int:
+        """How long a value counts [ns]."""
+        return max(self.timeout_ns, self.hold_ns)
 
 
 @dataclass(frozen=True, slots=True)

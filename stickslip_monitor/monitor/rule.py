@@ -114,13 +114,12 @@ def arrive(
     stamped = came != NEVER and stamp != arrival
     if stamped and stamp == s.stamp[place]:
         if judged == place and si == (s.level if place == LEVEL else s.value[place]):
+            if may_stand(c, place):
+                advance(s, c, max(s.now, time))
             return REPEATED, 0, si
         time = max(arrival + s.shift, came)
-    elif stamped and stamp < s.stamp[place]:
-        # Once none newer has come for some time, the sender's clock was set back.
-        patience = max(NEAR, int(LATE * s.gap[place]))
-        if time - came < min(age_limit(s, c, place) // 2, patience):
-            return OUT_OF_ORDER, 0, si
+    elif stamped and stamp < s.stamp[place] and time - came < patience(s, c, place):
+        return OUT_OF_ORDER, 0, si
     s.stamp[place] = stamp
     if place == LEVEL:
         gap = time - came if came != NEVER else -1
@@ -135,6 +134,11 @@ def arrive(
         s.now = min(s.now, time)
     advance(s, c, max(s.now, time))
     return ACCEPTED, time, si
+
+
+def patience(s: State, c: RuleNumbers, place: int) -> int:
+    """Return the time without a newer stamp after which the sender's clock was set back [ns]."""
+    return min(age_limit(s, c, place) // 2, max(NEAR, int(LATE * s.gap[place])))
 
 
 def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
@@ -188,6 +192,28 @@ def take(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: floa
     return True
 
 
+def may_stand(c: RuleNumbers, place: int) -> bool:
+    """Return whether a repeated value of an input counts: its source sends changes only."""
+    return bool(place != LEVEL and c.hold[place] > 0)
+
+
+def stand(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
+    """Count a value that stands once more, after :func:`arrive` of a repeat; its age goes on.
+
+    Returns:
+        Whether it made an operating point.
+    """
+    until = standing_until(s, c)
+    if s.came[SPEED] == NEVER or s.came[LOAD] == NEVER or s.now > until:
+        return False
+    take_mean(s, place, (s.now - max(s.point, s.came[place])) * 1e-9, s.value[place])
+    s.earlier[place], s.before[place] = s.before[place], s.value[place]
+    if place == SPEED and c.has_load_table:
+        s.earlier[LOAD], s.before[LOAD] = s.before[LOAD], s.value[LOAD]
+    take_point(s, c, model, until)
+    return True
+
+
 def age_limit(s: State, c: RuleNumbers, place: int) -> int:
     """Return the age at which an input is lost [ns]; it is longer where values come slowly."""
     limit: int = max(c.timeout[place], min(int(LATE * s.pace[place]), MEMORY))
@@ -218,12 +244,7 @@ def take_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> No
     """Take a valid value, which stands from the time it came."""
     if s.came[place] != NEVER:
         gap = came - s.came[place]
-        seconds, median = gap * 1e-9, middle(si, s.value[place], s.before[place])
-        if place == SPEED:
-            s.fast = lagged(s.fast, median, seconds, FAST_LAG)
-            s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
-        else:
-            s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
+        take_mean(s, place, gap * 1e-9, si)
         keep_pace(s, c, place, gap)
     elif place == SPEED:
         s.fast = s.slow = si
@@ -233,6 +254,16 @@ def take_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> No
     s.earlier[place] = s.before[place]
     s.before[place] = s.value[place]
     s.value[place] = si
+
+
+def take_mean(s: State, place: int, seconds: float, si: float) -> None:
+    """Let the means of an input follow the median of a value and those before over a time [s]."""
+    median = middle(si, s.value[place], s.before[place])
+    if place == SPEED:
+        s.fast = lagged(s.fast, median, seconds, FAST_LAG)
+        s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
+    else:
+        s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
 
 
 def keep_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:

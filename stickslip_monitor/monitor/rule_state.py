@@ -217,6 +217,7 @@ class RuleNumbers:
     minimum: list[float]
     maximum: list[float]
     timeout: list[int]
+    hold: list[int]
     on_delay: int
     off_delay: int
     decay: int
@@ -285,7 +286,8 @@ def settings_of(config: BearingConfig) -> RuleSettings:
             for name in ('scale', 'offset', 'factor', 'deadband', 'maximum')
         },
         minimum=[-math.inf, config.load.minimum, -math.inf if in_db else 0.0],
-        timeout=[each.timeout_ns for each in inputs],
+        timeout=[each.stands_ns for each in inputs],
+        hold=[each.hold_ns for each in inputs],
         on_delay=alarm.on_delay_ns,
         off_delay=alarm.off_delay_ns,
         decay=_decay_ns(bearing, alarm.onset_growth),

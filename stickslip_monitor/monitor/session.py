@@ -212,6 +212,19 @@ class Session:
             if odd is None and source is not None:
                 mixed = f'. {UNRELIABLE[:-1]}' if source.is_mixed else ''
                 odd = f'{source.kind.sentence}{mixed}'
+        changes = []
+        if odd:
+            changes += self.annunciator.take_fault(
+                name, place, odd, time_ns, mixed=source is not None and source.is_mixed
+            )
+        update = self._take_update(name, update, changes, now, latest=latest)
+        self._repeat(name, now)
+        return update
+
+    def _take_update(
+        self, name: str, update: Update, changes: list[AlarmChange], now: Moment, *, latest: bool
+    ) -> Update:
+        """Publish what came of a sample and the alarms it changed; return it with its events explained."""
         if update.events:
             update = replace(update, events=self._explained(update.events, now))
         if update.verdict is not None:
@@ -219,15 +232,15 @@ class Session:
         if latest or update.events:
             self._say(name, now, changed=bool(update.events))
         self._announce(update.events)
-        changes = []
-        if odd:
-            changes += self.annunciator.take_fault(
-                name, place, odd, time_ns, mixed=source is not None and source.is_mixed
-            )
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)
         self._alarm(changes, update.events)
         return update
+
+    def _repeat(self, name: str, now: Moment) -> None:
+        """Count the values of a bearing that stand once more, where it is time."""
+        for update in self.monitor.bearings[name].repeats():
+            self._take_update(name, update, [], now, latest=True)
 
     def follow(self, now: Moment) -> None:
         """Follow a clock that was set; no delay becomes shorter or longer."""
@@ -249,6 +262,7 @@ class Session:
         events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
         self._announce(events)
         self._alarm([], events)
+        self._repeat(name, now)
 
     def excuse(self, held_ns: int) -> None:
         """We were held up for so long [ns]: no input is to blame for that time."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +21,26 @@ from stickslip_logs.recordings.log_times import LogTimes
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Fault, Progress, Recording, Request, Series
 from stickslip_monitor import jit
+from stickslip_monitor.arrays import BoolArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bearing_records import event_record, number
-from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, joined
+from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, counts_of, joined
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import Stream
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.verdict import Event, about
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
+from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_columns import Bound, guess_of
-from stickslip_monitor.offline.input_report import COARSE, InputCheck, InputReport, Plausibility, bound_to
+from stickslip_monitor.offline.input_report import (
+    COARSE,
+    HOLDS,
+    InputCheck,
+    InputReport,
+    Plausibility,
+    bound_to,
+)
 
 SCHEMA = 'stickslip_monitor/check/2'
 _NONE = np.empty(0, np.int64)
@@ -74,7 +83,8 @@ class CheckReport:
 class Heard:
     """What came of the inputs of a bearing in a stretch of a recording."""
 
-    stream: Stream  # the samples in order of arrival
+    stream: Stream  # the samples in order of arrival, with repeats of values that stand
+    repeats: BoolArray  # which of them are such repeats, shape (m,)
     scan: Scan  # the verdicts that are known with them
 
 
@@ -147,20 +157,39 @@ def check_recording(
                 sink.begin(bag, config, span.start_ns)
         ends = (int(each.log_time_ns[-1]) for each in part.values() if each.value.size)
         end_ns = max(ends, default=bag.start_ns or 0)
-        hand_on(end_ns, {name: own.take(part, span.start_ns) for name, own in checks.items()})
+        hand_on(end_ns, {name: own.take(part, span.start_ns, end_ns) for name, own in checks.items()})
     end_ns = span.end_ns if times.replaced else bag.end_ns
+    silence = {r: _NOTHING for each in checks.values() for r in each.requests if r}
+    standing = {name: own.take(silence, span.start_ns, end_ns) for name, own in checks.items()}
+    if any(heard.repeats.any() for heard in standing.values()):
+        hand_on(end_ns or 0, standing)
     hand_on(end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
     for sink in sinks:
         sink.finish()
     faults = reading.faults()
     reports = {name: own.report(span, faults, times.text) for name, own in checks.items()}
-    usual = (each.gaps.usual for report in reports.values() for each in report.inputs[:2])
-    if (coarse := max((every for every in usual if every >= COARSE), default=0.0)) > 0.0:
-        bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
+    _note_pace(bag, reports)
     for own in (own for report in reports.values() for own in report.inputs[:2] if own.loss):
         bag.lose(own.loss)
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
+
+
+def _note_pace(bag: Recording, reports: Mapping[str, BearingReport]) -> None:
+    """Note what the times of the samples hide, and what helps."""
+    inputs = [(name, each) for name, report in reports.items() for each in report.inputs[:2]]
+    coarse = max((each.gaps.usual for _, each in inputs if each.gaps.usual >= COARSE), default=0.0)
+    if coarse > 0.0:
+        bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
+    for name, each in inputs:
+        if each.changes_only:
+            longest = each.gaps.longest[0].seconds
+            hold = next((nice for nice in HOLDS if nice >= longest), HOLDS[-1])
+            bag.note(
+                f'{each.quantity} on {each.topic} seems to be stored only where it changes: no value is that'
+                f' before it, and gaps of up to {about(longest)} have {each.gaps.share:.0%} of the time; let'
+                f' values stand by {name}.{each.quantity}.hold: {hold}'
+            )
 
 
 class _BearingCheck:
@@ -174,6 +203,7 @@ class _BearingCheck:
         ]
         """What is read for each input; ``None`` for one that is not in the recording."""
         self._scan: BearingScan | None = None
+        self._held = HeldValues(config)
         self._outliner = Outliner(config) if outlined else None
         self._inputs = [InputCheck(config, k, text) for k, text in enumerate(absent)]
         self._plausibility = Plausibility(config)
@@ -182,24 +212,26 @@ class _BearingCheck:
         self._evaluations = 0
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
-    def take(self, part: Mapping[Request, Series], start_ns: int | None) -> Heard:
-        """Take the next part of a recording that begins at a time [ns]."""
+    def take(self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None) -> Heard:
+        """Take the next part, up to a time, of a recording that begins at a time [ns]."""
         series = [_NOTHING if request is None else part[request] for request in self.requests]
-        stream = merged(series)
+        stream, repeats = self._held.fill(merged(series), end_ns)
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns, long=self._long)
         scan = self._scan.take(stream)
+        if repeats.any():
+            scan = replace(scan, counts=scan.counts - counts_of(stream.inputs[repeats], scan.status[repeats]))
         self._add(scan)
         for each, own in zip(self._inputs, series, strict=True):
             each.take(own, stream, scan)
-        return Heard(stream, scan)
+        return Heard(stream, repeats, scan)
 
     def finish(self, end_ns: int | None) -> Heard:
         """Come to the end of the recording [ns]."""
         assert self._scan is not None
         self._end = self._scan.finish(_SILENCE, end_ns)
         self._add(self._end)
-        return Heard(_SILENCE, self._end)
+        return Heard(_SILENCE, np.zeros(0, np.bool_), self._end)
 
     def _add(self, scan: Scan) -> None:
         """Add up the verdicts that are known with a part, a point behind."""

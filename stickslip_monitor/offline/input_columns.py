@@ -121,7 +121,7 @@ class ColumnBinding:
             inputs = changed.get(each.name, {})
             if each.load.is_assumed and 'speed' in inputs:
                 # It comes with the speed.
-                names = ('topic', 'type', 'field_text', 'field', 'timeout_ns')
+                names = ('topic', 'type', 'field_text', 'field', 'timeout_ns', 'hold_ns')
                 inputs['load'] = replace(each.load, **{k: getattr(inputs['speed'], k) for k in names})
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
         return Bound(replace(config, bearings=bearings), absent)

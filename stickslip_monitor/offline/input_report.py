@@ -37,6 +37,11 @@ from stickslip_monitor.offline.input_columns import Bound
 _MOST_NAMED = 5
 COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
+_CHANGES_GAPS, _CHANGES_TIME, _CHANGES_EQUAL = 2, 0.5, 0.01
+"""A source of changes only has at least so many gaps, of at least this share of the time, and outside of gaps
+at most this share of its values are that before: of a sensor of 2 digits a tenth and more."""
+HOLDS = (60, 300, 900, 3600, 14_400, 86_400, 604_800)
+"""Times for which a value may stand, of which the next one above the longest gap is named [s]."""
 _CROWD, _CROWD_RATE = 100, 1e4
 """So many messages, or more, of which as many would come in a second, have wrong times."""
 _RHYTHM = 0.3
@@ -115,6 +120,12 @@ class Gaps:
         self._longest_run, self._run = max(self._longest_run, int(runs.max())), int(runs[-1])
 
     @property
+    def share(self) -> float:
+        """Share of the time that the long intervals have."""
+        passed_ns = self._regular_ns + self._long_ns
+        return self._long_ns / passed_ns if passed_ns > 0 else 0.0
+
+    @property
     def rate(self) -> float:
         """Messages a second, between the gaps where these are rare [1/s]; nan for fewer than two."""
         count, passed_ns = self._regular, float(self._regular_ns)
@@ -157,6 +168,7 @@ class InputReport:
     values: str = 'none'  # the range of the valid ones, for a person
     without_value: int = 0  # messages that hold no number, or one that means "no value"
     crowd: str = ''  # why nothing comes of messages without time between them
+    changes_only: bool = False  # whether its source seems to store changes only, and no value may stand
     is_refused: bool = False  # whether so many of its numbers are implausible that it is a fault live, too
 
     @property
@@ -183,7 +195,8 @@ class InputCheck:
         self._gear = f' {config.speed.gear_text}'.rstrip() if self.quantity == 'speed' else ''
         self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
-        self._gaps = Gaps(self._source.timeout_ns)
+        self._gaps = Gaps(self._source.stands_ns)
+        self._equal, self._latest = 0, math.nan
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
@@ -195,6 +208,9 @@ class InputCheck:
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns, series.log_time_ns)
+        if series.value.size and not self._source.hold_ns:
+            self._equal += int(np.count_nonzero(series.value == np.append(self._latest, series.value[:-1])))
+            self._latest = float(series.value[-1])
         self._counts += scan.counts[self._place]
         value, arrival_ns = series.value, series.log_time_ns
         if scan.counts[self._place, Status.ACCEPTED] < value.size:
@@ -257,8 +273,15 @@ class InputCheck:
             values=self._values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
             crowd=self._gaps.crowd(self._source.topic),
+            changes_only=self._changes_only(),
             is_refused=int(self._counts[Status.IMPLAUSIBLE]) >= MOSTLY * max(self._messages, 1),
         )
+
+    def _changes_only(self) -> bool:
+        """Return whether values come only where they change: a value that is the same ends a gap."""
+        gaps, equal = self._gaps, max(0, self._equal - self._gaps.count)
+        is_sparse = gaps.count >= _CHANGES_GAPS and gaps.share >= _CHANGES_TIME
+        return is_sparse and not self._source.hold_ns and equal <= _CHANGES_EQUAL * self._messages
 
     def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:
         """The valid values in the unit of the configuration, in SI, and as they were sent."""

@@ -40,7 +40,7 @@ from stickslip_monitor.monitor.bearing_records import (
 )
 from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
 from stickslip_monitor.monitor.monitor import BearingMonitor
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, counts_of
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import NEVER, State
@@ -315,11 +315,12 @@ class _Follower:
     def _counted(self, heard: Heard, ends: IntArray) -> IntArray:
         """Samples by input and status after so many of a stretch."""
         kinds = heard.stream.inputs.astype(np.int64) * len(Status) + heard.scan.status
+        counted = ~heard.repeats
         own = np.zeros((ends.size, self._counts.size), np.int64)
-        for kind in np.unique(kinds).tolist():
-            own[:, kind] = np.searchsorted(np.flatnonzero(kinds == kind), ends)
+        for kind in np.unique(kinds[counted]).tolist():
+            own[:, kind] = np.searchsorted(np.flatnonzero(counted & (kinds == kind)), ends)
         found = own.reshape(-1, *self._counts.shape) + self._counts
-        self._counts += np.bincount(kinds, minlength=own.shape[1]).reshape(self._counts.shape)
+        self._counts += counts_of(heard.stream.inputs[counted], heard.scan.status[counted])
         return found
 
     def _mixed(self, heard: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:

@@ -219,7 +219,7 @@ def _input_facts(item: InputReport, source: InputConfig) -> dict[str, Any]:
     return {
         'field': source.field_text,
         'type': source.type,
-        'limit': source.timeout_ns * 1e-9,
+        'limit': source.stands_ns * 1e-9,
         'wrong': (
             *(f'{summary.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults),
             *(f'{item.quantity} {text}' for text in item.questions),

@@ -363,7 +363,7 @@ class Watchdog:
         if bearing.now_ns is None:
             if now.time_ns:
                 return now.time_ns - elapsed
-            if elapsed > min(config.speed.timeout_ns, config.load.timeout_ns):
+            if elapsed > min(config.speed.stands_ns, config.load.stands_ns):
                 self._timeless.add(config.name)
                 self._session.advance(config.name, 1, now)  # the wait began before
                 return 1 + elapsed

@@ -14,7 +14,7 @@ from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import BusInput, SourceAdmission
+from stickslip_monitor.links.buses import BusInput, BusInputs, SourceAdmission
 from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -203,3 +203,15 @@ def test_one_source_is_used_and_the_others_are_named(item: BusInput, label: str)
     chosen = SourceAdmission(replace(item, source='b', talker='b'), said.append)
     assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
     assert said[4:] == [f"{label}: source 'a' is left out: 'b' is chosen"]
+
+
+def test_an_input_that_may_stand_is_asked_after_when_it_no_longer_does() -> None:
+    kinds = (('a', 0.0), ('b', 3600.0))
+    items = [
+        BusInput(bearing=name, place=Input.SPEED, hold=hold, bus='signalk', path=f'x.{name}')
+        for name, hold in kinds
+    ]
+    inputs = BusInputs(items, lambda _: None)
+    inputs.wait(0.0)
+    assert [item.bearing for item in inputs.silent(3599.0)] == ['a']
+    assert [item.bearing for item in inputs.silent(3600.0)] == ['b']

@@ -233,7 +233,7 @@ def test_every_default_keeps_its_own_rule() -> None:
 
 def test_only_thresholds_scales_and_timeouts_are_live() -> None:
     live = {p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS) if p.live}
-    inputs = {f'{q}.{x}' for q in INPUTS for x in ('scale', 'offset', 'timeout', 'maximum')} | {
+    inputs = {f'{q}.{x}' for q in INPUTS for x in ('scale', 'offset', 'timeout', 'hold', 'maximum')} | {
         'load.minimum',
         'level.threshold',
         'level.hysteresis',

@@ -257,6 +257,28 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
     assert open_bag(tmp_path / 'out.mcap').topics['/diagnostics'].count == 5
 
 
+def test_values_that_stand_are_the_same_in_any_blocks_and_are_no_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples = [
+        (0, 1, 1000.0),
+        *((t, 0, rpm) for t, rpm in ((0, 60.0), (100, 20.0), (101, 20.5), (400, 60.0))),
+    ]
+    sail(tmp_path / 'in', [*samples, (500, 0, 61.0)])
+    config = config_of(**{'aft.speed.hold': 900.0, 'aft.load.hold': 900.0})
+    whole = write(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    monkeypatch.setattr(mcap_recording, '_OF_TOPIC', 2)
+    assert to_json(write(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(whole)
+    one, other = (
+        {(t, n): m for t, n, m in rosbags_messages(tmp_path / f'{p}.mcap')} for p in ('out', 'again')
+    )
+    assert one.keys() == other.keys()
+    last = max(t for topic, t in one if topic == '/diagnostics')
+    values = {pair.key: pair.value for pair in one['/diagnostics', last].status[0].values}
+    assert (values['speed samples accepted'], values['speed samples repeated']) == ('5', '0')
+    assert {event.after.value for event in whole.bearings['aft'].events} >= {'stick_slip', 'normal'}
+
+
 def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> None:
     """Two of 1000 and two of 20 rpm in turn for 10 s, then 60 rpm: as on the page of a running node."""
     times, turn = START + np.arange(800) * 10**8, np.arange(800)

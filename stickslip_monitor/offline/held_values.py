@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Repeats values of inputs whose source stores changes only, for as long as ``hold`` lets them stand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.monitor.monitor import repeat_step
+from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule import judge_value, si_value
+from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.signals import QUANTITIES, Status, Stream
+
+
+class HeldValues:
+    """Puts repeats between the samples of a bearing, as its monitor makes them live.
+
+    A repeat has the stamp of its value and an arrival of its own, so that the rule knows it as one.
+    A number that is not valid has no repeats.
+    """
+
+    def __init__(self, config: BearingConfig) -> None:
+        self._numbers = settings_of(config).live
+        held = ((place, config.inputs[name]) for place, name in enumerate(QUANTITIES))
+        self._schedules = {
+            place: _schedule(source.hold_ns)
+            for place, source in held
+            if source.hold_ns and not source.is_assumed
+        }
+        # Of each input its latest sample (stamp, arrival, value), and how many repeats it has had.
+        self._latest: dict[int, tuple[int, int, float]] = {}
+        self._made = dict.fromkeys(self._schedules, 0)
+
+    @property
+    def may_stand(self) -> bool:
+        """Whether an input of the bearing has values that may stand."""
+        return bool(self._schedules)
+
+    def fill(self, stream: Stream, until_ns: int | None) -> tuple[Stream, BoolArray]:
+        """Return the samples with the repeats that fall due up to a time [ns], and which of them repeat."""
+        none = np.zeros(stream.time_ns.size, np.bool_)
+        if not self._schedules or until_ns is None:
+            return stream, none
+        found = [self._repeats(place, stream, until_ns) for place in self._schedules]
+        stamp_ns, arrival_ns, value = (np.concatenate(columns) for columns in zip(*found, strict=True))
+        inputs = np.repeat(np.array([*self._schedules], np.int8), [each[0].size for each in found])
+        order = np.argsort(arrival_ns, kind='stable')
+        # Times that leap back are left in the order of the recording.
+        place = np.searchsorted(np.maximum.accumulate(stream.arrival_ns), arrival_ns[order], 'right')
+        filled = Stream(
+            np.insert(stream.time_ns, place, stamp_ns[order]),
+            np.insert(stream.inputs, place, inputs[order]),
+            np.insert(stream.value, place, value[order]),
+            arrival_ns=np.insert(stream.arrival_ns, place, arrival_ns[order]),
+        )
+        return filled, np.insert(none, place, True)
+
+    def _repeats(self, place: int, stream: Stream, until_ns: int) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return stamps, arrivals and values of the repeats of one input."""
+        own, schedule = stream.inputs == place, self._schedules[place]
+        stamp_ns, arrival_ns, value = stream.time_ns[own], stream.arrival_ns[own], stream.value[own]
+        made = np.zeros(value.size, np.int64)
+        if place in self._latest:
+            stamp, arrival, number = self._latest[place]
+            stamp_ns, arrival_ns = np.append(stamp, stamp_ns), np.append(arrival, arrival_ns)
+            value, made = np.append(number, value), np.append(self._made[place], made)
+        if not value.size:
+            return stamp_ns, arrival_ns, value
+        self._latest[place] = int(stamp_ns[-1]), int(arrival_ns[-1]), float(value[-1])
+        # Before the next sample, and up to the end of the part.
+        room = np.diff(arrival_ns, append=until_ns + 1)
+        due = np.searchsorted(schedule, room, 'left')
+        due[[not self._is_valid(place, number) for number in value.tolist()]] = 0
+        due = np.maximum(due, made)
+        self._made[place] = int(due[-1])
+        count = due - made
+        rows = np.repeat(np.arange(value.size), count)
+        steps = np.arange(rows.size) - np.repeat(np.cumsum(count) - count, count) + made[rows]
+        return stamp_ns[rows], arrival_ns[rows] + schedule[steps], value[rows]
+
+    def _is_valid(self, place: int, number: float) -> bool:
+        return (
+            judge_value(self._numbers, place, number, si_value(self._numbers, place, number))
+            == Status.ACCEPTED
+        )
+
+
+def _schedule(hold_ns: int) -> IntArray:
+    """Return how long after its arrival a value is repeated, up to a time [ns]."""
+    found, passed_ns = list[int](), repeat_step(0)
+    while passed_ns <= hold_ns:
+        found.append(passed_ns)
+        passed_ns += repeat_step(passed_ns)
+    return np.array(found, np.int64)
