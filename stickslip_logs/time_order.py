@@ -28,9 +28,10 @@ _MIN_STEP_NS = 10**9
 _MAX_STEPS, _MAX_STEP_FRACTION, _FEW_STEPS = 32, 0.25, 2
 # More steps of a few intervals, or unequal ones below 10 s, are disorder: loops have long and equal ones.
 _MAX_SMALL_STEPS = 4
-# Rows that come back after longer were not late: the clock was set back, and a pause followed [ns].
+# Rows that come back after longer were not late: the clock was set back, and a pause followed. Rows of one
+# source that wait longer for their turn are reported as unordered [ns].
 _MAX_LATE_NS = 60 * 10**9
-# Rows that wait longer for their turn are reported as unordered [ns].
+# Sources of which one waits longer for another are reported as unordered [ns].
 _MAX_WAIT_NS = 10 * 10**9
 # Intervals whose median is the usual one of a source: the first of them, so that memory is bounded.
 _MAX_INTERVALS = 1 << 12
@@ -128,63 +129,74 @@ class TimeCourse:
 class _Source:
     """The segments of one source: all that is kept of its times."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_in_blocks: bool) -> None:
+        self._is_in_blocks = is_in_blocks
         self._intervals = np.empty(0, np.int64)
-        self._segments = np.empty((0, len(_Run._fields)), np.int64)
+        self._parts, self._size = [np.empty((0, len(_Run._fields)), np.int64)], 0
         self._leap_ns = _MIN_STEP_NS
-        self.resolution_ns = _RESOLUTION_NS
+        self._resolution_ns = _RESOLUTION_NS
         self._last_ns: int | None = None
         self._count = self._steps = 0
         self.first_place = self.last_place = 0
-        self.least_ns = self.most_ns = 0
+        self.least_ns, self.most_ns = _END, -1
 
-    def add(self, time_ns: IntArray, place: IntArray) -> None:
-        """Take up the next rows: times [ns] and places in the file, shape (n,)."""
-        least, most = int(time_ns.min()), int(time_ns.max())
+    def add(self, time_ns: IntArray, place: IntArray, offset: int) -> tuple[int, int]:
+        """Take up the next rows: times [ns], and places in the file less an offset, shape (n,).
+
+        Returns:
+            The least and the largest of the times [ns].
+        """
+        step = np.empty(time_ns.size, np.int64)
+        np.subtract(time_ns[1:], time_ns[:-1], out=step[1:])
+        step[0] = 0 if self._last_ns is None else time_ns[0] - self._last_ns
         if self._last_ns is None:
-            self.first_place, self.least_ns, self.most_ns = int(place[0]), least, most
-        self.least_ns, self.most_ns = min(least, self.least_ns), max(most, self.most_ns)
-        self.last_place = int(place[-1])
-        step = np.diff(time_ns, prepend=time_ns[0] if self._last_ns is None else self._last_ns)
-        self._last_ns = int(time_ns[-1])
+            self.first_place = int(place[0]) + offset
         if self._intervals.size < _MAX_INTERVALS:
             self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_INTERVALS]
             self._leap_ns = max(self._leap_ns, self.leap_ns)
-        self._steps += int(np.count_nonzero(step < -_MIN_STEP_NS))
-        row = self._count
+        if self._is_one(time_ns, step):
+            first, last = int(time_ns[0]), int(time_ns[-1])
+            segments = np.array([[int(place[0]) + offset, self._count, first, last, first, last, step[0]]])
+        else:
+            self._steps += int(np.count_nonzero(step < -_MIN_STEP_NS))
+            begin = np.flatnonzero(self._begins(step, time_ns))
+            least, most = np.minimum.reduceat(time_ns, begin), np.maximum.reduceat(time_ns, begin)
+            last_ns = time_ns[np.append(begin[1:], time_ns.size) - 1]
+            where = place[begin] + offset, begin + self._count, time_ns[begin], last_ns
+            segments = np.stack([*where, least, most, step[begin]], axis=1)
+        self.last_place, self._last_ns = int(place[-1]) + offset, int(time_ns[-1])
         self._count += time_ns.size
-        if self._steps > _MAX_STEPS:
-            self._segments = self._segments[:0]
-            return
-        begin = np.flatnonzero(self._begins(step, time_ns))
-        end = np.append(begin[1:], time_ns.size)
-        columns = (
-            place[begin],
-            begin + row,
-            time_ns[begin],
-            time_ns[end - 1],
-            np.minimum.reduceat(time_ns, begin),
-            np.maximum.reduceat(time_ns, begin),
-            step[begin],
-        )
-        self._segments = np.concatenate([self._segments, np.stack(columns, axis=1)])
-        while len(self._segments) > 2 * _MAX_SEGMENTS:
-            self._coarsen()
+        span = int(segments[:, 4].min()), int(segments[:, 5].max())
+        self.least_ns, self.most_ns = min(span[0], self.least_ns), max(span[1], self.most_ns)
+        if self._steps <= _MAX_STEPS:
+            self._parts.append(segments)
+            self._size += len(segments)
+            while self._size > 2 * _MAX_SEGMENTS:
+                self._coarsen()
+        return span
+
+    def _is_one(self, time_ns: IntArray, step_ns: IntArray) -> bool:
+        """Return whether rows are one segment."""
+        if step_ns.min() < 0 or step_ns.max() > self._leap_ns:
+            return False
+        cells = time_ns[[0, -1]] // self._resolution_ns
+        return self._is_in_blocks or bool(cells[0] == cells[1])
 
     def _begins(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
         """Return which rows, or segments, begin a segment; the first one does."""
-        cell = time_ns // self.resolution_ns
+        cell = time_ns // self._resolution_ns
         begins: BoolArray = _is_leap(step_ns, self._leap_ns) | (np.diff(cell, prepend=cell[0]) != 0)
         begins[0] = True
         return begins
 
     def _coarsen(self) -> None:
         """Halve the resolution, and forget pauses of less than it."""
-        self.resolution_ns *= 2
-        self._leap_ns = max(self._leap_ns, self.resolution_ns // 4)
-        self._segments = _joined(
-            self._segments, np.flatnonzero(self._begins(self._segments[:, 6], self._segments[:, 2]))
-        )
+        self._resolution_ns *= 2
+        self._leap_ns = max(self._leap_ns, self._resolution_ns // 4)
+        segments = self.segments
+        begins = self._begins(segments[:, 6], segments[:, 2])
+        self._parts = [_joined(segments, np.flatnonzero(begins))]
+        self._size = len(self._parts[0])
 
     @property
     def interval_ns(self) -> int:
@@ -205,11 +217,12 @@ class _Source:
     @property
     def segments(self) -> IntArray:
         """Its segments, a row of the fields of :class:`_Run` each."""
-        return self._segments
+        self._parts = [np.concatenate(self._parts)]
+        return self._parts[0]
 
     def runs(self) -> list[_Run]:
         """Return its rows from leap to leap, two adjoining ones with the leap between them."""
-        segments = self._segments
+        segments = self.segments
         is_first = _is_leap(segments[:, 6], self.leap_ns)
         is_first[:1] = True
         runs = _joined(segments, np.flatnonzero(is_first)) if len(segments) else segments
@@ -231,9 +244,15 @@ def _joined(segments: IntArray, begin: IntArray) -> IntArray:
 
 
 class TimeOrder:
-    """Collects the times of a recording by source, and judges their order."""
+    """Collects the times of a recording by source, and judges their order.
 
-    def __init__(self) -> None:
+    Args:
+        is_in_blocks: Whether rows need not wait for their turn, because what reads them puts blocks in
+            order: then the rows of a source that come at a time are as precise as it has to be.
+    """
+
+    def __init__(self, *, is_in_blocks: bool = False) -> None:
+        self._is_in_blocks = is_in_blocks
         self._sources: dict[int, _Source] = {}
 
     def add(self, time_ns: IntArray, source: IntArray, place: IntArray) -> None:
@@ -244,10 +263,18 @@ class TimeOrder:
             source: The number of the source of each.
             place: Where each is in the file: numbers that rise.
         """
-        is_one = (source == source[0]).all()
-        for key in [int(source[0])] if is_one else np.unique(source).tolist():
-            own = slice(None) if is_one else source == key
-            self._sources.setdefault(key, _Source()).add(time_ns[own], place[own])
+        if (source == source[0]).all():
+            self.add_to(int(source[0]), time_ns, place)
+            return
+        for key in np.unique(source).tolist():
+            own = source == key
+            self.add_to(key, time_ns[own], place[own])
+
+    def add_to(self, source: int, time_ns: IntArray, place: IntArray, offset: int = 0) -> tuple[int, int]:
+        """Take up the next rows of one source, whose places are less by an offset; return their span [ns]."""
+        if source not in self._sources:
+            self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
+        return self._sources[source].add(time_ns, place, offset)
 
     def course(self, wanted: Collection[int] | None = None) -> TimeCourse:
         """Judge the order of some sources, or of all."""
@@ -310,26 +337,22 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
     Returns:
         The runs that are left.
     """
-    interval_ns, leap_ns = source.interval_ns, source.leap_ns
-    tolerance_ns = leap_ns + interval_ns
     result: list[_Run] = []
-    for run in runs:
+    for number, run in enumerate(runs):
+        next_run = runs[number + 1] if number + 1 < len(runs) else None
         while len(result) > 1:
             before, odd = result[-2:]
-            inside_ns = odd.last_ns - odd.first_ns
-            gap_ns = run.first_ns - before.last_ns
-            if run.step_ns < 0 < odd.step_ns and abs(gap_ns - inside_ns - 2 * interval_ns) <= tolerance_ns:
+            if _is_late(before, odd, run, source) or _is_early(before, odd, run, source):
+                course.late_count += run.row - odd.row
+                most_ns = max(before.most_ns, odd.most_ns)
+            # Rows that are about to come back to where they were were late instead.
+            elif _is_ahead(before, odd, run, source) and not (
+                next_run is not None and _is_late(odd, run, next_run, source)
+            ):
                 add_ns = (before.last_ns + run.first_ns - odd.first_ns - odd.last_ns) // 2
                 course.shifts.append(_Shift(odd.place, run.place, key, add_ns))
                 course.ahead_count += run.row - odd.row
                 most_ns = before.most_ns
-            elif (
-                odd.step_ns < 0 < run.step_ns
-                and inside_ns <= _MAX_LATE_NS
-                and -_MIN_STEP_NS <= gap_ns <= tolerance_ns
-            ):
-                course.late_count += run.row - odd.row
-                most_ns = max(before.most_ns, odd.most_ns)
             else:
                 break
             del result[-2:]
@@ -340,6 +363,29 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
             )
         result.append(run)
     return result
+
+
+def _is_ahead(before: _Run, odd: _Run, run: _Run, source: _Source) -> bool:
+    """Return whether a source leapt ahead for a run, and came back to where it would have been."""
+    passed_ns = odd.last_ns - odd.first_ns + 2 * source.interval_ns
+    error_ns = run.first_ns - before.last_ns - passed_ns
+    return run.step_ns < 0 < odd.step_ns and abs(error_ns) <= source.leap_ns + source.interval_ns
+
+
+def _is_late(before: _Run, odd: _Run, run: _Run, source: _Source) -> bool:
+    """Return whether a source dropped back for a run, and came back to where it was."""
+    gap_ns = run.first_ns - before.last_ns
+    is_brief = odd.last_ns - odd.first_ns <= _MAX_LATE_NS
+    has_returned = -_MIN_STEP_NS <= gap_ns <= source.leap_ns + source.interval_ns
+    return odd.step_ns < 0 < run.step_ns and is_brief and has_returned
+
+
+def _is_early(before: _Run, odd: _Run, run: _Run, source: _Source) -> bool:
+    """Return whether rows that are not missing where they stand leave a gap behind that is no leap."""
+    is_there = odd.last_ns - odd.first_ns + 2 * source.interval_ns <= source.leap_ns
+    is_soon = odd.last_ns - run.first_ns <= _MAX_LATE_NS
+    gap_ns = run.first_ns - before.last_ns
+    return is_there and is_soon and run.step_ns < 0 < odd.step_ns and 2 * gap_ns <= 3 * source.interval_ns
 
 
 def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
@@ -370,21 +416,27 @@ def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_St
 
 def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     """Find start, end, and how long rows have to wait for their turn."""
-    parts = []
+    parts, own_late_ns = [], 0
     for key, own in sources.items():
         segments = own.segments
         source = np.full(len(segments), key)
         least, most = (course.follow(segments[:, k], source, segments[:, 0]) for k in (4, 5))
         parts.append(np.stack([segments[:, 0], least, most], axis=1))
+        own_late_ns = max(own_late_ns, _lateness(parts[-1][:-1, 2], parts[-1][1:, 1]))
     segments = np.concatenate(parts)
     segments = segments[segments[:, 0].argsort(kind='stable')]
-    latest_ns = np.maximum.accumulate(segments[:, 2])
-    course.start_ns, course.end_ns = int(segments[:, 1].min()), int(latest_ns[-1])
-    late_ns = int((latest_ns - segments[:, 1]).max())
-    # What is within segments that overlap is known to their resolution only.
-    blur_ns = 2 * max(own.resolution_ns for own in sources.values()) + _MIN_STEP_NS
+    course.start_ns, course.end_ns = int(segments[:, 1].min()), int(segments[:, 2].max())
+    late_ns = _lateness(segments[:, 2], segments[:, 1])
     course.wait_ns = late_ns + _MIN_STEP_NS
-    course.is_unordered = late_ns > _MAX_WAIT_NS + blur_ns and not course.late_count
+    # Segments of two sources overlap in the file: what is late within them is not known.
+    blur_ns = 2 * int((segments[:, 2] - segments[:, 1]).max()) + _MIN_STEP_NS
+    is_waiting = own_late_ns > _MAX_LATE_NS or late_ns - own_late_ns - blur_ns > _MAX_WAIT_NS
+    course.is_unordered = is_waiting and not course.late_count
+
+
+def _lateness(before_ns: IntArray, time_ns: IntArray) -> int:
+    """Return the longest that a time is behind those beside or before it [ns]."""
+    return int((np.maximum.accumulate(before_ns) - time_ns).max(initial=0))
 
 
 class Sorter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -18,11 +18,8 @@ from stickslip_logs.time_order import MAX_TIME_NS, TimeCourse, TimeOrder
 
 # A place is the number of a block above the byte in it, of which there are at most 2^27.
 _BYTE_BITS = 32
-# An index of messages: its channel, and how long its entries are [bytes]; the entries.
-_INDEX_BEGIN = HEAD.size + 6
-_ENTRY = np.dtype([('time', '<i8'), ('byte', '<u8')])
-# Messages that are judged together.
-_BATCH = 1 << 14
+# An index of messages: its channel, and how long its entries of a time and a byte are [bytes].
+_INDEX_BEGIN, _ENTRY_BYTES = HEAD.size + 6, 16
 # Larger blocks without indexes, which no recorder writes, are not looked into [bytes].
 _MAX_WALKED_BYTES = 16 << 20
 # Pieces with fewer messages than one in so many bytes are sparse; no more of them are looked into in one
@@ -32,6 +29,8 @@ _SPARSE_BYTES, _MAX_SPARSE_BYTES = 1 << 16, 32 << 20
 _NONE = np.empty(0, np.int64)
 _Rows = tuple[IntArray, IntArray, IntArray]
 """Times [ns], numbers of topics, and places, shape (n,) each."""
+_TopicRows = tuple[int, IntArray, IntArray]
+"""The number of a topic, times of its messages [ns], and at which bytes of a block they are, shape (n,)."""
 
 
 class CourseOfBlocks:
@@ -66,8 +65,8 @@ class CourseOfBlocks:
         if not self._course.shifts:
             return piece.log_time_ns
         time_ns, is_time = piece.log_time_ns.copy(), _are_times(piece.log_time_ns, self._least_ns)
-        rows = _rows_of(number, file, piece, self._numbers)
-        time_ns[is_time] = self._course.follow(*(column[is_time] for column in rows))
+        own_ns, topic, byte = (column[is_time] for column in _rows_of(file, piece, self._numbers))
+        time_ns[is_time] = self._course.follow(own_ns, topic, (number << _BYTE_BITS) + byte)
         return time_ns
 
 
@@ -85,19 +84,11 @@ class BlockTimes:
     def course(self, topics: Sequence[str]) -> CourseOfBlocks:
         """Judge the order of the messages of some topics."""
         numbers = {topic: number for number, topic in enumerate(topics)}
-        order, spans = TimeOrder(), dict[int, tuple[int, int]]()
-        waiting: list[_Rows] = []
-        size = 0
-        for number, rows in self._blocks(numbers):
-            if rows[0].size:
-                spans[number] = int(rows[0].min()), int(rows[0].max())
-                waiting.append(rows)
-                size += rows[0].size
-            if size > _BATCH:
-                order.add(*_joined(waiting))
-                waiting, size = [], 0
-        if waiting:
-            order.add(*_joined(waiting))
+        order, spans = TimeOrder(is_in_blocks=True), dict[int, tuple[int, int]]()
+        for number, own in self._blocks(numbers):
+            spans[number] = _joined(
+                order.add_to(topic, time_ns, byte, number << _BYTE_BITS) for topic, time_ns, byte in own
+            )
         course = order.course()
         blocks = [block for file in self._files for block in file.blocks]
         is_corrected = bool(course.shifts) or any(
@@ -105,14 +96,16 @@ class BlockTimes:
             for number, (start, end) in spans.items()
         )
         if course.shifts:
-            for number, rows in self._blocks(numbers):
-                if rows[0].size:
-                    time_ns = course.follow(*rows)
-                    spans[number] = int(time_ns.min()), int(time_ns.max())
+            for number, own in self._blocks(numbers):
+                resulting = (
+                    course.follow(time_ns, np.full(byte.size, topic), (number << _BYTE_BITS) + byte)
+                    for topic, time_ns, byte in own
+                )
+                spans[number] = _joined((int(each.min()), int(each.max())) for each in resulting)
         return CourseOfBlocks(course, numbers, spans, self._least_ns, is_corrected=is_corrected)
 
-    def _blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, _Rows]]:
-        """Yield the number of each block, and its messages of some topics that have a time."""
+    def _blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
+        """Yield the number of each block that has messages of some topics with a time, and these."""
         number, self._sparse_bytes = -1, 0
         for file in self._files:
             keys = {key: numbers[c.topic] for key, c in file.channels.items() if c.topic in numbers}
@@ -122,72 +115,84 @@ class BlockTimes:
                     number += 1
                     if block.channels is not None and not block.channels & mask:
                         continue
-                    rows = _indexed(number, opened.fileno(), block, keys) if file.is_stated else None
+                    rows = _indexed(opened.fileno(), block, keys) if file.is_stated else None
                     if rows is None:
-                        rows = self._walked(number, file, block, numbers)
-                    chosen = _are_times(rows[0], self._least_ns) & (rows[1] >= 0)
-                    yield number, rows if chosen.all() else _some(rows, chosen)
+                        rows = self._walked(file, block, numbers)
+                    if rows := list(self._timed(rows)):
+                        yield number, rows
 
-    def _walked(self, number: int, file: McapFile, block: Block, numbers: Mapping[str, int]) -> _Rows:
+    def _timed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
+        """Yield the messages that have a time."""
+        for topic, time_ns, byte in rows:
+            is_time = _are_times(time_ns, self._least_ns)
+            if is_time.all():
+                yield topic, time_ns, byte
+            elif is_time.any():
+                yield topic, time_ns[is_time], byte[is_time]
+
+    def _walked(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
         """Return the messages of a block after its records, as far as it can be restored."""
         parts, begin = [(_NONE, _NONE, _NONE)], 0
-        if block.size > _MAX_WALKED_BYTES or self._sparse_bytes > _MAX_SPARSE_BYTES:
-            return parts[0]
-        with contextlib.suppress(DamagedBlock):
-            for piece in walk(load(block)):
-                parts.append(_rows_of(number, file, piece, numbers))
-                if piece.channel.size * _SPARSE_BYTES < piece.end - begin:
-                    self._sparse_bytes += piece.end - begin
-                begin = piece.end
-                if self._sparse_bytes > _MAX_SPARSE_BYTES:
-                    break
-        return _joined(parts)
+        if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
+            with contextlib.suppress(DamagedBlock):
+                for piece in walk(load(block)):
+                    parts.append(_rows_of(file, piece, numbers))
+                    if piece.channel.size * _SPARSE_BYTES < piece.end - begin:
+                        self._sparse_bytes += piece.end - begin
+                    begin = piece.end
+                    if self._sparse_bytes > _MAX_SPARSE_BYTES:
+                        break
+        time_ns, topic, byte = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return [(k, time_ns[topic == k], byte[topic == k]) for k in np.unique(topic[topic >= 0]).tolist()]
 
 
-def _some(rows: _Rows, chosen: IntArray | BoolArray) -> _Rows:
-    return rows[0][chosen], rows[1][chosen], rows[2][chosen]
+def _joined(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
+    """Return the span of several [ns]."""
+    starts, ends = zip(*spans, strict=True)
+    return min(starts), max(ends)
 
 
 def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
+    if time_ns.size and least_ns <= time_ns.min() and time_ns.max() <= MAX_TIME_NS:
+        return np.ones(time_ns.size, np.bool_)
     result: BoolArray = (time_ns >= least_ns) & (time_ns <= MAX_TIME_NS)
     return result
 
 
-def _joined(parts: Sequence[_Rows]) -> _Rows:
-    time_ns, topic, place = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return time_ns, topic, place
-
-
-def _indexed(number: int, file: int, block: Block, keys: Mapping[int, int]) -> _Rows | None:
+def _indexed(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
     """Return the messages of a block after their indexes; None where these cannot be so."""
     if not block.is_chunk or not block.index_length:
         return None
     data = os.pread(file, block.index_length, block.offset + block.length)
-    parts, at = [(_NONE, _NONE, _NONE)], 0
+    found: dict[int, IntArray] = {}
+    at = 0
     while at + _INDEX_BEGIN <= len(data):
         kind, length = HEAD.unpack_from(data, at)
         channel = int.from_bytes(data[at + HEAD.size : at + HEAD.size + 2], 'little')
         size = int.from_bytes(data[at + HEAD.size + 2 : at + _INDEX_BEGIN], 'little')
-        if kind != Opcode.MESSAGE_INDEX or size % _ENTRY.itemsize or size > length - 6:
+        if kind != Opcode.MESSAGE_INDEX or size % _ENTRY_BYTES or size > length - 6:
             return None
         if channel in keys and size:
             if at + _INDEX_BEGIN + size > len(data):
                 return None
-            entries = np.frombuffer(data, _ENTRY, size // _ENTRY.itemsize, at + _INDEX_BEGIN)
-            byte = entries['byte']
-            if byte.max() >= block.size:
-                return None
-            place = (number << _BYTE_BITS) + byte.astype(np.int64) + PAYLOAD
-            parts.append((entries['time'].astype(np.int64), np.full(byte.size, keys[channel]), place))
+            entries = np.frombuffer(data, '<i8', size // 8, at + _INDEX_BEGIN).reshape(-1, 2).T.copy()
+            topic = keys[channel]
+            found[topic] = np.concatenate([found[topic], entries], axis=1) if topic in found else entries
         at += HEAD.size + length
-    rows = _joined(parts)
-    is_rising = (rows[2][1:] >= rows[2][:-1]).all()
-    return rows if is_rising else _some(rows, rows[2].argsort(kind='stable'))
+    result = []
+    for topic, (time_ns, byte) in found.items():
+        if not (byte[1:] >= byte[:-1]).all():
+            rows = byte.argsort(kind='stable')
+            time_ns, byte = time_ns[rows], byte[rows]
+        if byte[0] < 0 or byte[-1] >= block.size:
+            return None
+        result.append((topic, time_ns, byte))
+    return result
 
 
-def _rows_of(number: int, file: McapFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
+def _rows_of(file: McapFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
     """Return the messages of a piece of a block; those of other topics have the number -1."""
     keys, which = np.unique(piece.channel, return_inverse=True)
     known = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
     topic = np.array(known, np.int64)[which] if known else _NONE
-    return piece.log_time_ns, topic, (number << _BYTE_BITS) + piece.offset
+    return piece.log_time_ns, topic, piece.offset - PAYLOAD

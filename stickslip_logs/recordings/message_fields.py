@@ -475,6 +475,8 @@ class FieldReader:
                 for place in self._fill(values, stamp_ns, own, data, offset[own], size[own], order).tolist():
                     begin = int(offset[place])
                     self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
+            if mine.size == count:
+                return values, stamp_ns
         other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
         for code, number in sorted(Counter(other.byteswap().tolist()).items()):
             faults[f'are in the encapsulation 0x{code:04x}, which is not decoded'] += number
@@ -491,9 +493,8 @@ class FieldReader:
         order: str,
     ) -> IntArray:
         """Fill in messages in one byte order; which of them have to be decoded one by one."""
-        every = np.arange(len(stamp_ns))[rows]
         if self._layout is None:
-            return every
+            return np.arange(len(stamp_ns))[rows]
         found, sound = _gather(self._layout, data, offset + _ENCAPSULATION, size - _ENCAPSULATION, order)
         for row, own in zip(values, found, strict=False):
             row[rows] = own
@@ -501,7 +502,7 @@ class FieldReader:
             sec, nanosec = (part.astype(np.int64) for part in found[-2:])
             own_ns = sec * _SECOND + nanosec
             stamp_ns[rows] = np.where(sound & (own_ns != 0), own_ns, stamp_ns[rows])
-        return every[~sound]
+        return np.arange(len(stamp_ns))[rows][~sound] if not sound.all() else np.empty(0, np.int64)
 
     def _decode_alone(self, data: bytes, place: int, values: FloatArray, stamp_ns: IntArray) -> None:
         """Fill in a message that is decoded by itself."""
@@ -568,7 +569,7 @@ class MessageReading(ABC):
             rows = np.flatnonzero(topic == number)
             own = log_time_ns[rows]
             times = own, own if is_unstamped else stamp_ns[rows], rows + self._sequence
-            result.update(each.series(times, values[: each.width, rows]))
+            result.update(each.series(times, values[: each.width].take(rows, axis=1)))
         self._sequence += log_time_ns.size
         return result
 

@@ -119,6 +119,32 @@ def test_each_row_has_the_time_at_which_it_happened(name: str) -> None:
         assert bool(told) == bool(says)
 
 
+@pytest.mark.parametrize('rate', [1, 2, 10])
+@pytest.mark.parametrize('late', [1, 2, 5, 10])
+@pytest.mark.parametrize('by', [1, 6, 30])
+@pytest.mark.parametrize('lost', ['', 'before', 'ahead'])
+def test_late_moments_are_sorted_in_silence_at_any_rate(rate: int, late: int, by: int, lost: str) -> None:
+    """The row beside them may be lost, too."""
+    every, ahead = [k / rate for k in range(600 * rate)], max(by * rate, 2)
+    begin, end = 200 * rate, 200 * rate + late
+    gone = {'': None, 'before': every[begin - 1], 'ahead': every[end]}[lost]
+    order = [*every[:begin], *every[end : end + ahead], *every[begin:end], *every[end + ahead :]]
+    course, time_ns, true_ns = judged([(t, t, source) for t in order if t != gone for source in (0, 1)])
+    np.testing.assert_array_equal(time_ns, true_ns)
+    assert list(course.notes('they are', 'of it')) == []
+
+
+def test_rows_that_are_put_in_order_elsewhere_are_kept_by_blocks() -> None:
+    """An hour of two sources in one block: one segment each, and their overlap is no disorder."""
+    order, time_ns = TimeOrder(is_in_blocks=True), START + np.arange(3600) * SECOND
+    for source in (0, 1):
+        order.add_to(source, time_ns, np.arange(3600) * 40 + source, offset=1 << 32)
+    assert [own.segments[:, 0].tolist() for own in order._sources.values()] == [[1 << 32], [(1 << 32) + 1]]
+    assert list(order.course().notes('they are', 'of it')) == []
+    order.add_to(0, time_ns - 3400 * SECOND, np.arange(3600) * 40, offset=2 << 32)
+    assert order.course().steps_ns == [7000 * SECOND]
+
+
 def test_the_clock_of_one_sender_shifts_its_rows_only() -> None:
     rows = [(t - 200 * (s == 1 and t >= 300), t, s) for _, t, s in voyage()]
     course, time_ns, true_ns = judged(rows)
