@@ -22,18 +22,22 @@ _EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])
 NAMES = 'time', 'name', 'value', 'unit'
 Row = tuple[str, str, str, str]
 """Time, name, value and unit of a number."""
+NO_SENTENCE: tuple[()] = ()
+"""Stands for a line of something else, as another instrument on the same wire sends."""
 
 
 def bus_log_of(lines: Sequence[str]) -> str:
-    """``nmea``, ``signalk`` or nothing, by the first lines of a file."""
+    """Return ``nmea``, ``signalk`` or nothing, by the first lines of a file."""
     first = [line for line in lines[:200] if line.strip()]
     if sum(bool(_SENTENCE.search(line)) for line in first) > 0.4 * len(first) > 0:
         return 'nmea'
     return 'signalk' if sum('"updates"' in line for line in first) > 0.4 * len(first) > 0 else ''
 
 
-def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
-    """The numbers of sentences of a log; None for a damaged one, or a number without a time.
+def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
+    """Yield the numbers of sentences of a log.
+
+    Yields None for a damaged one, or a number without a time, and an empty row for a line without a sentence.
 
     As with Signal K, a second talker of a number has a name of its own.
     """
@@ -41,8 +45,8 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     for line in lines:
         found = _SENTENCE.search(line)
         if found is None:
-            if line.lstrip().startswith(('$', '!')):
-                yield None
+            if line.strip():
+                yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
             continue
         talker, kind, text, checksum = found.groups()
         total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
@@ -60,7 +64,7 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
 
 def _time_before(head: str) -> str:
-    """The time that a logger wrote before a sentence: ISO 8601, or seconds or ms since 1970."""
+    """Return the time that a logger wrote before a sentence: ISO 8601, or seconds or ms since 1970."""
     if stamp := _ISO.search(head):
         return stamp.group()
     if epoch := _EPOCH.search(head):
@@ -70,7 +74,7 @@ def _time_before(head: str) -> str:
 
 
 def _own_time(kind: str, fields: Sequence[str]) -> str:
-    """The time of a ZDA or RMC sentence, of an ISO date and time."""
+    """Return the time of a ZDA or RMC sentence as an ISO date and time."""
     clock = fields[0]
     if kind == 'ZDA' and len(fields) > 3:
         date = [field.zfill(2) for field in fields[1:4]]
@@ -86,7 +90,7 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
 
 
 def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Names, values and units of a sentence of speeds or of transducers."""
+    """Yield names, values and units of a sentence of speeds or of transducers."""
     if kind == 'RPM' and len(fields) > 2:
         # As the live link reads it: some ships leave the pitch out, none the status.
         is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
@@ -100,7 +104,7 @@ def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
-    """The numbers of deltas, one delta a line; None for a line that is none.
+    """Yield the numbers of deltas, one delta a line; None for a line that is none.
 
     Other vessels' are passed over: the own one is that of the server's first word, or else the first
     with more than others send by AIS. The second source of a path is a name of its own: a server may
@@ -126,7 +130,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
 
 def _is_own(delta: Any) -> bool:
-    """Whether a vessel says of itself what none says by AIS."""
+    """Return whether a vessel says of itself what none says by AIS."""
     paths = (item['path'] for update in delta['updates'] for item in update.get('values', ()))
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 
@@ -147,7 +151,7 @@ def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator
 
 
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
-    """The units by path that meta data say; what is odd in them costs no number."""
+    """Yield the units by path that meta data say; what is odd in them costs no number."""
     for item in meta if isinstance(meta, list) else ():
         value = item.get('value') if isinstance(item, dict) else None
         unit = value.get('units') if isinstance(value, dict) else None
@@ -163,7 +167,7 @@ def _name_of(name: str, source: str, first: dict[str, str]) -> str:
 _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'
 # What Signal K gives the values of some paths in.
 _UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
-BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | None]]] = {
+BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | tuple[()] | None]]] = {
     'nmea': nmea_rows,
     'signalk': signalk_rows,
 }

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.arrays import BoolArray, IntArray
+from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
 
 Cells = Sequence[str]
@@ -55,7 +55,8 @@ _SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
 _MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
 NAMED = re.compile(
-    r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed)\b'
+    r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed|millis|micros)\b'
+    r'|^(?:ms|us|ns)$'
 )
 _IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
@@ -70,19 +71,16 @@ _SINCE = (
     (3e9, SECOND, -2_082_844_800, 's since 1904'),
     (1e8, SECOND, 0, 's since 1970'),
 )
-_UNITS = {
-    'ns': 1,
-    'us': 10**3,
-    'µs': 10**3,
-    'ms': 10**6,
-    's': SECOND,
-    'sec': SECOND,
-    'seconds': SECOND,
-    'min': 60 * SECOND,
-    'h': 3600 * SECOND,
-    'd': DAY,
-    'days': DAY,
+_SPELLED = {
+    1: 'ns nanos nanoseconds',
+    10**3: 'us µs μs usec micros microseconds',
+    10**6: 'ms msec millis milliseconds',
+    SECOND: 's sec secs second seconds',
+    60 * SECOND: 'min mins minute minutes',
+    3600 * SECOND: 'h hr hrs hour hours',
+    DAY: 'd day days',
 }
+_UNITS = {name: unit for unit, names in _SPELLED.items() for name in names.split()}
 # Days since the end of 1899, of the years 1954 to 2119, as spreadsheets count, and those since the
 # year 0 of MATLAB: the limits, what makes them 1970, and their name.
 _DAYS_SINCE = (
@@ -90,9 +88,12 @@ _DAYS_SINCE = (
     (713_960, 773_960, -719_529, 'days of MATLAB'),
 )
 # Without a heading that says so: as seconds these numbers would be 10,000 and more a second [s], or
-# they are lines each so many seconds. A rate of acquisition is none of these: 1,000 a second would
-# be one in 86.4 s.
-_PARTS_OF_DAYS, _EVERY = 1e-4, (10, 12, 15, 20, 30, 60, 120)
+# they are whole seconds of days but not of five decimals and no whole number a second, up to 300, or lines
+# each so many seconds, as far as their decimals tell.
+_PARTS_OF_DAYS, _HIGHEST_RATE = 1e-4, 300.0
+_EVERY, _EVERY_MINUTES = (10, 12, 15, 20, 30, 60, 120), (180, 300, 600, 900, 1200, 1800, 3600, 7200)
+# Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
+_WHOLE_SECOND, _MOST_OF_DAYS = 0.05, 0.9
 _MOST_ROWS = 500
 _MOST_SHOWN = 60
 # Less than the share of the cells of a column that are times.
@@ -213,12 +214,12 @@ def likeliest_first(table: TableColumns, stamps: Sequence[int]) -> list[int]:
 
 
 def _of_day(table: TableColumns, k: int) -> Clock:
-    """Times of the day, or since a start, of a column."""
+    """Return the clock of times of the day, or since a start."""
     return Clock((k,), read_time_of_day, (f"times in '{table.names[k]}' are of the day, without a date",))
 
 
 def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
-    """Dates with times in one column, or in two."""
+    """Return the clock of dates with times in one column, or in two."""
     most = max(columns)
     known = [row for row in (*rows, *table.tail) if len(row) > most]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
@@ -226,7 +227,7 @@ def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, .
     layout = StampLayout(seen, zone[1] if zone else '')
     said = []
     if layout.question:
-        said.append(f"'{layout.question}' is read day first: nothing in the file tells")
+        said.append(layout.question)
     if not layout.has_zone:
         said.append(WITHOUT_ZONE)
     return Clock(columns, layout.read, tuple(said))
@@ -242,8 +243,7 @@ def number_clock(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named
     fits = is_named or (not has_unit and is_rising and len(set(values)) > 0.5 * len(values))
     if not values or not fits or len(values) <= _MOSTLY * len(found):
         return None
-    # In brackets, or the last of several words: 'time [ms]', 't_ms'.
-    unit, size = (written or words.partition(' ')[2]).lower(), max(map(abs, values))
+    unit, size = _unit_of_times(words, written), max(map(abs, values))
 
     def clock(factor: int, said: str, zero: int = 0) -> Clock:
         read = scaled_reader(factor, zero, table.decimal)
@@ -254,47 +254,74 @@ def number_clock(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named
     for least, factor, zero, name in () if is_elapsed else _SINCE:
         if size >= least:
             return clock(factor, name, zero)
-    is_close = _are_parts_of_days(values)
-    for least, most, zero, name in _DAYS_SINCE:
-        if (
-            unit not in _UNITS
-            and least < size < most
-            and (is_close or re.search(r'date|datum|time ?stamp', words))
-        ):
-            return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
-    return clock(_UNITS.get(unit, SECOND), f'{unit if unit in _UNITS else "s"} since the start')
+    question = ''
+    for least, most, zero, name in _DAYS_SINCE if _UNITS.get(unit, DAY) == DAY else ():
+        if least < size < most:
+            gap = _usual_gap(values)
+            if unit or re.search(r'date|datum|time ?stamp', words) or _are_days(np.array(values), gap):
+                return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
+            # Four a second, or four a day.
+            if gap and 8.0 * gap % 1.0 == 0.0:
+                question = f", or are they {name}? Head them 'time [s]' or 'date'"
+    return clock(_UNITS.get(unit, SECOND), f'{unit or "s"} since the start{question}')
 
 
-def _are_parts_of_days(values: Sequence[float]) -> bool:
-    """Whether numbers are so close that they are rather days than seconds."""
+def _unit_of_times(words: str, written: str | None) -> str:
+    """Return the unit in a heading: in brackets, all of it, or behind other words; empty for none.
+
+    >>> _unit_of_times('elapsed ms', None), _unit_of_times('millis', None), _unit_of_times('time', '[s]')
+    ('ms', 'millis', '')
+    """
+    first, _, rest = words.partition(' ')
+    last = rest.rpartition(' ')[2]
+    # The last word of a time of day is no unit.
+    candidates = (written or '').lower(), rest, '' if rest else first, last if last != 'day' else ''
+    return next((text for text in candidates if text in _UNITS), '')
+
+
+def _usual_gap(values: Sequence[float]) -> float:
+    """Return the usual distance of two numbers that differ; 0 where none do."""
     gaps = np.abs(np.diff(values))
-    if not gaps.any():
-        return False
-    gap = float(np.median(gaps[gaps > 0]))
-    # Of days of five decimals a gap is known to 5 %.
-    return gap < _PARTS_OF_DAYS or any(abs(gap * 86_400 / every - 1.0) < 0.05 for every in _EVERY)
+    return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
+
+
+def _are_days(values: FloatArray, gap: float) -> bool:
+    """Return whether numbers with such a usual distance are rather days than seconds."""
+    seconds = values * 86_400
+    is_whole = np.abs(seconds - np.rint(seconds)) < _WHOLE_SECOND
+    is_round = np.abs(values * 1e5 - np.rint(values * 1e5)) < 1e-3
+    is_rate = gap > 1.0 / _HIGHEST_RATE and abs(1.0 / gap - round(1.0 / gap)) < 0.02
+    if np.mean(is_whole) > _MOST_OF_DAYS and np.mean(is_round) < 1.0 - _MOSTLY and not is_rate:
+        return True
+    # Of days of five decimals a gap is known to 5 %, one of minutes to 1 %.
+    return (
+        0.0 < gap < _PARTS_OF_DAYS
+        or any(abs(gap * 86_400 / every - 1.0) < 0.05 for every in _EVERY)
+        or any(abs(gap * 86_400 / every - 1.0) < 0.01 for every in _EVERY_MINUTES)
+    )
 
 
 def _number(cell: str, decimal: str) -> float:
-    """The number that a cell begins with; a unit may follow."""
+    """Return the number that a cell begins with, NaN for none; a unit may follow."""
     try:
-        return float(cell.split()[0].replace(decimal, '.'))
+        # What Python takes for digits, as in '1_000', is a word in a table.
+        return float(cell.split()[0].replace(decimal, '.').replace('_', 'x'))
     except (ValueError, IndexError):
         return math.nan
 
 
 def is_stamp(cell: str) -> bool:
-    """Whether a cell is a date with a time."""
+    """Return whether a cell is a date with a time."""
     return any(pattern.fullmatch(cell.strip()) for pattern in _STAMPS)
 
 
 def is_day(cell: str) -> bool:
-    """Whether a cell is a date alone."""
+    """Return whether a cell is a date alone."""
     return any(pattern.fullmatch(cell.strip()) for pattern in _DAYS)
 
 
 def is_time(cell: str) -> bool:
-    """Whether a cell is a time of the day, or since a start."""
+    """Return whether a cell is a time of the day, or since a start."""
     return bool(_TIME.fullmatch(cell.strip()) or _SINCE_START.fullmatch(cell.strip()))
 
 
@@ -307,8 +334,7 @@ class StampLayout:
 
     Attributes:
         has_zone: Whether their distance from UTC is known.
-        question: A date that may be read day first or month first, and which of them it is here;
-            empty where the dates tell.
+        question: A sentence on a date that may be read in another order; empty where the dates tell.
     """
 
     def __init__(self, seen: Sequence[str], zone: str = '') -> None:
@@ -316,19 +342,36 @@ class StampLayout:
         found = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
         self._zone = zone
         self.has_zone = bool(zone) or any(match['z'] for match in found)
-        self.question, self._day_first = '', True
-        if 'a' not in self._pattern.groupindex or not found:
-            return
-        first, second = ([int(match[name]) for match in found] for name in 'ab')
-        self._day_first = max(second) <= 12
-        if max(*first, *second) <= 12:
-            # Of a stretch of days the part that changes more is the day.
-            self._day_first = len(set(first)) >= len(set(second))
-            if len(set(first)) == len(set(second)) and found[0]['sep'] != '.':
-                self.question = found[0].group()
+        self.question = ''
+        self._year, self._month, self._day = 'Y', 'm', 'd'
+        if 'a' in self._pattern.groupindex and found:
+            order = self._order(found)
+            self._year, self._month, self._day = order[0], order[1], order[2]
+
+    def _order(self, found: Sequence[re.Match[str]]) -> str:
+        """Return which groups of the pattern are year, month and day; ask where nothing tells."""
+        parts = {name: {int(match[name]) for match in found} for name in 'abY'}
+        # Months and days first, and a year of two digits.
+        orders = ['Yba', 'Yab'] + ['abY'] * (max(parts['Y']) < 100)
+        able = [
+            order
+            for order in orders
+            if max(parts[order[1]]) <= 12 and min(parts[order[2]]) > 0 and max(parts[order[2]]) <= 31
+        ] or orders
+        # Of a stretch of days the part that changes most is the day.
+        most = max(len(parts[order[2]]) for order in able)
+        able = [order for order in able if len(parts[order[2]]) == most]
+        if len(able) > 1 and found[0]['sep'] != '.':
+            text = found[0].group()
+            self.question = (
+                f"'{text}' is read day first: nothing in the file tells"
+                if 'abY' not in able
+                else f"'{text}' is read day first: or is the year first? Write it with four digits"
+            )
+        return able[0]
 
     def read(self, columns: Sequence[Cells]) -> Times:
-        """The times of a column, or of one of dates and one of times of the day."""
+        """Return the times of a column, or of one of dates and one of times of the day."""
         texts = columns[0]
         if len(columns) > 1:
             texts = [f'{day.strip()} {clock.strip()}' for day, clock in zip(*columns, strict=True)]
@@ -344,9 +387,8 @@ class StampLayout:
         if match is None:
             return None
         part = match.groupdict('')
-        first, second = ('b', 'a') if self._day_first else ('a', 'b')
-        month = _MONTH.get(part['name'].lower(), 0) if 'name' in part else int(part.get('m') or part[first])
-        year, day, hour = int(part['Y']), int(part.get('d') or part[second]), int(part['H'])
+        month = _MONTH.get(part['name'].lower(), 0) if 'name' in part else int(part[self._month])
+        year, day, hour = int(part[self._year]), int(part[self._day]), int(part['H'])
         if part.get('half'):
             hour = hour % 12 + 12 * (part['half'][0] in 'pP')
         minute, second_ = int(part['M']), int(part['S'] or 0)
@@ -361,7 +403,7 @@ class StampLayout:
         return time_ns if abs(time_ns) < _MOST else None
 
     def _alike(self, texts: Cells) -> Times:
-        """The times of cells if all are written as the first one, by arithmetic on columns."""
+        """Return the times of cells if all are written as the first one, by arithmetic on columns."""
         none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
         match = self._pattern.fullmatch(texts[0]) if texts else None
         if (
@@ -375,10 +417,10 @@ class StampLayout:
             letters = np.array(texts, f'S{len(match[0])}').view(np.uint8).reshape(len(texts), -1)
         except UnicodeEncodeError:
             return none
-        month, day = ('m', 'd') if 'm' in match.groupdict() else ('b', 'a') if self._day_first else ('a', 'b')
         iso = np.tile(np.frombuffer(b'2000-00-00T00:00:00', np.uint8), (len(texts), 1))
         rest = np.ones(letters.shape[1], np.bool_)
-        for name, end in (('Y', 4), (month, 7), (day, 10), ('H', 13), ('M', 16), ('S', 19), ('f', 0)):
+        ends = ((self._year, 4), (self._month, 7), (self._day, 10), ('H', 13), ('M', 16), ('S', 19), ('f', 0))
+        for name, end in ends:
             begin, stop = match.span(name)
             rest[max(begin, 0) : max(stop, 0)] = False
             if end and begin >= 0:
@@ -398,7 +440,7 @@ class StampLayout:
         return seconds * SECOND + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
 
     def _shift(self, zone: str | None) -> int:
-        """The distance from UTC [s]."""
+        """Return the distance from UTC [s]."""
         zone = zone or self._zone
         if zone[:1] not in ('+', '-'):
             return 0
@@ -407,7 +449,7 @@ class StampLayout:
 
 
 def read_time_of_day(columns: Sequence[Cells]) -> Times:
-    """Times of the day on one day without a date, or since a start, with hours beyond 24 [ns]."""
+    """Read times of the day on one day without a date, or since a start, with hours beyond 24 [ns]."""
     layout = StampLayout(['1970-01-01 00:00:00'])
     time_ns, good = layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
     for k in np.flatnonzero(~good).tolist():
@@ -421,7 +463,7 @@ def read_time_of_day(columns: Sequence[Cells]) -> Times:
 
 
 def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
-    """What reads numbers of a unit as times.
+    """Return what reads numbers of a unit as times.
 
     Args:
         factor: The unit [ns].

@@ -18,7 +18,7 @@ import numpy as np
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.files import open_file
-from stickslip_logs.tables.bus_log import BUS_LOGS
+from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
 from stickslip_logs.tables.clock import (
     WITHOUT_ZONE,
     Cells,
@@ -177,7 +177,8 @@ class TextTable(NumberTable):
     def __init__(self, path: Path) -> None:
         self._path, extent = path, extent_of(path)
         self._dialect = sniff(path, extent)
-        self._is_ended, self.is_sent = extent.is_ended, self._dialect.delimiter in BUS_LOGS
+        self._is_plain, self._is_ended = extent.is_plain, extent.is_ended
+        self.is_sent = self._dialect.delimiter in BUS_LOGS
         found = find_clocks(path, self._dialect)
         self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in found)
         self.names, self.units = self._dialect.names, self._dialect.units
@@ -208,7 +209,7 @@ class TextTable(NumberTable):
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Some columns, in the order of the file."""
         if self._dialect.delimiter in BUS_LOGS:
-            yield from self._bus_blocks(wanted, lose)
+            yield from self._bus_blocks(wanted, lose, note)
             return
         clocks = self.clocks_of(wanted)
         reading = _TextReading(self._dialect.heading, self._dialect.above, clocks, wanted)
@@ -224,12 +225,16 @@ class TextTable(NumberTable):
             rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
         return rows
 
-    def _bus_blocks(self, wanted: Sequence[int], lose: Say) -> Iterator[Rows]:
-        found = BUS_LOGS[self._dialect.delimiter](text_lines(self._path, self._dialect.encoding))
-        lost, clock = 0, self.clocks[0]
+    def _lines(self) -> Iterator[str]:
+        return text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
+
+    def _bus_blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+        found = BUS_LOGS[self._dialect.delimiter](self._lines())
+        lost, other, clock = 0, 0, self.clocks[0]
         while some := list(itertools.islice(found, BLOCK)):
             rows = [row for row in some if row]
-            lost += len(some) - len(rows)
+            none = some.count(NO_SENTENCE)
+            lost, other = lost + len(some) - len(rows) - none, other + none
             columns = [[row[k] for row in rows] for k in (*clock.columns, *wanted)]
             begin = len(clock.columns)
             time_ns, is_timed = clock.read(columns[:begin])
@@ -237,10 +242,12 @@ class TextTable(NumberTable):
             yield Rows(clock, time_ns, is_timed, columns[begin:])
         if lost:
             lose(_not_used(lost, 'damaged, or without a time'))
+        if other:
+            note(_not_used(other, 'without a sentence'))
 
     def _batches(self) -> Iterator[tuple[list[list[str]], int]]:
         """Rows below the headings, and how many lines were swallowed by open quotation marks."""
-        lines = text_lines(self._path, self._dialect.encoding)
+        lines = self._lines()
         cells = reader(lines, self._dialect.delimiter)
         for _ in itertools.islice(cells, len(self._dialect.above)):
             pass

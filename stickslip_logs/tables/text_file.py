@@ -9,6 +9,7 @@ import gzip
 import io
 import lzma
 import zlib
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,10 @@ _UNPACK: dict[bytes, Callable[[Any], Any]] = {
 }
 PACKED = tuple(_UNPACK)
 """First bytes of packed files."""
+# Marks at the ends of lines that are no part of them: what frames a telegram or ends a text of DOS, and a
+# byte order mark, which joined files have in the middle. Elsewhere a control character is a damaged cell.
+_FRAMES = '\x02\x03\x04\x1a\ufeff'
+_FRAME_BYTES = b'\0', b'\x02', b'\x03', b'\x04', b'\x1a', BOM_UTF8, b'\xff\xfe', b'\xfe\xff'
 _BROKEN = (EOFError, OSError, zlib.error, lzma.LZMAError, zstandard.ZstdError)
 
 
@@ -42,7 +47,7 @@ class Extent:
     """Result of a first pass over the bytes of a file.
 
     ``problem`` is why it could not be read to its end, ``is_ended`` whether its last line is
-    whole.
+    whole, ``is_plain`` whether it has no zero bytes and no marks around lines.
     """
 
     head: bytes
@@ -50,6 +55,7 @@ class Extent:
     lines: int
     size: int
     zeros: int
+    is_plain: bool
     is_ended: bool
     problem: str
 
@@ -82,13 +88,15 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
     Raises:
         BagError: Nothing of it can be read.
     """
-    head, tail, lines, size, zeros, problem, last = b'', b'', 0, 0, 0, '', b''
+    head, tail, lines, size, zeros, problem, last, is_plain = b'', b'', 0, 0, 0, '', b'', True
     try:
         with opened(path) as file:
             while piece := file.read(_PIECE):
                 head += piece[: _HEAD - len(head)]
                 tail = (tail + piece)[-_TAIL:] if size + len(piece) > _HEAD else b''
                 lines, zeros = lines + piece.count(b'\n'), zeros + piece.count(b'\0')
+                own = piece if size else piece[len(BOM_UTF8) :]
+                is_plain = is_plain and not any(mark in own for mark in _FRAME_BYTES)
                 size += len(piece)
                 last = piece[-2:]
                 if not is_whole and size > _HEAD:
@@ -98,18 +106,30 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
         if not size:
             raise BagError(f"log '{path}' cannot be read: {problem}") from None
     is_ended = b'\n' in last
-    return Extent(head, tail, lines + (not is_ended), size, zeros, is_ended, problem)
+    return Extent(head, tail, lines + (not is_ended), size, zeros, is_plain, is_ended, problem)
 
 
-def text_lines(path: Path, encoding: str) -> Iterator[str]:
-    """Yield the lines without zero bytes, as far as they can be read; one without an end in pieces."""
+def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator[str]:
+    """Yield the lines of a file as far as they can be read; one without an end in pieces.
+
+    Args:
+        path: The file.
+        encoding: Of its text.
+        is_plain: Whether it has no zero bytes and no marks around lines, which are taken away.
+    """
     with opened(path) as raw:
         text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
         with contextlib.suppress(*_BROKEN):
-            for line in iter(lambda: text.readline(_LONGEST_LINE), ''):
-                yield line.replace('\0', '') if '\0' in line else line
+            lines = iter(lambda: text.readline(_LONGEST_LINE), '')
+            yield from lines if is_plain else map(_without_marks, lines)
 
 
 def lines_of(text: str) -> list[str]:
     """Return the lines of a text as a file gives them: a form feed ends none."""
-    return io.StringIO(text, newline='').readlines()
+    return list(map(_without_marks, io.StringIO(text, newline='').readlines()))
+
+
+def _without_marks(line: str) -> str:
+    """Return a line without zero bytes and the marks around it."""
+    body = line.rstrip('\r\n')
+    return body.replace('\0', '').strip(_FRAMES) + line[len(body) :]
