@@ -547,6 +547,7 @@ BLADES = range(3, 8)
 """Numbers of blades of ships' propellers."""
 NEAR_BOUNDARIES = 0.5, 1.5
 """Of the Hopf and the fold speed: between them a load that swings with the lining moves the onset."""
+_AVERAGED = re.compile(r'(?<![a-z])(?:avg|average|averaged|mean)(?![a-z])', re.IGNORECASE)
 BREAKAWAY = 0.5
 """A breakaway coefficient below this share of the next value is no measured one."""
 
@@ -556,7 +557,10 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
 
     At 0 or below only what needs no load is asked.
     """
-    return {'speed': list(_of_speed(config, load)), 'load': list(_of_load(config, load))}
+    return {
+        'speed': [*_of_averages(config.speed), *_of_speed(config, load)],
+        'load': [*_of_averages(config.load), *_of_load(config, load)],
+    }
 
 
 def asked(config: BearingConfig, load: float | None = None) -> list[str]:
@@ -565,6 +569,15 @@ def asked(config: BearingConfig, load: float | None = None) -> list[str]:
         load = 0.0 if config.load.assumed is None else config.load.assumed[1]
     found = questions(config, load)
     return [f'{config.name}: {name} {clause}' for name, clauses in found.items() for clause in clauses]
+
+
+def _of_averages(source: InputConfig) -> Iterator[str]:
+    named = _AVERAGED.search(f'{source.topic} {source.field_text} {source.column}')
+    if named:
+        yield (
+            f"is called '{named[0]}': an average hides swell and short stick-slip; is there the measurement"
+            ' itself?'
+        )
 
 
 def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:

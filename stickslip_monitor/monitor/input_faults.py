@@ -17,6 +17,7 @@ import numpy as np
 
 from stickslip_logs.fields import ByName
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
@@ -227,6 +228,8 @@ _NAMES_SHOWN = 8
 """Of the names that a message has in place of ours: more help nobody to find the slip."""
 _GRAPH_PERIOD = 5
 _RATE_LOOKS = 10
+_BATCH = 256
+"""Values of an input that are judged at once: numpy costs as much for one."""
 _NUMBERS = re.compile(r'[\d.]+')
 
 
@@ -257,6 +260,8 @@ class InputFacts:
     behind: float = 0.0  # how far its stamps are behind their arrival [s]
     stuck: bool = False  # its value has not changed for minutes, which only a level may not
     source: str = ''  # what its samples show of their source, see :class:`SourceWatch`
+    unfit: str = ''  # why it cannot show stick-slip in time, see :mod:`.input_fitness`
+    quantity: str = ''  # what it measures
     undecodable: bool = False  # its latest message could not be decoded
     gone: str = ''  # who published on the topic before and does no longer
     element: str = ''  # what messages for it have to name
@@ -285,6 +290,8 @@ def input_fault(facts: InputFacts) -> str:
         return f'{len(heard)} publishers send on {topic} ({names}): their values are mixed.'
     if facts.source:
         return f'On {topic}, {facts.source}.'
+    if facts.unfit:
+        return f'The {facts.quantity} on {topic} {facts.unfit}.'
     if facts.receiving and abs(facts.behind) > NEAR * 1e-9:
         way = 'behind' if facts.behind > 0.0 else 'ahead of'
         return (
@@ -434,6 +441,11 @@ class InputWatch:
             )
             for name, bearing in bearings.items()
         }
+        self._fitness = {name: FitnessWatch() for name in bearings}
+        # What came since it was judged: arrivals [ns] and values of each input
+        self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = {
+            (name, place): ([], []) for name in bearings for place, _ in enumerate(QUANTITIES)
+        }
         self._publishers: dict[tuple[str, int], Sequence[Publisher] | None] = {}
         self._seen: dict[str, str] = {}  # who published on a topic when somebody last did
         self._looks = 0
@@ -451,9 +463,33 @@ class InputWatch:
         if valid:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
             # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
-            if place != LEVEL and not self._bearings[bearing].config.inputs[INPUTS[place]].is_assumed:
-                track.source.see(now_ns, si_value(live, place, value))
+            source = self._bearings[bearing].config.inputs[INPUTS[place]]
+            if place != LEVEL and not source.is_assumed:
+                si = si_value(live, place, value)
+                track.source.see(now_ns, si)
+                # What stands until the next change is known to come slowly.
+                if not source.hold_ns:
+                    times, values = self._values[bearing, place]
+                    times.append(now_ns)
+                    values.append(si)
         return track.source.standing(now_ns)
+
+    def _judge_fitness(self, name: str) -> None:
+        """Judge what came of a bearing's inputs since the last time, once it is enough."""
+        speed, load = (self._values[name, place] for place, _ in enumerate(QUANTITIES))
+        if len(speed[0]) + len(load[0]) < _BATCH:
+            return
+        watch, arrays = self._fitness[name], []
+        for place, (times, values) in enumerate((speed, load)):
+            arrays.append((np.array(times, np.int64), np.array(values)))
+            watch.take_values(place, *arrays[-1])
+            times.clear()
+            values.clear()
+        (speed_ns, speeds), (load_ns, loads) = arrays
+        if speed_ns.size:
+            latest = np.searchsorted(speed_ns, load_ns, 'right') - 1
+            known = latest >= 0
+            watch.take_points(load_ns[known], speeds[latest[known]], loads[known])
 
     def mixed(self, bearing: str, now_ns: int) -> str:
         """:func:`mixed_sentence` on a bearing as it is now."""
@@ -499,6 +535,7 @@ class InputWatch:
         self._lost = False
         found = []
         for name, tracks in self._tracks.items():
+            self._judge_fitness(name)
             for place, track in enumerate(tracks):
                 track.look(now_ns, self._bearings[name].counts[place].copy())
                 fault = input_fault(self._facts(name, place, now_ns, without_clock=without_clock))
@@ -539,6 +576,8 @@ class InputWatch:
             other_names=self._graph.other_names(source.topic),
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
             source='' if odd is None else fault_text(odd, source),
+            unfit='' if place == LEVEL else self._fitness[bearing].clause(place),
+            quantity=INPUTS[place],
         )
 
 

@@ -25,10 +25,11 @@ from stickslip_monitor.arrays import BoolArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bearing_records import event_record, number
+from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, counts_of, joined
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
-from stickslip_monitor.monitor.signals import Stream
+from stickslip_monitor.monitor.signals import QUANTITIES, Stream
 from stickslip_monitor.monitor.verdict import Event, about
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
 from stickslip_monitor.offline.held_values import HeldValues
@@ -206,7 +207,7 @@ class _BearingCheck:
         self._held = HeldValues(config)
         self._outliner = Outliner(config) if outlined else None
         self._inputs = [InputCheck(config, k, text) for k, text in enumerate(absent)]
-        self._plausibility = Plausibility(config)
+        self._plausibility, self._fitness = Plausibility(config), FitnessWatch()
         self._extremes = Extremes()
         self._events: list[Event] = []
         self._evaluations = 0
@@ -223,7 +224,7 @@ class _BearingCheck:
             scan = replace(scan, counts=scan.counts - counts_of(stream.inputs[repeats], scan.status[repeats]))
         self._add(scan)
         for each, own in zip(self._inputs, series, strict=True):
-            each.take(own, stream, scan)
+            each.take(own, stream, scan, self._fitness)
         return Heard(stream, repeats, scan)
 
     def finish(self, end_ns: int | None) -> Heard:
@@ -237,6 +238,7 @@ class _BearingCheck:
         """Add up the verdicts that are known with a part, a point behind."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
+        self._fitness.take_points(scan.time_ns, scan.speed, scan.load)
         self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).stability_limit)
         self._extremes.take(scan)
         if scan.measured is not None:
@@ -254,6 +256,8 @@ class _BearingCheck:
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
         nearest = self._extremes.found.get('fold_margin')
         asked = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
+        for place, quantity in enumerate(QUANTITIES):
+            asked[quantity] += filter(None, [self._fitness.clause(place)])
         if self._end.unknown is not None:
             asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)

@@ -25,6 +25,7 @@ from stickslip_monitor.monitor.input_faults import (
     input_fault,
     least_gap,
 )
+from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
@@ -202,8 +203,11 @@ class InputCheck:
         self._span = math.inf, -math.inf
         self._messages = self._delay_ns = 0
 
-    def take(self, series: Series, stream: Stream, scan: Scan) -> None:
-        """Take the next part: as it was recorded, merged with the others', and its verdicts."""
+    def take(self, series: Series, stream: Stream, scan: Scan, fitness: FitnessWatch) -> None:
+        """Take the next part: as it was recorded, merged with the others', and its verdicts.
+
+        Its values are handed to the bearing's ``fitness``, too.
+        """
         self._messages += series.value.size
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
@@ -218,7 +222,11 @@ class InputCheck:
             value, arrival_ns = stream.value[own], stream.arrival_ns[own]
         # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
         if self._place != LEVEL and not self._source.is_assumed:
-            self._sources += self._watch.see_column(arrival_ns, self._si(value))
+            si = self._si(value)
+            self._sources += self._watch.see_column(arrival_ns, si)
+            # What stands until the next change is known to come slowly.
+            if not self._source.hold_ns:
+                fitness.take_values(self._place, arrival_ns, si)
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 

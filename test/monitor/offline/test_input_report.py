@@ -276,6 +276,15 @@ def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, 
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
+def test_a_speed_that_is_held_is_asked_about(tmp_path: Path, name: str) -> None:
+    rpm = np.repeat(60.0 + 5.0 * np.sin(1.3 * np.arange(30) ** 1.1), 20).tolist()
+    (bearing,) = checked(tmp_path / name, 0.5, rpm)['bearings'].values()
+    (asked,) = bearing['inputs']['speed']['questions']
+    assert asked.startswith('has a new value only every 10 s, though 2 messages a second come')
+    assert bearing['inputs']['load']['questions'] == []
+
+
+@pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 def test_messages_without_a_value_are_counted(tmp_path: Path, name: str) -> None:
     rpm = [60.0, np.nan, 60.0, -999.25, 60.0, np.nan] * 5
     (bearing,) = checked(tmp_path / name, 1.0, rpm)['bearings'].values()

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finds inputs that cannot do their job: values that are held or slow, and a load computed from the speed.
+
+Evidence is the values themselves, live and offline: a dozen new values that come at a slow regular
+pace, and a load that follows the speed alone at two visits of the same speeds. Nothing here
+changes a verdict; each finding is a clause that follows the name of the input and says what to do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.monitor.signals import QUANTITIES, Input
+
+# Each with the measurement that chose it: docs/rule.md, "Why these numbers".
+MIN_SLOW = 3.0
+"""From this interval between new values on a swell, and short stick-slip, fall between them [s]."""
+_CHANGES = 12
+"""New values whose intervals are judged together."""
+_REGULAR, _MIN_REGULAR = 0.15, 10
+"""So many of these intervals are multiples of their median, within this share of it."""
+_UNEVEN, _MIN_UNEVEN = 1.5, 6
+"""So many steps are larger than the smallest by this factor: even ones are a sensor's resolution."""
+_MAX_MISSES = 3
+"""So many dozens in a row that show nothing take the finding back."""
+_MIN_COPIES = 2.0
+"""Messages for each new value from which on values are held."""
+_MIN_STEP = 0.02
+"""Slow values whose median step is less than this share of them are steady, as far as they show."""
+_PAIRS, _GROUP, _MIN_GROUPS = 512, 32, 4
+"""Pairs of speed and load that are judged together, in groups of like speeds, and least number of groups."""
+_PAIR_NS = 2 * 10**9
+"""Time between two pairs [ns]."""
+_VISIT_SECONDS = 30.0
+"""A group is of two visits to its speeds where so much time lies between [s]."""
+_MIN_RANGE = 0.1
+"""A load that changes by less than this share of it shows no dependence."""
+_FOLLOWS = 0.9
+"""Share of a load's changes that the speed explains from which on it is computed from the speed."""
+
+
+@dataclass(slots=True)
+class _Changes:
+    """The intervals at which an input brings new values."""
+
+    time: FloatArray = field(default_factory=lambda: np.empty(0))  # of new values [s]
+    value: FloatArray = field(default_factory=lambda: np.empty(0))
+    messages: IntArray = field(default_factory=lambda: np.empty(0, np.int64))  # counted at each new value
+    count: int = 0  # messages so far
+    misses: int = 0  # blocks since the latest one that showed something
+    clause: str = ''
+
+    def take(self, time_ns: IntArray, value: FloatArray) -> None:
+        """Take values at rising times [ns], shape (n,)."""
+        is_new = np.empty(value.size, np.bool_)
+        np.not_equal(value[1:], value[:-1], out=is_new[1:])
+        is_new[0] = not (self.value.size and value[0] == self.value[-1])
+        new = np.flatnonzero(is_new)
+        self.time = np.append(self.time, time_ns[new] * 1e-9)
+        self.value = np.append(self.value, value[new])
+        self.messages = np.append(self.messages, self.count + new)
+        self.count += value.size
+        blocks = (self.time.size - 1) // _CHANGES
+        if blocks > 0:
+            self._judge(blocks)
+            done = blocks * _CHANGES
+            self.time, self.value = self.time[done:], self.value[done:]
+            self.messages = self.messages[done:]
+
+    def _judge(self, blocks: int) -> None:
+        """Judge blocks of a dozen intervals; the clause is that of the latest slow one."""
+        end = blocks * _CHANGES + 1
+
+        def rows(column: FloatArray) -> FloatArray:
+            return np.asarray(np.diff(column[:end]).reshape(blocks, _CHANGES))
+
+        gap = rows(self.time)
+        slow = np.flatnonzero(gap.min(axis=1) >= MIN_SLOW)
+        if slow.size:
+            change = rows(self.value)
+            slow = slow[_is_regular(gap[slow], np.abs(change[slow]))]
+        if not slow.size:
+            self.misses += blocks
+        else:
+            latest = int(slow[-1])
+            self.misses = blocks - 1 - latest
+            self.clause = self._clause_of(gap[latest], change[latest], latest * _CHANGES)
+        if self.misses >= _MAX_MISSES:
+            self.clause = ''
+
+    def _clause_of(self, gap: FloatArray, step: FloatArray, first: int) -> str:
+        """Return the clause on a slow dozen of intervals and steps that begins with a new value."""
+        usual = float(np.median(gap))
+        copies = float(self.messages[first + _CHANGES] - self.messages[first]) / _CHANGES
+        if copies >= _MIN_COPIES:
+            return (
+                f'has a new value only every {usual:.3g} s, though {copies / usual:.2g} messages a second'
+                ' come: have its sender pass on each measurement, at least one a second'
+            )
+        size = float(np.median(np.abs(self.value[first : first + _CHANGES])))
+        share = float(np.median(np.abs(step))) / size if size > 0.0 else 0.0
+        if share < _MIN_STEP:
+            return ''
+        return (
+            f'has a value only every {usual:.3g} s and changes by {share:.0%} between them, so that a swell'
+            ' seems to last for minutes: have its sender pass on at least one a second'
+        )
+
+
+def _is_regular(gap: FloatArray, step: FloatArray) -> BoolArray:
+    """Return which rows of intervals and steps, shape (n, 12), are of a regular pace and of uneven steps."""
+    share = gap / np.median(gap, axis=1, keepdims=True)
+    regular = np.abs(share - np.maximum(1.0, np.round(share))) <= _REGULAR
+    uneven = step >= _UNEVEN * step.min(axis=1, keepdims=True)
+    return np.asarray((regular.sum(axis=1) >= _MIN_REGULAR) & (uneven.sum(axis=1) >= _MIN_UNEVEN))
+
+
+@dataclass(slots=True)
+class _Pairs:
+    """Speeds and loads at the same times."""
+
+    slot: int = -1  # the two seconds of the latest pair
+    rows: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # time [s], speed, load
+    clause: str = ''
+
+    def take(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
+        """Take operating points at rising times [ns], shape (n,); one of each two seconds is kept."""
+        slot = time_ns // _PAIR_NS
+        kept = np.flatnonzero(np.diff(slot, prepend=self.slot) > 0)
+        if not kept.size:
+            return
+        self.slot = int(slot[kept[-1]])
+        pairs = np.column_stack([time_ns[kept] * 1e-9, np.abs(speed[kept]), load[kept]])
+        self.rows = np.concatenate([self.rows, pairs])
+        blocks = len(self.rows) // _PAIRS
+        for rows in np.split(self.rows[: blocks * _PAIRS], blocks) if blocks else ():
+            if (follows := explained_share(rows)) is not None:
+                self.clause = _COMPUTED if follows >= _FOLLOWS else ''
+        self.rows = self.rows[blocks * _PAIRS :]
+
+
+_COMPUTED = (
+    'follows from the speed alone, so it is computed and does not show what the bearing carries: connect a'
+    ' measured load, or give the largest one as load.constant'
+)
+
+
+def explained_share(rows: FloatArray) -> float | None:
+    """Return the share of a load's changes that the speed explains, among visits to the same speeds.
+
+    Args:
+        rows: Time [s], speed and load of some pairs, shape (n, 3).
+
+    Returns:
+        The share by straight lines through groups of like speeds; ``None`` where too few groups are
+        of two visits, or the load hardly changes.
+    """
+    groups = rows[np.argsort(rows[:, 1], kind='stable')].reshape(-1, _GROUP, 3)
+    visits = np.diff(np.sort(groups[:, :, 0], axis=1), axis=1).max(axis=1) >= _VISIT_SECONDS
+    groups = groups[visits]
+    load = groups[:, :, 2]
+    if len(groups) < _MIN_GROUPS or np.ptp(load) < _MIN_RANGE * np.abs(load).max():
+        return None
+    x, y = (groups[:, :, k] - groups[:, :, k].mean(axis=1, keepdims=True) for k in (1, 2))
+    xx, xy, yy = (x * x).sum(axis=1), (x * y).sum(axis=1), (y * y).sum(axis=1)
+    left = yy - np.divide(xy * xy, xx, out=np.zeros_like(xx), where=xx > 0.0)
+    return float(1.0 - left.sum() / yy.sum()) if yy.sum() > 0.0 else None
+
+
+class FitnessWatch:
+    """Judges the speed and load of a bearing."""
+
+    def __init__(self) -> None:
+        self._changes = tuple(_Changes() for _ in QUANTITIES)
+        self._pairs = _Pairs()
+
+    def take_values(self, place: int, time_ns: IntArray, si: FloatArray) -> None:
+        """Take valid values of one input in order of arrival, shape (n,) [ns] and SI units."""
+        if si.size:
+            self._changes[place].take(time_ns, si)
+
+    def take_points(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
+        """Take operating points in order of time, shape (n,) [ns], [m/s] and [N]."""
+        if time_ns.size:
+            self._pairs.take(time_ns, speed, load)
+
+    def clause(self, place: int) -> str:
+        """Return what is wrong with an input and what to do, to follow its name; '' for nothing."""
+        return self._changes[place].clause or (self._pairs.clause if place == Input.LOAD else '')

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from sending import configured
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.monitor.configuration import questions
+from stickslip_monitor.monitor.input_faults import Graph, InputWatch
+from stickslip_monitor.monitor.input_fitness import FitnessWatch, explained_share
+from stickslip_monitor.monitor.monitor import Monitor
+from stickslip_monitor.monitor.signals import Input
+
+SPEED, LOAD = Input.SPEED, Input.LOAD
+SECOND = 10**9
+TIMES = np.arange(0.0, 1200.0, 0.1)
+"""Twenty minutes at 10 Hz [s]."""
+
+
+def swell(time: FloatArray) -> FloatArray:
+    """A load in waves of 8.3 s, whose height comes and goes [N]."""
+    return np.asarray(1000.0 + 200.0 * np.sin(0.757 * time) * (1.0 + 0.3 * np.sin(0.031 * time)))
+
+
+def clause_of(time: FloatArray, value: FloatArray, place: int = LOAD, part: int = 997) -> str:
+    """What is said of an input after its values, taken in parts."""
+    watch, time_ns = FitnessWatch(), np.rint(time * SECOND).astype(np.int64)
+    for k in range(0, time.size, part):
+        watch.take_values(place, time_ns[k : k + part], value[k : k + part])
+    return watch.clause(place)
+
+
+@pytest.mark.parametrize('part', [1, 64, 100_000])
+@pytest.mark.parametrize('place', [SPEED, LOAD])
+def test_a_value_that_is_held_in_a_fast_message_is_named(place: int, part: int) -> None:
+    held = swell(10.0 * np.floor(TIMES[:3000] / 10.0))
+    assert clause_of(TIMES[:3000], held, place, part) == (
+        'has a new value only every 10 s, though 10 messages a second come: have its sender pass on each'
+        ' measurement, at least one a second'
+    )
+
+
+def test_slow_values_of_a_swell_are_named() -> None:
+    slow = np.arange(0.0, 1200.0, 8.0)
+    found = clause_of(slow, swell(slow))
+    assert found.startswith('has a value only every 8 s and changes by ')
+    assert found.endswith(
+        ', so that a swell seems to last for minutes: have its sender pass on at least one a second'
+    )
+
+
+RANDOM = np.random.default_rng(7)
+HONEST = {
+    'each measurement': (TIMES, swell(TIMES)),
+    'steady': (TIMES, np.full(TIMES.size, 60.0)),
+    'a slow ramp of whole revolutions': (TIMES, np.round(60.0 - TIMES / 40.0)),
+    'noise in whole revolutions': (TIMES, np.round(60.0 + 0.4 * RANDOM.standard_normal(TIMES.size))),
+    'slow, and steady but for a thousandth': (TIMES[::100], 1e3 + RANDOM.standard_normal(TIMES[::100].size)),
+    'slow, and falling': (TIMES[::100], 1000.0 - TIMES[::100] / 2.0),
+    # Orders of the telegraph: steps of any size at any time.
+    'steps now and then': (
+        TIMES,
+        RANDOM.uniform(20.0, 90.0, 60)[np.searchsorted(np.cumsum(RANDOM.exponential(25.0, 59)), TIMES)],
+    ),
+}
+
+
+@pytest.mark.parametrize('name', HONEST)
+def test_honest_values_are_not_named(name: str) -> None:
+    assert clause_of(*HONEST[name]) == ''
+
+
+def test_what_was_held_and_is_no_longer_is_taken_back() -> None:
+    watch, time_ns = FitnessWatch(), (TIMES * SECOND).astype(np.int64)
+    watch.take_values(LOAD, time_ns, swell(10.0 * np.floor(TIMES / 10.0)))
+    assert watch.clause(LOAD)
+    watch.take_values(LOAD, time_ns + time_ns[-1] + 1, swell(TIMES))
+    assert watch.clause(LOAD) == ''
+
+
+def visits(time: FloatArray) -> FloatArray:
+    """A speed that passes the same values again and again, never at one pace [m/s]."""
+    return np.asarray(0.2 + 0.08 * np.sin(0.011 * time) + 0.06 * np.sin(0.0043 * time + 1.0))
+
+
+def test_a_load_that_follows_from_the_speed_alone_is_named() -> None:
+    time = np.arange(0.0, 1100.0, 0.5)
+    watch = FitnessWatch()
+    watch.take_points((time * SECOND).astype(np.int64), visits(time), 20000.0 * visits(time) ** 2)
+    assert watch.clause(SPEED) == ''
+    assert watch.clause(LOAD) == (
+        'follows from the speed alone, so it is computed and does not show what the bearing carries: connect'
+        ' a measured load, or give the largest one as load.constant'
+    )
+
+
+@pytest.mark.parametrize(
+    ('load', 'share'),
+    [
+        # Its own course, in like speeds: little is explained.
+        (lambda time, _: 1000.0 + 200.0 * np.sin(0.05 * time), (0.0, 0.5)),
+        # A straight line of the speed: all of it.
+        (lambda _, speed: 1000.0 * (0.3 + speed), (0.999999, 1.0)),
+        (lambda _, speed: np.full(speed.size, 1000.0), None),
+    ],
+)
+def test_the_share_of_a_load_that_the_speed_explains(
+    load: Callable[[FloatArray, FloatArray], FloatArray], share: tuple[float, float] | None
+) -> None:
+    time = np.arange(0.0, 1024.0, 2.0)
+    found = explained_share(np.column_stack([time, visits(time), load(time, visits(time))]))
+    assert (found is None) if share is None else (found is not None and share[0] <= found <= share[1])
+
+
+def test_one_passage_is_no_evidence() -> None:
+    """A load that falls while the speed falls: both are courses of the time."""
+    time = np.arange(0.0, 1024.0, 2.0)
+    assert explained_share(np.column_stack([time, 1.0 - time / 2000.0, 1000.0 - time / 3.0])) is None
+
+
+def test_it_is_said_live_and_no_verdict_changes() -> None:
+    monitor = Monitor(configured())
+    bearing = monitor.bearings['aft']
+    watch, said = InputWatch(monitor.bearings, Graph()), list[str]()
+    for k, time in enumerate(TIMES[:3000].tolist()):
+        now_ns = round(time * SECOND)
+        for place, value in ((SPEED, 0.5), (LOAD, float(swell(np.array(10.0 * (time // 10.0)))))):
+            bearing.update(place, now_ns, value)
+            assert watch.take('aft', place, value, now_ns, 0, valid=True) is None
+        if k % 10 == 9:
+            said += [text for _, text, is_over in watch.look(now_ns, without_clock=False) if not is_over]
+    assert len(said) == 1
+    assert said[0].startswith('The load on /')
+    assert 'has a new value only every 10 s' in said[0]
+    assert bearing.condition == 'normal'
+
+
+@pytest.mark.parametrize(
+    ('topic', 'named'),
+    [('/shaft/speed_avg', 'avg'), ('/Mean/speed', 'Mean'), ('/meander', ''), ('/shaft/speed', '')],
+)
+def test_a_name_that_says_average_is_asked_about(topic: str, named: str) -> None:
+    (bearing,) = configured(speed__topic=topic).bearings
+    found = [text for text in questions(bearing, 0.0)['speed'] if 'average' in text]
+    assert [f"'{named}'" in text for text in found] == [True] * bool(named)
