@@ -54,7 +54,7 @@ Tap = Callable[[str, str, bytes, int], None]
 
 
 def telemetry() -> QoSProfile:
-    """A new quality of service of an input (rclpy changes it): best effort matches every one."""
+    """Make the quality of service of an input (rclpy changes it): best effort matches every one."""
     return QoSProfile(
         depth=_DEPTH,
         history=HistoryPolicy.KEEP_LAST,
@@ -74,7 +74,7 @@ class Number(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """A message that has come and is not worked off."""
+    """A received message that is not yet processed."""
 
     came_ns: int  # on the middleware's clock [ns]
     arrival_ns: int  # in ROS time [ns]; 0 where that is unknown
@@ -163,7 +163,7 @@ class Inputs:
             lane.destroy()
 
     def fetch(self, late: bool) -> None:
-        """Take what has come on all topics; of too much every so many.
+        """Take the messages of all topics from the middleware; of more than :data:`MOST_WAITING` every n-th.
 
         Args:
             late: Whether the node was held up, so that what is missing is for that reason.
@@ -179,16 +179,16 @@ class Inputs:
         self.piled = max(Counter(one.lane for one in self._waiting).values(), default=0) > MOST_ANSWERED
 
     def numbers(self) -> Iterator[Number]:
-        """The numbers of what has come, in the order in which it came.
+        """Yield the numbers of the waiting messages, in the order of arrival.
 
-        For :data:`TURN_NS` at most: what waits then waits for the next turn.
+        It ends after :data:`TURN_NS`; later messages wait for the next turn.
         """
         begun = self._clock().steady_ns
         while self._waiting and self._clock().steady_ns - begun < TURN_NS:
             yield from self._numbers(self._waiting.popleft())
 
     def _thinned(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
-        """Every so many of what waits on a topic; the last is the one that counts."""
+        """Return every n-th of the messages that wait on a topic, and the last; count the others."""
         own = [one for one in waiting if one.lane is lane]
         step = len(own) * len(self.lanes) // MOST_WAITING + 1
         kept = own[::-1][::step][::-1]
@@ -196,7 +196,7 @@ class Inputs:
         return kept
 
     def _arrival(self, ros_ns: int) -> Callable[[int], int]:
-        """Simulated time by that of the middleware, between the last turn and this one [ns].
+        """Return a function from a time of the middleware in this turn to simulated time [ns].
 
         It moves in ticks, and a fast replay by seconds in a turn.
         """
@@ -208,6 +208,7 @@ class Inputs:
         return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
 
     def _numbers(self, waiting: Waiting) -> Iterator[Number]:
+        """Yield the numbers of one message; its sender is noted, and the message goes to the tap."""
         _, arrival_ns, lane, data, sender = waiting
         # What comes before the first /clock has no time and is not used.
         message = lane.decoded(data) if arrival_ns else None
@@ -224,7 +225,7 @@ class Inputs:
 
 @dataclass(slots=True)
 class Sender:
-    """Who sends on a topic, by what came from it."""
+    """Publisher of a topic, as its messages show it."""
 
     number: int  # of its latest message
     first: int  # its first among the messages of the topic
@@ -302,7 +303,7 @@ class Lane:
                 yield Waiting(came_ns, arrival_ns, self, data, sender)
 
     def decoded(self, data: bytes) -> Any:
-        """The message; ``None`` where it cannot be decoded."""
+        """Decode a message; return ``None``, and note it, where that is not possible."""
         try:
             message = deserialize_message(data, self._class)
         except ROS_FAULTS:
@@ -321,7 +322,7 @@ class Lane:
             self.senders[sender].readings.add((bearing, place))
 
     def sends(self, publisher: bytes, bearing: str, place: int) -> bool:
-        """Return whether somebody still sends an input: who died and came back has two names for a while.
+        """Return whether a publisher still sends an input: one that was restarted has two names for a while.
 
         It has sent since the newest sender of this input began, or the middleware does not say who sends.
         """
@@ -357,7 +358,7 @@ class Lane:
 
 
 def message_type(name: str) -> Any:
-    """The Python class of a message type such as ``std_msgs/msg/Float64``.
+    """Import the Python class of a message type such as ``std_msgs/msg/Float64``.
 
     Raises:
         RosError: Its package is not installed or has no such message.
@@ -374,13 +375,13 @@ def message_type(name: str) -> Any:
 
 
 def _fields(name: str) -> dict[str, str]:
-    """The fields of a type such as ``std_msgs/Header``, their types as rclpy names them."""
+    """Return the fields of a type such as ``std_msgs/Header``, with their types as rclpy names them."""
     package, message = name.split('/')[0], name.split('/')[-1]
     return dict(message_type(f'{package}/msg/{message}').get_fields_and_field_types())
 
 
 def definition(name: str) -> str:
-    """The concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
+    """Write the concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
 
     It comes from the Python class, as not every installation has the ``.msg`` files; constants and
     default values, which that leaves out, have no part in how a message is encoded.
@@ -401,7 +402,7 @@ def definition(name: str) -> str:
 
 
 def _type(text: str) -> str:
-    """A field's type as rclpy names it, in the words of a ``.msg`` file."""
+    """Translate a field's type from rclpy's words into those of a ``.msg`` file."""
     if match := _SEQUENCE.fullmatch(text):
         most = f'<={match["most"]}' if match['most'] else ''
         return f'{_type(match["item"])}[{most}]'
@@ -430,7 +431,7 @@ def check_field(name: str, config: InputConfig) -> None:
 
 
 def _follow(what: str, current: str, step: str | int | ByName) -> str:
-    """The type to which a step leads from another."""
+    """Return the type to which a step leads from another."""
     if not isinstance(step, str):
         match = _SEQUENCE.fullmatch(current) or _ARRAY.fullmatch(current)
         if match is None:
@@ -446,7 +447,7 @@ def _follow(what: str, current: str, step: str | int | ByName) -> str:
 
 
 def stamp_reader(type_name: str) -> Callable[[Any], int]:
-    """A function that reads ``header.stamp`` [ns]; 0 where there is none, or one before 1970."""
+    """Make a function that reads ``header.stamp`` [ns]; 0 where there is none, or one before 1970."""
     stamped = next(iter(_fields(type_name).items()), None) == ('header', 'std_msgs/Header')
 
     def read(message: Any) -> int:
@@ -459,10 +460,10 @@ def stamp_reader(type_name: str) -> Callable[[Any], int]:
 def number_reader(
     path: FieldPath, note_names: Callable[[Iterable[str]], None]
 ) -> Callable[[Any], float | None]:
-    """A function that reads the number at a path.
+    """Make a function that reads the number at a path.
 
-    It is ``nan`` where an array is too short, or its element is not the one that is meant, and ``None``
-    where a message is not for this number, as it names other elements, of which ``note_names`` is told.
+    The function returns ``nan`` where an array is too short, or has another element at that place, and
+    ``None`` where a message names other elements only: ``note_names`` takes their names.
     """
     number = NumberField(path)
 

@@ -45,7 +45,7 @@ _READ_ONLY = 'cannot be set: it is read-only while the node is active; deactivat
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:
-    """The ROS descriptor of a row of the table; its rule is enforced by the configuration too."""
+    """Make the ROS descriptor of a parameter; its rule is enforced by the configuration too."""
     ranges = []
     if row.kind == 'float' and (row.minimum > -math.inf or row.maximum < math.inf):
         ranges = [FloatingPointRange(from_value=row.minimum, to_value=row.maximum, step=0.0)]
@@ -90,7 +90,7 @@ def _as_written(name: str, value: Any) -> Any:
 
 
 def values(node: Node) -> dict[str, Any]:
-    """The values of the node's own parameters, without those not set and those of ROS itself."""
+    """Return the values of the node's own parameters that are set, without those of ROS itself."""
     written = {
         name: _as_written(name, parameter.value)
         for name, parameter in node.get_parameters_by_prefix('').items()
@@ -106,7 +106,7 @@ Changed = dict[str, tuple[Any, Any]]
 def changed_config(
     node: Node, changes: Iterable[RosParameter[Any]], active: bool
 ) -> tuple[MonitorConfig, bool, Changed]:
-    """The configuration that a set of changes would make.
+    """Build the configuration that a set of changes would make.
 
     Returns:
         The configuration, whether more than live parameters changed, and what changed.
@@ -225,7 +225,7 @@ class MonitorNode(LifecycleNode):
 
     @property
     def subscriptions(self) -> Iterator[Subscription[Any]]:
-        """What executors take messages from: all but the inputs, see :class:`.Inputs`."""
+        """Subscriptions that executors serve: all but the inputs, see :class:`.Inputs`."""
         lanes = () if self._running is None else self._running.inputs.lanes
         own = {id(lane.subscription) for lane in lanes}
         return (one for one in super().subscriptions if id(one) not in own)
@@ -241,7 +241,7 @@ class MonitorNode(LifecycleNode):
                 raise RosError(f'the node cannot {name}: {self._failure or "a fault that the log names"}')
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """The callback, whose exceptions are logged and survived: the monitor goes on."""
+        """Wrap a callback so that its exceptions are logged and the monitor goes on."""
 
         def call(*arguments: Any) -> Any:
             try:
@@ -254,7 +254,7 @@ class MonitorNode(LifecycleNode):
         return call
 
     def survive(self, error: Exception) -> None:
-        """Report an exception that nobody expected, in the log and in diagnostics."""
+        """Report an unexpected exception, in the log and in diagnostics."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
         text = f'{type(error).__name__}: {sentence(error)}{place}'
@@ -322,10 +322,10 @@ class MonitorNode(LifecycleNode):
         super().destroy_node()
 
     def make_store(self, config: ClipConfig) -> ClipStore | None:
-        """What takes the clips of a configuration; ``None`` where it wants none.
+        """Make the store for the clips of a configuration; ``None`` where it wants no clips.
 
         Raises:
-            StickslipError: There is none that could, or its folder cannot be made.
+            StickslipError: The node was started without one, or its folder cannot be made.
         """
         if not config.directory:
             return None
@@ -386,6 +386,7 @@ class MonitorNode(LifecycleNode):
             StateFile(config.state_file).check()
 
     def _on_parameters(self, changes: list[RosParameter[Any]]) -> SetParametersResult:
+        """Apply changes of parameters, all or none, and put them on record."""
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
         try:
@@ -409,10 +410,11 @@ class MonitorNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _refuse_unknown_types(self) -> None:
-        """Answer requests with types that there are not: rclpy raises, and leaves them waiting."""
+        """Refuse requests with unknown types of parameters: rclpy raises, and never answers them."""
         known = {kind.value for kind in RosParameter.Type}
 
         def refusing(serve: Callable[..., Any], request: Any, response: Any) -> Any:
+            """Serve a request of known types; answer any other with the reason."""
             unknown = [one for one in request.parameters if one.value.type not in known]
             if not unknown:
                 return serve(request, response)
@@ -431,5 +433,5 @@ class MonitorNode(LifecycleNode):
 
 
 def sentence(error: Exception) -> str:
-    """What ROS says, without the places in its sources."""
+    """Return the message of an exception of ROS, without places in ROS's sources."""
     return ' '.join(re.sub(r',? at /\S+', '', str(error)).split())

@@ -34,7 +34,7 @@ from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, telemetry
 
 
 def without_log_files(arguments: Sequence[str]) -> list[str]:
-    """The arguments for ``rclpy.init``, with rcl's own log files off unless they are asked for.
+    """Return the arguments for ``rclpy.init``, with rcl's own log files off unless they are asked for.
 
     Standard error has all that they would have. A health check every 30 s left a million files a
     year, and without a folder that can be written nothing started.
@@ -58,7 +58,7 @@ class RosGraph(Graph):
         self.lanes: dict[str, Lane] = {}
 
     def publishers(self, topic: str, bearing: str, place: int) -> tuple[Publisher, ...]:
-        """Who publishes on a topic for an input, with what speaks against its quality of service."""
+        """Return the publishers of a topic for an input, with the faults of their quality of service."""
         name = self._given.get(topic, topic)
         asked, lane = self._quality(name), self.lanes.get(topic)
         override = _overrides(name, asked)
@@ -74,15 +74,15 @@ class RosGraph(Graph):
         )
 
     def is_undecodable(self, topic: str) -> bool:
-        """Whether the latest message could not be decoded."""
+        """Return whether the latest message could not be decoded."""
         return topic in self.lanes and self.lanes[topic].undecodable
 
     def other_names(self, topic: str) -> tuple[str, ...]:
-        """The elements that messages on a topic name which are not for an input."""
+        """Return the elements named by messages of a topic that are for no input."""
         return tuple(sorted(self.lanes[topic].names)) if topic in self.lanes else ()
 
     def _quality(self, name: str) -> QoSProfile:
-        """What the subscription asks for, after overrides."""
+        """Return the quality of service that the subscription asks for, after overrides."""
         own = self._node.get_name(), self._node.get_namespace()
         for info in self._node.get_subscriptions_info_by_topic(name):
             if (info.node_name, info.node_namespace) == own:
@@ -91,7 +91,7 @@ class RosGraph(Graph):
 
 
 def node_name(info: Any) -> str:
-    """The full name of the node of an end of a topic."""
+    """Return the full name of the node at an end of a topic."""
     if info.node_name == _UNKNOWN_NODE:
         return 'a program that names no node'
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
@@ -158,7 +158,7 @@ class Watcher:
             raise RosError(f"node '{name}': {text}") from error
 
     def act(self, monitor: str, request: ActionRequest) -> None:
-        """Hand a request on to the monitor of that full name.
+        """Send a request to the monitor of that full name.
 
         Raises:
             RosError: It is not there to take it.
@@ -172,6 +172,7 @@ class Watcher:
             raise RosError(f'the monitor cannot be reached: {error}') from error
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Pass on the health of the watched nodes, and the names of other monitors."""
         for status in message.status:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
@@ -242,14 +243,14 @@ class Bridge:
 
 
 def _is_of_node(status: DiagnosticStatus) -> bool:
-    """Whether a status is that of a monitor's node itself."""
+    """Return whether a status is that of a monitor's node itself."""
     node, _, what = status.name.rpartition(': ')
     return what == NODE_STATUS and status.hardware_id == node
 
 
 @contextmanager
 def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver) -> Iterator[Watcher]:
-    """A watcher, with ROS running for as long; see :class:`Watcher` for the arguments."""
+    """Open a watcher, with ROS running until it is closed; see :class:`Watcher` for the arguments."""
     with _node() as (node, spin):
         watcher = Watcher(node, listeners, diagnostics, hand_over)
         spin()
@@ -258,7 +259,7 @@ def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: Han
 
 @contextmanager
 def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iterator[None]:
-    """Hand on full name, level and text of every monitor that publishes how its node is.
+    """Pass on full name, level and text of every monitor that publishes the health of its node.
 
     ``take`` is called in another thread.
 
@@ -281,7 +282,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 
 @contextmanager
 def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
-    """A node, and what has a thread of its own spin it. Signals are left to the program."""
+    """Open a node, with a function that spins it in a thread. Signals are left to the program."""
     try:
         rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:

@@ -52,14 +52,14 @@ def _reliable(depth: int = 10, latched: bool = False) -> QoSProfile:
 
 
 def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
-    """The full names of all topics that a node publishes."""
+    """Return the full names of all topics that a node publishes."""
     own = node.get_fully_qualified_name()
     names = {*output_topics(config.bearings, own), f'{own}/alarms', f'{own}/bearings'}
     return {node.resolve_topic_name(name) for name in names}
 
 
 def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
-    """The configuration with the full names of its topics, as people know them."""
+    """Return the configuration with the full names of its topics, as people know them."""
 
     def named(bearing: BearingConfig) -> BearingConfig:
         inputs: dict[str, Any] = {
@@ -72,7 +72,7 @@ def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
 
 
 class Configured:
-    """What a configured node has, and keeps while it is not active.
+    """Session, publishers and clips of a configured node, which stay while it is not active.
 
     Args:
         make_store: Makes what takes the clips; ``None`` where none are wanted.
@@ -111,6 +111,7 @@ class Configured:
         self.outputs = Outputs(self._node, config, self.health, self.clips)
 
     def _session(self) -> Session:
+        """Make the session, and the graph that it looks at."""
         node, given = self._node, self.config.bearings
         self.graph = RosGraph(node, [each.topic for b in given for each in b.inputs.values()])
         return Session(
@@ -171,7 +172,7 @@ class Configured:
 
 
 class Outputs(Sink):
-    """The publishers of a configured node. What nobody listens to is not published.
+    """The publishers of a configured node. A topic without subscribers is not published.
 
     Args:
         clips: Takes what is published, and notice of alarms, where clips are wanted.
@@ -206,24 +207,24 @@ class Outputs(Sink):
             self._node.destroy_lifecycle_publisher(publisher)
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """Amplitude, margins and regime of one bearing."""
+        """Publish amplitude, margins and regime of one bearing."""
         for publisher, message, value in self._bearings[verdict.bearing]:
             if self._wanted(publisher):
                 message.data = value(verdict)
                 self._send(publisher, message, verdict.time_ns)
 
     def take_event(self, event: Event) -> None:
-        """One JSON warning."""
+        """Publish an event as a JSON warning."""
         self._send(self._warnings, String(data=event_json(event)), event.time_ns)
         if self._clips is not None:
             self._clips.note(event)
 
     def take_alarms(self, record: dict[str, Any]) -> None:
-        """The list of alarms, with what has just changed."""
+        """Publish the list of alarms, with the latest changes."""
         self._send(self._alarms, String(data=json.dumps(record, allow_nan=False)))
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
-        """The state of bearings, and with all of them that of the node itself."""
+        """Publish the state of bearings; with that of all of them the health of the node."""
         now = self._node.get_clock().now()
         if self._wanted(self._records):
             text = bearings_json(states, now.nanoseconds)
@@ -243,9 +244,11 @@ class Outputs(Sink):
             publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD))
 
     def _wanted(self, publisher: Any) -> bool:
+        """Return whether there is a subscriber, or clips are recorded."""
         return self._clips is not None or publisher.get_subscription_count() > 0
 
     def _send(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
+        """Publish a message and give it to the clips; a full queue is logged."""
         if self._clips is not None:
             self._clips.take(publisher.topic_name, message, time_ns)
         try:
@@ -282,7 +285,7 @@ class Clips(ClipRecorder):
 
     @property
     def fault(self) -> str:
-        """Why the last clip is lost; empty where it is not."""
+        """Reason why the last clip is lost; empty where it is not."""
         return self._writer.fault and f'an event clip is lost: {self._writer.fault}'
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
@@ -305,6 +308,6 @@ class Clips(ClipRecorder):
             self._node.get_logger().error(f'an event clip is lost: the disk takes longer than {patience:g} s')
 
     def write(self) -> None:
-        """Hand on the clips that are whole."""
+        """Give the completed clips to the writer."""
         for clip in self.clips():
             self._writer.put(clip)

@@ -53,7 +53,7 @@ class Player:
                 self.skipped[topic] = ' '.join(str(error).split())
 
     def wait_for_subscribers(self, seconds: float) -> bool:
-        """Wait until somebody listens and no further listener appears for a moment.
+        """Wait until there is a subscriber and no further one appears for a moment.
 
         Returns:
             Whether there is a subscriber.
@@ -113,6 +113,11 @@ class Player:
         self._publish(self._clock, message)
 
     def _publish(self, publisher: Any, message: Any) -> None:
+        """Publish a message; while the queue is full, wait for its readers.
+
+        Raises:
+            RosError: A subscriber does not keep up.
+        """
         for _ in range(200):
             try:
                 publisher.publish(message)
@@ -127,7 +132,7 @@ class Player:
 
 @contextmanager
 def open_player(types: dict[str, str]) -> Iterator[Player]:
-    """A player of topics of these message types, with ROS running for as long."""
+    """Open a player of topics of these message types, with ROS running until it is closed."""
     rclpy.init(args=without_log_files(sys.argv))
     try:
         player = Player(types)

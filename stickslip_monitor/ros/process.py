@@ -32,7 +32,7 @@ EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
 
 
 def make_executor() -> Executor:
-    """The executor that wakes for work only, where this ROS 2 has it (from Kilted on).
+    """Make the executor that wakes for work only, where this ROS 2 has it (from Kilted on).
 
     It is experimental there: ``STICKSLIP_MONITOR_EXECUTOR=single`` chooses rclpy's common one.
 
@@ -52,7 +52,7 @@ def make_executor() -> Executor:
 
 
 def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
-    """Spin until a signal has been noted, or somebody shuts ROS down.
+    """Spin until a signal has been noted, or ROS is shut down.
 
     ``errors`` is where Python writes the frames of a crash.
     """
@@ -79,7 +79,7 @@ def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
 
 
 def _require_security() -> None:
-    """Where security is asked for it is enforced: without keys ROS 2 would go on without any.
+    """Enforce security where it is asked for: without keys ROS 2 would go on without any.
 
     Raises:
         RosError: No keystore is named.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What runs only while the node is active: its turns, its services and its sense of time."""
+"""Parts of the node that run only while it is active: its turns, services and timers."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ ReadClock = Callable[[], Moment]
 
 
 def node_clock(node: LifecycleNode, simulated: bool) -> ReadClock:
-    """Reads the clocks of a node; ROS time is 0 while it is simulated and /clock is silent."""
+    """Make a function that reads the clocks of a node; ROS time is 0 before the first /clock."""
     if simulated:
         ros = node.get_clock()
         return lambda: Moment(time.monotonic_ns(), ros.now().nanoseconds)
@@ -63,7 +63,7 @@ def node_clock(node: LifecycleNode, simulated: bool) -> ReadClock:
 
 
 class Running:
-    """The ears of a node, and its sense of time.
+    """Receives samples and drives the timers of an active node.
 
     Args:
         configured: What it has: session, publishers, clips.
@@ -109,7 +109,7 @@ class Running:
         self._tick(self._now())
 
     def end(self) -> None:
-        """Nobody watches any more: this is published, and what is left of the clips is written."""
+        """Stop watching: publish that, and write the unfinished clips."""
         self._health.monitoring = False
         self._session.end()
         self._own.end_clips()
@@ -123,7 +123,7 @@ class Running:
             self._node.destroy_timer(ticker)
 
     def turn(self) -> None:
-        """Work off what has come; publish what changed, and look at the time."""
+        """Process the waiting messages, publish changes, and let time pass."""
         if self._ticker is None:
             return  # a call that waited while the node was deactivated
         now = self._now()
@@ -149,6 +149,7 @@ class Running:
         self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
 
     def _receive(self, number: Number) -> None:
+        """Give a number to the session, with its time of arrival where that is known."""
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
         # Of what came before the clock was set it tells no time; and of what waited while we were
@@ -162,7 +163,7 @@ class Running:
             self._watchdog.note(name)
 
     def _tick(self, now: Moment) -> None:
-        """Look after everything that time brings."""
+        """Let time pass for watchdog, session, clips and health; publish all bearings once a second."""
         self._ticked_ns = now.steady_ns
         passed_ns = self._passing.passed(now)
         if self._passing.stands:
@@ -178,7 +179,7 @@ class Running:
         self._session.flush(now)
 
     def _excuse(self, held_ns: int, now: Moment) -> None:
-        """We were held up: no input is to blame for that time."""
+        """Leave a stall of this node out of the age of every input; report a long one."""
         self._session.excuse(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.passed(now)
@@ -192,13 +193,13 @@ class Running:
         self._session.note('node', text)
 
     def _act(self, request: ActionRequest) -> list[AlarmChange]:
-        """Do what a person asks for; who acknowledges all alarms has seen what was changed."""
+        """Carry out a request; acknowledging all alarms acknowledges changes of parameters, too."""
         if request.action is Action.ACKNOWLEDGE and request.bearing is None:
             self._health.changed.clear()
         return self._session.act(request)
 
     def _look(self, steady: float) -> None:
-        """Look after the node's own health, once a second."""
+        """Update the node's own health, once a second."""
         self._health.age(steady)
         self._own.look_at_files()
         self._look_at_losses(steady)
@@ -207,6 +208,7 @@ class Running:
         self._looks += 1
 
     def _look_at_losses(self, steady: float) -> None:
+        """Update the counts of lost messages; log new losses."""
         health, lanes = self._health, self.inputs.lanes
         health.lost = sum(lane.lost for lane in lanes)
         health.left_out = sum(lane.left_out for lane in lanes)
@@ -262,6 +264,7 @@ class Actions:
             self._node.destroy_service(service)
 
     def _on_request(self, message: Any) -> None:
+        """Carry out a request of the topic; log who asked, or why it is refused."""
         log = self._node.get_logger()
         try:
             request = parse_request(json.loads(message.data), self._bearings)
@@ -278,6 +281,7 @@ class Actions:
         """Offer a service; of a Trigger both actions are one."""
 
         def serve(request: Any, response: Any) -> Any:
+            """Carry out the action for all bearings, and answer with what it changed."""
             action = on if getattr(request, 'data', True) else off
             self._node.get_logger().info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
             changes = self._act(ActionRequest(action, ROS_SERVICE))
@@ -308,7 +312,7 @@ class PassingTime:
         self._simulated, self._last, self._moved_ns, self._counted_ns = simulated, now, now.steady_ns, 0
 
     def passed(self, now: Moment) -> int:
-        """The time since the last call [ns]."""
+        """Return the time since the last call [ns]."""
         last, self._last = self._last, now
         if not self._simulated or not now.time_ns:
             return now.steady_ns - last.steady_ns
@@ -335,7 +339,7 @@ class Watchdog:
         self._timeless: set[str] = set()
 
     def note(self, name: str) -> None:
-        """A valid sample of a bearing has come."""
+        """Note a valid sample of a bearing."""
         self._heard.add(name)
 
     def tick(self, now: Moment, passed_ns: int) -> None:
@@ -354,10 +358,12 @@ class Watchdog:
         self._heard.clear()
 
     def _time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
-        """The time of a bearing, of whose wait so much has passed, and so much since the last look.
+        """Return the time of a bearing [ns], 0 where there is none yet.
 
         Inputs are waited for from the first instant that ROS time knows. Where it knows none, or stands,
-        for longer than a timeout, they are lost all the same. 0 where there is no time yet.
+        for longer than a timeout, they are lost all the same.
+        ``elapsed`` is the time without a sample less the lag of the watchdog [ns]; of it ``more`` has passed
+        since the last call.
         """
         config = bearing.config
         if bearing.now_ns is None:
