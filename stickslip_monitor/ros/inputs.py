@@ -169,10 +169,10 @@ class Inputs:
             late: Whether the node was held up, so that what is missing is for that reason.
         """
         now = self._clock()
-        arrival = self._arrival(now.time_ns) if self._simulated else None
+        arrival = self._arrival_clock(now.time_ns) if self._simulated else None
         new = [one for lane in self.lanes for one in lane.fetch(arrival, late)]
         if len(self._waiting) + len(new) > MOST_WAITING:
-            new = [one for lane in self.lanes for one in self._thinned(lane, [*self._waiting, *new])]
+            new = [one for lane in self.lanes for one in self._thin_out(lane, [*self._waiting, *new])]
             self._waiting.clear()
         # Across topics the middleware's clock says what was first.
         self._waiting = deque(sorted([*self._waiting, *new], key=itemgetter(0)))
@@ -185,17 +185,17 @@ class Inputs:
         """
         begun = self._clock().steady_ns
         while self._waiting and self._clock().steady_ns - begun < TURN_NS:
-            yield from self._numbers(self._waiting.popleft())
+            yield from self._read_numbers(self._waiting.popleft())
 
-    def _thinned(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
+    def _thin_out(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
         """Return every n-th of the messages that wait on a topic, and the last; count the others."""
-        own = [one for one in waiting if one.lane is lane]
-        step = len(own) * len(self.lanes) // MOST_WAITING + 1
-        kept = own[::-1][::step][::-1]
-        lane.left_out += len(own) - len(kept)
-        return kept
+        lane_messages = [one for one in waiting if one.lane is lane]
+        step = len(lane_messages) * len(self.lanes) // MOST_WAITING + 1
+        sampled = lane_messages[::-1][::step][::-1]
+        lane.left_out += len(lane_messages) - len(sampled)
+        return sampled
 
-    def _arrival(self, ros_ns: int) -> Callable[[int], int]:
+    def _arrival_clock(self, ros_ns: int) -> Callable[[int], int]:
         """Return a function from a time of the middleware in this turn to simulated time [ns].
 
         It moves in ticks, and a fast replay by seconds in a turn.
@@ -207,7 +207,7 @@ class Inputs:
         pace = (ros_ns - before) / (end - begin)
         return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
 
-    def _numbers(self, waiting: Waiting) -> Iterator[Number]:
+    def _read_numbers(self, waiting: Waiting) -> Iterator[Number]:
         """Yield the numbers of one message; its sender is noted, and the message goes to the tap."""
         _, arrival_ns, lane, data, sender = waiting
         # What comes before the first /clock has no time and is not used.
@@ -328,8 +328,8 @@ class Lane:
         """
         senders = {name: one for name, one in self.senders.items() if (bearing, place) in one.readings}
         begun = max((one.first for one in senders.values()), default=0)
-        own = senders.get(publisher)
-        return not begun or (own is not None and own.last >= begun)
+        sender = senders.get(publisher)
+        return not begun or (sender is not None and sender.last >= begun)
 
     def _count_missing(self, info: Any, late: bool) -> None:
         """Count what lies between a message and the one before of its publisher.
@@ -374,7 +374,7 @@ def message_type(name: str) -> Any:
         raise RosError(f"package {package} has no message type '{message}'") from error
 
 
-def _fields(name: str) -> dict[str, str]:
+def _fields_of_type(name: str) -> dict[str, str]:
     """Return the fields of a type such as ``std_msgs/Header``, with their types as rclpy names them."""
     package, message = name.split('/')[0], name.split('/')[-1]
     return dict(message_type(f'{package}/msg/{message}').get_fields_and_field_types())
@@ -394,20 +394,20 @@ def definition(name: str) -> str:
     while waiting:
         current = waiting.pop(0)
         if current not in parts:
-            fields = {field: _type(text) for field, text in _fields(current).items()}
+            fields = {field: _msg_type_text(text) for field, text in _fields_of_type(current).items()}
             parts[current] = ''.join(f'{kind} {field}\n' for field, kind in fields.items())
             waiting += [kind.split('[')[0] for kind in fields.values() if '/' in kind]
-    own, *others = parts.items()
-    return own[1] + ''.join(f'{_RULE}\nMSG: {kind}\n{text}' for kind, text in others)
+    root, *members = parts.items()
+    return root[1] + ''.join(f'{_RULE}\nMSG: {kind}\n{text}' for kind, text in members)
 
 
-def _type(text: str) -> str:
+def _msg_type_text(text: str) -> str:
     """Translate a field's type from rclpy's words into those of a ``.msg`` file."""
     if match := _SEQUENCE.fullmatch(text):
-        most = f'<={match["most"]}' if match['most'] else ''
-        return f'{_type(match["item"])}[{most}]'
+        bound = f'<={match["most"]}' if match['most'] else ''
+        return f'{_msg_type_text(match["item"])}[{bound}]'
     if match := _ARRAY.fullmatch(text):
-        return f'{_type(match["item"])}[{match["size"]}]'
+        return f'{_msg_type_text(match["item"])}[{match["size"]}]'
     if match := _BOUNDED.fullmatch(text):
         return f'{match["kind"]}<={match["most"]}'
     return _PLAIN.get(text, text)
@@ -423,32 +423,32 @@ def check_field(name: str, config: InputConfig) -> None:
     Raises:
         RosError: It does not; the text names the step and the fields there are.
     """
-    current, what = config.type, f"{name}.field '{config.field_text}'"
+    current, label = config.type, f"{name}.field '{config.field_text}'"
     for step in config.field:
-        current = _follow(what, current, step)
+        current = _follow_step(label, current, step)
     if not _NUMBERS.fullmatch(current):
-        raise RosError(f'{what} of {config.type} is a {current}, not a number')
+        raise RosError(f'{label} of {config.type} is a {current}, not a number')
 
 
-def _follow(what: str, current: str, step: str | int | ByName) -> str:
+def _follow_step(label: str, current: str, step: str | int | ByName) -> str:
     """Return the type to which a step leads from another."""
     if not isinstance(step, str):
         match = _SEQUENCE.fullmatch(current) or _ARRAY.fullmatch(current)
         if match is None:
-            raise RosError(f'{what}: [{step}] needs an array, but there is a {current}')
+            raise RosError(f'{label}: [{step}] needs an array, but there is a {current}')
         if isinstance(step, int) and step >= int(match.groupdict().get('size') or step + 1):
-            raise RosError(f'{what}: index {step} is outside {current}')
+            raise RosError(f'{label}: index {step} is outside {current}')
         return match['item']
-    fields = _fields(current) if '/' in current else {}
+    fields = _fields_of_type(current) if '/' in current else {}
     if step not in fields:
-        there = ', '.join(fields) or f'none, it is a {current}'
-        raise RosError(f"{what}: {current} has no field '{step}'; it has: {there}")
+        names = ', '.join(fields) or f'none, it is a {current}'
+        raise RosError(f"{label}: {current} has no field '{step}'; it has: {names}")
     return fields[step]
 
 
 def stamp_reader(type_name: str) -> Callable[[Any], int]:
     """Make a function that reads ``header.stamp`` [ns]; 0 where there is none, or one before 1970."""
-    stamped = next(iter(_fields(type_name).items()), None) == ('header', 'std_msgs/Header')
+    stamped = next(iter(_fields_of_type(type_name).items()), None) == ('header', 'std_msgs/Header')
 
     def read(message: Any) -> int:
         stamp = message.header.stamp

@@ -114,8 +114,8 @@ def changed_config(
     Raises:
         ConfigurationError: A value breaks its rule, or may not change while the node is active.
     """
-    known, rebuilt, changed = values(node), False, Changed()
-    rows = parameters_of(bearing_names(known))
+    parameters, rebuilt, changed = values(node), False, Changed()
+    rows = parameters_of(bearing_names(parameters))
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
         if not node.has_parameter(name):  # rclpy sees to it, but for one without a name
@@ -134,8 +134,8 @@ def changed_config(
             raise ConfigurationError(f'{name} = {value!r} {_READ_ONLY}')
         rebuilt |= row is not None and not live
         changed[name] = before, value
-    known |= {name: after for name, (_, after) in changed.items() if not is_ros_parameter(name)}
-    return build_config(known, is_live=True), rebuilt, changed
+    parameters |= {name: after for name, (_, after) in changed.items() if not is_ros_parameter(name)}
+    return build_config(parameters, is_live=True), rebuilt, changed
 
 
 _POLICY_WORDS: dict[str, Any] = {
@@ -156,18 +156,20 @@ def check_overrides(node: Node, config: MonitorConfig) -> list[str]:
     """
     outputs = ('~/warnings', '~/alarms', '~/bearings', '/diagnostics')
     topics = (source.topic for bearing in config.bearings for source in bearing.inputs.values())
-    own = QoSOverridingOptions.with_default_policies().policy_kinds
+    policy_kinds = QoSOverridingOptions.with_default_policies().policy_kinds
     readable: dict[str, tuple[QoSPolicyKind, ...]]
     readable = {f'{node.resolve_topic_name(topic)}.subscription': OVERRIDES for topic in topics}
-    readable |= {f'{node.resolve_topic_name(topic)}.publisher': tuple(own) for topic in outputs}
+    readable |= {f'{node.resolve_topic_name(topic)}.publisher': tuple(policy_kinds) for topic in outputs}
     notes = []
     for name, parameter in node.get_parameters_by_prefix(QOS_OVERRIDES).items():
         end, _, policy = name.rpartition('.')
         shown, policies = f'{QOS_OVERRIDES}.{name}', [kind.name.lower() for kind in readable.get(end, ())]
         if end not in readable:
             near = did_you_mean(end, readable)
-            there = ', '.join(readable)
-            notes.append(f'{shown} has no effect: the node has no such input or output, but {there}{near}')
+            known_ends = ', '.join(readable)
+            notes.append(
+                f'{shown} has no effect: the node has no such input or output, but {known_ends}{near}'
+            )
         elif policy not in policies:
             near = did_you_mean(policy, policies)
             notes.append(f'{shown} has no effect: of {end} it reads {", ".join(policies)}{near}')
@@ -217,7 +219,7 @@ class MonitorNode(LifecycleNode):
             self.get_logger().warning(note)
         for note in check_overrides(self, self.config):
             self.get_logger().warning(note)
-        self._check(self.config)
+        self._check_machine(self.config)
         self.make_store(self.config.clips)
         declare(self)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -227,8 +229,8 @@ class MonitorNode(LifecycleNode):
     def subscriptions(self) -> Iterator[Subscription[Any]]:
         """Subscriptions that executors serve: all but the inputs, see :class:`.Inputs`."""
         lanes = () if self._running is None else self._running.inputs.lanes
-        own = {id(lane.subscription) for lane in lanes}
-        return (one for one in super().subscriptions if id(one) not in own)
+        input_ids = {id(lane.subscription) for lane in lanes}
+        return (one for one in super().subscriptions if id(one) not in input_ids)
 
     def start(self) -> None:
         """Configure and activate the node.
@@ -263,7 +265,7 @@ class MonitorNode(LifecycleNode):
         self.health.last_failure, self.health.failing = f'at {at:%H:%M:%S} UTC: {text}', True
         self.get_logger().error(f'a callback failed and is survived: {text}', throttle_duration_sec=5.0)
         if self.health.failures == 1:
-            self._note('node', f'a callback failed: {text}')
+            self._put_on_record('node', f'a callback failed: {text}')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the monitor from the parameters and create the publishers."""
@@ -273,8 +275,8 @@ class MonitorNode(LifecycleNode):
         try:
             self._configured = Configured(self, self.config, self.health, self.make_store)
         except (*ROS_FAULTS, StickslipError) as error:
-            return self._failed(f'it cannot be set up: {sentence(error)}')
-        self._transition('configured, inactive')
+            return self._fail_transition(f'it cannot be set up: {sentence(error)}')
+        self._record_state('configured, inactive')
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -285,9 +287,9 @@ class MonitorNode(LifecycleNode):
             clock = node_clock(self, simulated)
             running = Running(self, self._configured, self.survived, clock, simulated)
         except ROS_FAULTS as error:
-            return self._failed(f'its inputs cannot be subscribed to: {sentence(error)}')
+            return self._fail_transition(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
-        self._transition('active')
+        self._record_state('active')
         self._tell_inputs(self._configured.session.config)
         self._running = running
         running.begin()
@@ -301,14 +303,14 @@ class MonitorNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take the publishers down and forget what was learned."""
         self._take_down()
-        self._transition('unconfigured')
+        self._record_state('unconfigured')
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take everything down, from whatever state."""
         self._stop_listening()
         self._take_down()
-        self._transition('finalized')
+        self._record_state('finalized')
         return super().on_shutdown(state)
 
     def destroy_node(self) -> None:
@@ -336,20 +338,20 @@ class MonitorNode(LifecycleNode):
             )
         return self._store(config)
 
-    def _note(self, what: str, text: str) -> None:
+    def _put_on_record(self, topic: str, text: str) -> None:
         if self._configured is not None:
-            self._configured.session.note(what, text)
+            self._configured.session.note(topic, text)
 
-    def _failed(self, text: str) -> TransitionCallbackReturn:
+    def _fail_transition(self, text: str) -> TransitionCallbackReturn:
         # Logged here because rclpy says nothing of an exception in a transition.
         self._failure = text
         self.get_logger().error(text)
         return TransitionCallbackReturn.FAILURE
 
-    def _transition(self, state: str) -> None:
+    def _record_state(self, state: str) -> None:
         text = f'the monitor is {state}'
         self.get_logger().info(text)
-        self._note('lifecycle', text)
+        self._put_on_record('lifecycle', text)
 
     def _tell_inputs(self, config: MonitorConfig) -> None:
         """Log what an active node does."""
@@ -371,7 +373,7 @@ class MonitorNode(LifecycleNode):
         running, self._running = self._running, None
         if running is not None:
             running.destroy()
-            self._transition('inactive: the bearings are not monitored')
+            self._record_state('inactive: the bearings are not monitored')
             running.end()
 
     def _take_down(self) -> None:
@@ -379,7 +381,7 @@ class MonitorNode(LifecycleNode):
             self._configured.destroy()
             self._configured = None
 
-    def _check(self, config: MonitorConfig) -> None:
+    def _check_machine(self, config: MonitorConfig) -> None:
         """Check what only this machine knows: message types, fields and folders."""
         check_inputs(resolved(self, config), output_names(self, config))
         if config.state_file:
@@ -388,10 +390,10 @@ class MonitorNode(LifecycleNode):
     def _on_parameters(self, changes: list[RosParameter[Any]]) -> SetParametersResult:
         """Apply changes of parameters, all or none, and put them on record."""
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
-        changes = [each for each in changes if not each.name.startswith('qos_overrides.')]
+        changes = [change for change in changes if not change.name.startswith('qos_overrides.')]
         try:
             config, rebuilt, changed = changed_config(self, changes, self._running is not None)
-            self._check(config)
+            self._check_machine(config)
             if self._configured is not None:
                 take = self._configured.rebuild if rebuilt else self._configured.retune
                 take(config)
@@ -404,18 +406,18 @@ class MonitorNode(LifecycleNode):
         for name, (before, after) in changed.items():
             text = f'parameter {name}: {before!r} -> {after!r}'
             self.get_logger().info(text)
-            self._note('parameter', text)
+            self._put_on_record('parameter', text)
             if name.partition('.')[0] in bearing_names(values(self)):
                 self.health.change(name, before, after)
         return SetParametersResult(successful=True)
 
     def _refuse_unknown_types(self) -> None:
         """Refuse requests with unknown types of parameters: rclpy raises, and never answers them."""
-        known = {kind.value for kind in RosParameter.Type}
+        known_types = {kind.value for kind in RosParameter.Type}
 
         def refusing(serve: Callable[..., Any], request: Any, response: Any) -> Any:
             """Serve a request of known types; answer any other with the reason."""
-            unknown = [one for one in request.parameters if one.value.type not in known]
+            unknown = [one for one in request.parameters if one.value.type not in known_types]
             if not unknown:
                 return serve(request, response)
             kind = unknown[0].value.type

@@ -60,15 +60,15 @@ class RosGraph(Graph):
     def publishers(self, topic: str, bearing: str, place: int) -> tuple[Publisher, ...]:
         """Return the publishers of a topic for an input, with the faults of their quality of service."""
         name = self._given.get(topic, topic)
-        asked, lane = self._quality(name), self.lanes.get(topic)
-        override = _overrides(name, asked)
+        profile, lane = self._asked_quality(name), self.lanes.get(topic)
+        override = _override_clause(name, profile)
         infos = self._node.get_publishers_info_by_topic(name)
         if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
             # Some middleware names senders otherwise than publishers.
             lane = None
         return tuple(
-            _publisher(
-                info, asked, override, lane is None or lane.sends(bytes(info.endpoint_gid), bearing, place)
+            _publisher_of(
+                info, profile, override, lane is None or lane.sends(bytes(info.endpoint_gid), bearing, place)
             )
             for info in infos
         )
@@ -81,11 +81,11 @@ class RosGraph(Graph):
         """Return the elements named by messages of a topic that are for no input."""
         return tuple(sorted(self.lanes[topic].names)) if topic in self.lanes else ()
 
-    def _quality(self, name: str) -> QoSProfile:
+    def _asked_quality(self, name: str) -> QoSProfile:
         """Return the quality of service that the subscription asks for, after overrides."""
-        own = self._node.get_name(), self._node.get_namespace()
+        node_key = self._node.get_name(), self._node.get_namespace()
         for info in self._node.get_subscriptions_info_by_topic(name):
-            if (info.node_name, info.node_namespace) == own:
+            if (info.node_name, info.node_namespace) == node_key:
                 return info.qos_profile
         return telemetry()
 
@@ -97,25 +97,25 @@ def node_name(info: Any) -> str:
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
-def _overrides(topic: str, asked: QoSProfile) -> str:
+def _override_clause(topic: str, profile: QoSProfile) -> str:
     """Return the clause on what a subscription asks for by overrides; best effort and volatile match all."""
     usual = telemetry()
-    found = [
-        f'qos_overrides.{topic}.subscription.{name} asks for {getattr(asked, name).name.lower()}'
+    clauses = [
+        f'qos_overrides.{topic}.subscription.{name} asks for {getattr(profile, name).name.lower()}'
         for name in ('reliability', 'durability')
-        if getattr(asked, name) != getattr(usual, name)
+        if getattr(profile, name) != getattr(usual, name)
     ]
-    return f' ({", ".join(found)})' if found else ''
+    return f' ({", ".join(clauses)})' if clauses else ''
 
 
-def _publisher(info: Any, asked: QoSProfile, override: str, sends: bool) -> Publisher:
-    match, reason = qos_check_compatible(info.qos_profile, asked)
+def _publisher_of(info: Any, profile: QoSProfile, override: str, sends: bool) -> Publisher:
+    match, reason = qos_check_compatible(info.qos_profile, profile)
     fault = ''
     if match is QoSCompatibility.ERROR:
         fault = (str(reason).strip(' ;.') or 'no reason is given') + override
     latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    heard = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return Publisher(node_name(info), info.topic_type, fault, latched and not heard, sends)
+    is_received = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return Publisher(node_name(info), info.topic_type, fault, latched and not is_received, sends)
 
 
 HandOver = Callable[..., object]
@@ -144,14 +144,14 @@ class Watcher:
         self, node: Node, listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver
     ) -> None:
         self.node, self._hand_over = node, hand_over
-        self._listeners = {name.strip('/'): own for name, own in listeners.items()}
+        self._listeners = {name.strip('/'): listener for name, listener in listeners.items()}
         self._actions: dict[str, Any] = {}
         listen, name = node.create_subscription, diagnostics
         try:
             listen(DiagnosticArray, diagnostics, self._on_diagnostics, _RELIABLE)
-            for name, own in listeners.items():
-                listen(String, f'{name}/alarms', partial(self._on_alarms, own), _ALARMS)
-                listen(String, f'{name}/bearings', partial(self._on_bearings, own), _RELIABLE)
+            for name, listener in listeners.items():
+                listen(String, f'{name}/alarms', partial(self._on_alarms, listener), _ALARMS)
+                listen(String, f'{name}/bearings', partial(self._on_bearings, listener), _RELIABLE)
                 self._actions[name] = node.create_publisher(String, f'{name}/actions', _RELIABLE)
         except ROS_FAULTS as error:
             text = str(error).splitlines()[0].rstrip(':')
@@ -177,22 +177,22 @@ class Watcher:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
             if _is_of_node(status):
-                if own := self._listeners.get(node):
-                    self._hand_over(own.take_health, status.level[0], status.message)
+                if watched := self._listeners.get(node):
+                    self._hand_over(watched.take_health, status.level[0], status.message)
             elif node not in self._listeners and status.hardware_id == hardware_id(node, bearing):
-                for each in self._listeners.values():
-                    self._hand_over(each.take_other, node)
+                for listener in self._listeners.values():
+                    self._hand_over(listener.take_other, node)
 
     def _on_bearings(self, listener: Sink, message: String) -> None:
-        document = self._document(message)
+        document = self._parse_message(message)
         if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
             for record in document['bearings']:
                 self._hand_over(listener.take_record, record)
 
     def _on_alarms(self, listener: Sink, message: String) -> None:
-        self._hand_over(listener.take_alarms, self._document(message))
+        self._hand_over(listener.take_alarms, self._parse_message(message))
 
-    def _document(self, message: String) -> Any:
+    def _parse_message(self, message: String) -> Any:
         try:
             return json.loads(message.data)
         except (ValueError, RecursionError):
@@ -231,10 +231,10 @@ class Bridge:
             topics.add(source.topic)
             try:
                 topic = expand_topic_name(source.topic, name_of_node, space or '/')
-                own = node.create_publisher(Float64, topic, 10)
+                publisher = node.create_publisher(Float64, topic, 10)
             except ROS_FAULTS as error:
                 raise RosError(f'{source.topic} cannot be published: {error}') from error
-            self._publishers[name, place] = own
+            self._publishers[name, place] = publisher
 
     def take(self, bearing: str, place: Input, value: float) -> None:
         """Publish one number."""
@@ -244,14 +244,14 @@ class Bridge:
 
 def _is_of_node(status: DiagnosticStatus) -> bool:
     """Return whether a status is that of a monitor's node itself."""
-    node, _, what = status.name.rpartition(': ')
-    return what == NODE_STATUS and status.hardware_id == node
+    node, _, subject = status.name.rpartition(': ')
+    return subject == NODE_STATUS and status.hardware_id == node
 
 
 @contextmanager
 def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver) -> Iterator[Watcher]:
     """Open a watcher, with ROS running until it is closed; see :class:`Watcher` for the arguments."""
-    with _node() as (node, spin):
+    with _open_node() as (node, spin):
         watcher = Watcher(node, listeners, diagnostics, hand_over)
         spin()
         yield watcher
@@ -271,7 +271,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
         for status in filter(_is_of_node, message.status):
             take(f'/{status.hardware_id}', status.level[0], status.message)
 
-    with _node() as (node, spin):
+    with _open_node() as (node, spin):
         try:
             node.create_subscription(DiagnosticArray, diagnostics, on_diagnostics, _RELIABLE)
         except ROS_FAULTS as error:
@@ -281,7 +281,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 
 
 @contextmanager
-def _node() -> Iterator[tuple[Node, Callable[[], None]]]:
+def _open_node() -> Iterator[tuple[Node, Callable[[], None]]]:
     """Open a node, with a function that spins it in a thread. Signals are left to the program."""
     try:
         rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)

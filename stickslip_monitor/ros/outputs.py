@@ -46,15 +46,15 @@ _LAST_WORD = 0.5
 _CLIPS_WAITING = 2
 
 
-def _reliable(depth: int = 10, latched: bool = False) -> QoSProfile:
+def _reliable_qos(depth: int = 10, latched: bool = False) -> QoSProfile:
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
     """Return the full names of all topics that a node publishes."""
-    own = node.get_fully_qualified_name()
-    names = {*output_topics(config.bearings, own), f'{own}/alarms', f'{own}/bearings'}
+    node_name = node.get_fully_qualified_name()
+    names = {*output_topics(config.bearings, node_name), f'{node_name}/alarms', f'{node_name}/bearings'}
     return {node.resolve_topic_name(name) for name in names}
 
 
@@ -95,25 +95,25 @@ class Configured:
     ) -> None:
         self._node, self.health, self._make_store = node, health, make_store
         self._kept: StateWriter | None = None
-        self._publish(config)
+        self._make_outputs(config)
         try:
             if config.state_file:
                 self._kept = StateWriter(config.state_file)
-            self.session = self._session()
+            self.session = self._make_session()
         except BaseException:
             self.destroy()
             raise
 
-    def _publish(self, config: MonitorConfig) -> None:
+    def _make_outputs(self, config: MonitorConfig) -> None:
         store = self._make_store(config.clips)
         self.config = config
         self.clips = None if store is None else Clips(self._node, config.clips, store)
         self.outputs = Outputs(self._node, config, self.health, self.clips)
 
-    def _session(self) -> Session:
+    def _make_session(self) -> Session:
         """Make the session, and the graph that it looks at."""
         node, given = self._node, self.config.bearings
-        self.graph = RosGraph(node, [each.topic for b in given for each in b.inputs.values()])
+        self.graph = RosGraph(node, [source.topic for b in given for source in b.inputs.values()])
         return Session(
             resolved(node, self.config),
             self.outputs,
@@ -131,15 +131,15 @@ class Configured:
     def rebuild(self, config: MonitorConfig) -> None:
         """Start afresh with other inputs; the alarms stay as they are."""
         before, outputs = self.session, self.outputs
-        self._publish(config)
+        self._make_outputs(config)
         outputs.destroy()
-        self.session = self._session()
+        self.session = self._make_session()
         self.session.inherit(before)
 
     def look_at_files(self) -> None:
         """Bring the health of what is written up to date."""
         before = self.health.clip_fault, self.health.state_file_fault
-        now = tuple('' if own is None else own.fault for own in (self.clips, self._kept))
+        now = tuple('' if writer is None else writer.fault for writer in (self.clips, self._kept))
         self.health.clip_fault, self.health.state_file_fault = now
         self.health.state_file_damage = self.session.damage
         for fault, old in zip(now, before, strict=True):
@@ -185,14 +185,14 @@ class Outputs(Sink):
         self._name = node.get_fully_qualified_name().lstrip('/')
         make: Callable[..., Any] = node.create_lifecycle_publisher
         own_qos = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
-        self._warnings = make(String, '~/warnings', _reliable(WARNINGS_KEPT, True), **own_qos)
-        self._alarms = make(String, '~/alarms', _reliable(ALARMS_KEPT, True), **own_qos)
-        self._records = make(String, '~/bearings', _reliable(), **own_qos)
-        self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable(), **own_qos)
+        self._warnings = make(String, '~/warnings', _reliable_qos(WARNINGS_KEPT, True), **own_qos)
+        self._alarms = make(String, '~/alarms', _reliable_qos(ALARMS_KEPT, True), **own_qos)
+        self._records = make(String, '~/bearings', _reliable_qos(), **own_qos)
+        self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable_qos(), **own_qos)
         kinds = {topic: message_type(kind) for topic, kind in output_topics(config.bearings, '~').items()}
         self._bearings = {
             bearing.name: [
-                (make(kinds[topic], topic, _reliable()), kinds[topic](), partial(verdict_value, name))
+                (make(kinds[topic], topic, _reliable_qos()), kinds[topic](), partial(verdict_value, name))
                 # What is dearest to work out comes last.
                 for name in (*topic_words(bearing), *reversed(topic_numbers(bearing)))
                 for topic in [f'~/{bearing.name}/{name}']
@@ -202,52 +202,52 @@ class Outputs(Sink):
 
     def destroy(self) -> None:
         """Take the publishers down."""
-        own = [publisher for group in self._bearings.values() for publisher, *_ in group]
-        for publisher in (*own, self._warnings, self._alarms, self._records, self._diagnostics):
+        number_publishers = [publisher for group in self._bearings.values() for publisher, *_ in group]
+        for publisher in (*number_publishers, self._warnings, self._alarms, self._records, self._diagnostics):
             self._node.destroy_lifecycle_publisher(publisher)
 
     def take_verdict(self, verdict: Verdict) -> None:
         """Publish amplitude, margins and regime of one bearing."""
         for publisher, message, value in self._bearings[verdict.bearing]:
-            if self._wanted(publisher):
+            if self._is_wanted(publisher):
                 message.data = value(verdict)
-                self._send(publisher, message, verdict.time_ns)
+                self._publish_message(publisher, message, verdict.time_ns)
 
     def take_event(self, event: Event) -> None:
         """Publish an event as a JSON warning."""
-        self._send(self._warnings, String(data=event_json(event)), event.time_ns)
+        self._publish_message(self._warnings, String(data=event_json(event)), event.time_ns)
         if self._clips is not None:
             self._clips.note(event)
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Publish the list of alarms, with the latest changes."""
-        self._send(self._alarms, String(data=json.dumps(record, allow_nan=False)))
+        self._publish_message(self._alarms, String(data=json.dumps(record, allow_nan=False)))
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
         """Publish the state of bearings; with that of all of them the health of the node."""
         now = self._node.get_clock().now()
-        if self._wanted(self._records):
+        if self._is_wanted(self._records):
             text = bearings_json(states, now.nanoseconds)
-            self._send(self._records, String(data=text))
-        if not self._wanted(self._diagnostics):
+            self._publish_message(self._records, String(data=text))
+        if not self._is_wanted(self._diagnostics):
             return
         records = [diagnostic_record(self._name, state) for state in states]
         if whole:
             records.append(health_record(self._name, self._health))
-        message = DiagnosticArray(status=[_status(record) for record in records])
+        message = DiagnosticArray(status=[_status_message(record) for record in records])
         message.header.stamp = now.to_msg()
-        self._send(self._diagnostics, message)
+        self._publish_message(self._diagnostics, message)
 
     def flush(self) -> None:
         """Wait a moment until the last list of alarms and diagnostics have arrived."""
         for publisher in (self._alarms, self._records, self._diagnostics):
             publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD))
 
-    def _wanted(self, publisher: Any) -> bool:
+    def _is_wanted(self, publisher: Any) -> bool:
         """Return whether there is a subscriber, or clips are recorded."""
         return self._clips is not None or publisher.get_subscription_count() > 0
 
-    def _send(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
+    def _publish_message(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
         """Publish a message and give it to the clips; a full queue is logged."""
         if self._clips is not None:
             self._clips.take(publisher.topic_name, message, time_ns)
@@ -260,7 +260,7 @@ class Outputs(Sink):
             )
 
 
-def _status(record: DiagnosticRecord) -> DiagnosticStatus:
+def _status_message(record: DiagnosticRecord) -> DiagnosticStatus:
     return DiagnosticStatus(
         level=bytes([record.level]),
         name=record.name,
@@ -290,8 +290,8 @@ class Clips(ClipRecorder):
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
         """Take a message that is published; without a time [ns] it is that of the samples."""
-        own = type(message)
-        kind = f'{own.__module__.partition(".")[0]}/msg/{own.__name__}'
+        message_class = type(message)
+        kind = f'{message_class.__module__.partition(".")[0]}/msg/{message_class.__name__}'
         self.tap(topic, kind, serialize_message(message), self.now_ns if time_ns is None else time_ns)
 
     def tap(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:

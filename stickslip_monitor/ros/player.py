@@ -90,7 +90,7 @@ class Player:
             self._run_clock(begin, first, time_ns, rate)
             if progress is not None:
                 progress(time_ns)
-            self._publish(self._publishers[topic], data)
+            self._publish_message(self._publishers[topic], data)
             played += 1
         for topic, publisher in self._publishers.items():
             if not publisher.wait_for_all_acked(Duration(seconds=_PATIENCE)):
@@ -110,9 +110,9 @@ class Player:
     def _publish_clock(self, time_ns: int) -> None:
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(time_ns, 10**9)
-        self._publish(self._clock, message)
+        self._publish_message(self._clock, message)
 
-    def _publish(self, publisher: Any, message: Any) -> None:
+    def _publish_message(self, publisher: Any, message: Any) -> None:
         """Publish a message; while the queue is full, wait for its readers.
 
         Raises:

@@ -51,7 +51,7 @@ def make_executor() -> Executor:
     return EventsExecutor()
 
 
-def _spin(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
+def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
     """Spin until a signal has been noted, or ROS is shut down.
 
     ``errors`` is where Python writes the frames of a crash.
@@ -90,31 +90,31 @@ def _require_security() -> None:
         os.environ.setdefault('ROS_SECURITY_STRATEGY', 'Enforce')
 
 
-def _start(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
+def _make_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
     """Start ROS, and make the node.
 
     Raises:
         StickslipError: The arguments, a parameter or a name cannot be used.
     """
-    what = 'the ROS arguments cannot be used'
+    problem = 'the ROS arguments cannot be used'
     try:
         rclpy.init(args=without_log_files(args), signal_handler_options=SignalHandlerOptions.NO)
-        what = 'the node cannot be created'
+        problem = 'the node cannot be created'
         with warnings.catch_warnings():
             # What cannot be created is half created, and rclpy warns of the other half.
             warnings.simplefilter('ignore', RuntimeWarning)
             return MonitorNode(store)
     except ConfigurationError as error:
-        raise ConfigurationError(_slip(args) or str(error)) from error
+        raise ConfigurationError(_parameter_slip(args) or str(error)) from error
     except StickslipError:
         raise
     except (*ROS_FAULTS, rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         # Where a file cannot be read, or has an empty list, rcl names neither the line nor the parameter.
-        slip = _slip(args) if '--params-file' in args else ''
-        raise RosError(slip or f'{what}: {sentence(error)}') from error
+        slip = _parameter_slip(args) if '--params-file' in args else ''
+        raise RosError(slip or f'{problem}: {sentence(error)}') from error
 
 
-def _slip(args: Sequence[str]) -> str:
+def _parameter_slip(args: Sequence[str]) -> str:
     """Return the sentence on how parameters were given, where nothing was or nothing is for this node."""
     inside, files, given, name, space = False, list[str](), False, NODE_NAME, ''
     for number, word in enumerate(args):
@@ -133,15 +133,17 @@ def _slip(args: Sequence[str]) -> str:
             name = value.removeprefix('__node:=')
     if not files:
         return '' if given else 'no parameters are given: monitor --ros-args --params-file FILE'
-    found, faults = dict[str, object](), list[str]()
+    parameters, faults = dict[str, object](), list[str]()
     for path in files:
         try:
-            found |= load_parameters(path, f'{space}/{name}')
+            parameters |= load_parameters(path, f'{space}/{name}')
         except ConfigurationError as error:
             faults.append(str(error))
     if len(faults) == len(files):
         return faults[0]
-    return next((text for key, own in found.items() if (text := _list_fault(key, own))), '')
+    return next(
+        (text for key, value_list in parameters.items() if (text := _list_fault(key, value_list))), ''
+    )
 
 
 def _list_fault(key: str, listed: object) -> str:
@@ -154,7 +156,7 @@ def _list_fault(key: str, listed: object) -> str:
     return f'{key} is a list of lists, which ROS 2 does not read: write {key}: {flat}'
 
 
-def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
+def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
     """Run the node until it is to stop."""
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
@@ -165,10 +167,10 @@ def _run(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, e
     _require_security()
     node = None
     try:
-        node = _start(args, store)
+        node = _make_node(args, store)
         if node.config.autostart and not signals:
             node.start()
-        _spin(node, signals, errors)
+        _spin_node(node, signals, errors)
     finally:
         # A second Ctrl-C (a launch system sends one too) must not break the way out.
         for number in ends:
@@ -192,7 +194,7 @@ def main(args: Sequence[str] | None = None, store: Callable[[ClipConfig], ClipSt
     args = sys.argv if args is None else args
     with unblocked() as errors:
         try:
-            _run(args, store, errors)
+            _run_node(args, store, errors)
         except (KeyboardInterrupt, ExternalShutdownException):
             return 0
         except StickslipError as error:

@@ -80,11 +80,11 @@ class Running:
     ) -> None:
         self._node, self._own, self._simulated = node, configured, simulated
         self._session, self._health = configured.session, configured.health
-        self._log, self._take, self._now = node.get_logger(), survived(self._receive), clock
+        self._log, self._take, self._now = node.get_logger(), survived(self._take_number), clock
         tap = None if configured.clips is None else configured.clips.tap
         self.inputs = Inputs(node, configured.config, clock, simulated, tap)
         configured.graph.lanes = {lane.name: lane for lane in self.inputs.lanes}
-        self._actions = Actions(node, list(self._session.monitor.bearings), self._act)
+        self._actions = Actions(node, list(self._session.monitor.bearings), self._carry_out)
         self._ticker: Any = None
         try:
             self.inputs.subscribe()
@@ -106,7 +106,7 @@ class Running:
         """Watch from now on."""
         self._health.monitoring = True
         self._session.begin()
-        self._tick(self._now())
+        self._let_time_pass(self._now())
 
     def end(self) -> None:
         """Stop watching: publish that, and write the unfinished clips."""
@@ -131,7 +131,7 @@ class Running:
         held_ns, self._turned_ns = begun_ns - self._turned_ns, begun_ns
         self._late = late = held_ns > LATE_NS
         if late:
-            self._excuse(held_ns, now)
+            self._discount_stall(held_ns, now)
         # What waits comes first: no input is lost whose messages are there.
         self.inputs.fetch(late)
         self._latest = not (late or self.inputs.piled)
@@ -143,12 +143,12 @@ class Running:
         if not self._latest:
             self._session.catch_up(now)
         if late or now.steady_ns - self._ticked_ns >= WATCHDOG_NS:
-            self._tick(now)
+            self._let_time_pass(now)
         self._session.flush(now)
         # A turn that was long itself is no hold-up.
         self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
 
-    def _receive(self, number: Number) -> None:
+    def _take_number(self, number: Number) -> None:
         """Give a number to the session, with its time of arrival where that is known."""
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
@@ -162,7 +162,7 @@ class Running:
         if update.status.valid and place != LEVEL:
             self._watchdog.note(name)
 
-    def _tick(self, now: Moment) -> None:
+    def _let_time_pass(self, now: Moment) -> None:
         """Let time pass for watchdog, session, clips and health; publish all bearings once a second."""
         self._ticked_ns = now.steady_ns
         passed_ns = self._passing.passed(now)
@@ -174,11 +174,11 @@ class Running:
         self._own.tick_clips()
         if now.steady_ns - self._shown_ns >= SHOW_NS:
             self._shown_ns = now.steady_ns
-            self._look(now.steady_ns * 1e-9)
+            self._update_health(now.steady_ns * 1e-9)
             self._session.show(now)
         self._session.flush(now)
 
-    def _excuse(self, held_ns: int, now: Moment) -> None:
+    def _discount_stall(self, held_ns: int, now: Moment) -> None:
         """Leave a stall of this node out of the age of every input; report a long one."""
         self._session.excuse(held_ns)
         # The alarms' time has passed, that of the inputs has not.
@@ -192,13 +192,13 @@ class Running:
         self._log.warning(text)
         self._session.note('node', text)
 
-    def _act(self, request: ActionRequest) -> list[AlarmChange]:
+    def _carry_out(self, request: ActionRequest) -> list[AlarmChange]:
         """Carry out a request; acknowledging all alarms acknowledges changes of parameters, too."""
         if request.action is Action.ACKNOWLEDGE and request.bearing is None:
             self._health.changed.clear()
         return self._session.act(request)
 
-    def _look(self, steady: float) -> None:
+    def _update_health(self, steady: float) -> None:
         """Update the node's own health, once a second."""
         self._health.age(steady)
         self._own.look_at_files()
@@ -222,18 +222,18 @@ class Running:
     def _look_for_doubles(self) -> None:
         """Look for another node of the same name, and another publisher of simulated time."""
         node, health = self._node, self._health
-        own, clocks = (node.get_name(), node.get_namespace()), ''
-        double = node.get_node_names_and_namespaces().count(own) > 1
+        node_key, clocks = (node.get_name(), node.get_namespace()), ''
+        double = node.get_node_names_and_namespaces().count(node_key) > 1
         if double and not health.double:
-            self._tell(f'another node is called {node.get_fully_qualified_name()}, too')
+            self._report_error(f'another node is called {node.get_fully_qualified_name()}, too')
         infos = node.get_publishers_info_by_topic('/clock') if self._simulated else ()
         if len(infos) > 1:
             clocks = ', '.join(sorted(map(node_name, infos)))
         if clocks and clocks != health.clocks:
-            self._tell(f'{CLOCKS} {clocks}')
+            self._report_error(f'{CLOCKS} {clocks}')
         health.double, health.clocks = double, clocks
 
-    def _tell(self, text: str) -> None:
+    def _report_error(self, text: str) -> None:
         self._log.error(text)
         self._session.note('node', text)
 
@@ -248,12 +248,12 @@ class Actions:
     def __init__(
         self, node: LifecycleNode, bearings: list[str], act: Callable[[ActionRequest], list[AlarmChange]]
     ) -> None:
-        self._node, self._bearings, self._act = node, bearings, act
+        self._node, self._bearings, self._carry_out = node, bearings, act
         self._services: list[Any] = []
         for action in TRIGGERS:
-            self._serve(Trigger, action, action, action)
+            self._offer_service(Trigger, action, action, action)
         for name, (on, off) in SWITCHES.items():
-            self._serve(SetBool, name, on, off)
+            self._offer_service(SetBool, name, on, off)
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         self._requests: Any = node.create_subscription(String, '~/actions', self._on_request, qos)
 
@@ -273,18 +273,18 @@ class Actions:
             return
         infos = self._node.get_publishers_info_by_topic(self._requests.topic_name)
         who = ', '.join(sorted(set(map(node_name, infos)))) or 'a node that has gone'
-        what = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
-        log.info(f'{request.action} of {what} asked for by {request.by} over {who}')
-        self._act(request)
+        subject = '/'.join(part for part in (request.bearing, request.kind) if part) or 'all alarms'
+        log.info(f'{request.action} of {subject} asked for by {request.by} over {who}')
+        self._carry_out(request)
 
-    def _serve(self, kind: Any, name: str, on: Action, off: Action) -> None:
+    def _offer_service(self, kind: Any, name: str, on: Action, off: Action) -> None:
         """Offer a service; of a Trigger both actions are one."""
 
         def serve(request: Any, response: Any) -> Any:
             """Carry out the action for all bearings, and answer with what it changed."""
             action = on if getattr(request, 'data', True) else off
             self._node.get_logger().info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
-            changes = self._act(ActionRequest(action, ROS_SERVICE))
+            changes = self._carry_out(ActionRequest(action, ROS_SERVICE))
             names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
             nothing = f'there is nothing to {action}' if on is off else 'it is so already'
             response.success = bool(changes) or on is not off
@@ -349,15 +349,15 @@ class Watchdog:
         """
         self._session.follow(now)
         for name, bearing in self._session.monitor.bearings.items():
-            before, heard = self._silent[name], now.time_ns and name in self._heard
-            silent = self._silent[name] = 0 if heard else before + passed_ns
+            before, has_sample = self._silent[name], now.time_ns and name in self._heard
+            silent = self._silent[name] = 0 if has_sample else before + passed_ns
             elapsed = max(silent - LAG_NS, 0)
-            time_ns = self._time(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
+            time_ns = self._bearing_time(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
             if silent and time_ns:
                 self._session.advance(name, time_ns, now)
         self._heard.clear()
 
-    def _time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
+    def _bearing_time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
         """Return the time of a bearing [ns], 0 where there is none yet.
 
         Inputs are waited for from the first instant that ROS time knows. Where it knows none, or stands,

@@ -37,7 +37,7 @@ from stickslip_monitor.ros.inputs import (
     TURN_NS,
     Inputs,
     Lane,
-    _type,
+    _msg_type_text,
     check_inputs,
     definition,
     number_reader,
@@ -381,8 +381,8 @@ def test_a_definition_has_the_fields_of_the_published_one(kind: str) -> None:
 
 
 def test_bounds_of_texts_and_arrays() -> None:
-    assert _type('sequence<double, 5>') == 'float64[<=5]'
-    assert _type('sequence<string<10>>') == 'string<=10[]'
+    assert _msg_type_text('sequence<double, 5>') == 'float64[<=5]'
+    assert _msg_type_text('sequence<string<10>>') == 'string<=10[]'
 
 
 def test_the_end_of_a_topic_that_names_no_node() -> None:

@@ -106,7 +106,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     executor = Mock(spin_once=spin_once)
     monkeypatch.setattr(node, 'make_executor', lambda: executor)
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
-    node._spin(SimpleNamespace(survive=survived.append), [])  # type: ignore[arg-type]
+    node._spin_node(SimpleNamespace(survive=survived.append), [])  # type: ignore[arg-type]
     executor.shutdown.assert_called_once()
     assert [str(error) for error in survived] == ['Transition is not registered.', 'what nobody expected']
 
@@ -154,7 +154,7 @@ def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host:
     assert health.message == 'Monitoring.'
     assert monitor.set(aft__load__timeout=50.0) == [(True, '')]
     # Who acknowledges one bearing has not seen what was changed of all.
-    monitor.node._running._act(ActionRequest(Action.ACKNOWLEDGE, 'Ada', 'aft'))
+    monitor.node._running._carry_out(ActionRequest(Action.ACKNOWLEDGE, 'Ada', 'aft'))
     assert health.severity == 1
     monitor.peer.call(Trigger, monitor.name('acknowledge'))
     assert health.message == 'Monitoring.'

@@ -165,7 +165,7 @@ def test_a_slip_in_how_parameters_are_given_is_told(
         ('pairs', '/**', '[aft], aft: {load: {over_speed: [[0, 2], [60, 1]]}}'),
     ):
         Path(f'{name}.yaml').write_text(f'{section}:\n  ros__parameters: {{bearings: {names}}}\n')
-    found = node._slip(arguments)
+    found = node._parameter_slip(arguments)
     assert text in found
     assert bool(found) == bool(text)
 
