@@ -357,9 +357,11 @@ class Annunciator:
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
 
     def _fire(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
+        # What a person put away is given anew when it is back, however well it was known before.
+        is_back = trigger in (Trigger.UNSHELVE, Trigger.RESTORE)
         facts = Facts(
             suppressed=bool(alarm.suppressed_by),
-            covered=self.covering(alarm) is not None or self._is_known(alarm),
+            covered=self.covering(alarm) is not None or (self._is_known(alarm) and not is_back),
             active=alarm.active,
             latching=alarm.occurred and self.latching(alarm),
         )

@@ -178,6 +178,9 @@ SCENES: list[tuple[str, dict[str, Any], dict[str, str], list[str]]] = [
     ('1 shelve:stick_slip stick_slip', {}, {'stick_slip': 'shelved', 'bistable': NEW}, BISTABLE),
     ('1 caution shelve 2 stick_slip', {}, {'margin_low': 'shelved'}, ['margin_low', 'stick_slip']),
     ('1 shelve:stick_slip 2 stick_slip 3 normal 601', LATCH, {'stick_slip': GONE}, [*BISTABLE]),
+    # What was acknowledged is given anew after its shelf, though it went on all the time.
+    ('1 stick_slip runs:5 acknowledge shelve:stick_slip runs:599', {}, {'stick_slip': 'shelved'}, STICK_SLIP),
+    ('1 stick_slip runs:5 acknowledge shelve:stick_slip runs:601', {}, {'stick_slip': NEW}, 2 * STICK_SLIP),
     # A lost input neither clears nor gives what was there.
     (
         '1 stick_slip acknowledge 10 input_stale 500 stick_slip 600',
