@@ -22,12 +22,14 @@ class LogColumn:
         place: Of the column that holds its numbers.
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
+        is_other: Whether another sender of a bus was the first to send a number of this name.
     """
 
     heading: str
     place: int
     name: str | None = None
     unit: str | None = None
+    is_other: bool = False
 
     @property
     def has_unit(self) -> bool:
@@ -40,7 +42,8 @@ class SourceColumn:
     """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
 
     ``kept`` are numbers that mean "no value", and have no unit. ``status`` is the place of the column that
-    says whether its numbers count, if there is one.
+    says whether its numbers count, if there is one. With a ``timeout`` [s] of its input other senders of the
+    same number count while the first one is silent.
     """
 
     column: LogColumn
@@ -49,9 +52,10 @@ class SourceColumn:
     offset: float = 0.0
     kept: tuple[float, ...] = ()
     status: int | None = None
+    timeout: float | None = None
 
     def sent(self, values: FloatArray) -> FloatArray:
-        """What the sensor would have sent, of numbers in the column."""
+        """Return what the sensor would have sent, of numbers in the column."""
         if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
             return values
         with np.errstate(over='ignore'):  # infinite is no value either

@@ -16,11 +16,11 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_logs.arrays import FloatArray, IntArray
+from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import (
@@ -37,6 +37,8 @@ from stickslip_logs.recordings.recording import (
     missing_topic,
 )
 from stickslip_logs.recordings.writer import encode_float64s
+from stickslip_logs.sources import SourceAdmission
+from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.clock import Cells, Clock, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
@@ -174,7 +176,7 @@ class TableRecording(Recording):
             seen.setdefault(row[name], row[place] if place is not None and len(row) > place else '')
         for own, unit in seen.items():
             heading, known = with_unit(own, unit)
-            yield LogColumn(heading, value, own, known)
+            yield LogColumn(heading, value, own, known, self.is_sent and first_name(own) in seen)
 
     @property
     def unit_place(self) -> int | None:
@@ -385,6 +387,12 @@ class TableReading:
         self._number_of = {
             own.column.name: k for k, own in enumerate(columns.values()) if own.column.name is not None
         }
+        self._admissions = {
+            topic: SourceAdmission(own.column.heading, own.timeout, '', recording.note)
+            for topic, own in columns.items()
+            if recording.is_sent and own.timeout is not None and not own.column.is_other
+        }
+        self._wanted += [SOURCE] if self._admissions else []
         self._kept = _Kept(recording.path)
         self._course, self._has_whole_lines = self._judge()
         for text in self._course.notes('the lines are', 'of the lines'):
@@ -472,6 +480,9 @@ class TableReading:
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
         names = texts_of(rows.columns[0]) if self._number_of else []
+        if self._admissions:
+            for name in {*names} - self._number_of.keys():
+                self._number_of[name] = self._number_of.get(first_name(name), -1)
         numbered = np.fromiter(map(self._number_of.get, names, itertools.repeat(-1)), np.int64, len(names))
         for topic, own in self._columns.items():
             if not rows.clock.times(own.column.place):
@@ -484,6 +495,10 @@ class TableReading:
                 named = numbered == self._number_of[own.column.name]
                 cells, where = some_cells(cells, named), np.flatnonzero(named)
                 marks = some_cells(marks, named) if marks else marks
+            if topic in self._admissions and where is not None:
+                where = where[self._are_admitted(topic, cells, rows, where)]
+                named = np.isin(np.arange(named.size), where)
+                cells = some_cells(rows.columns[self._wanted.index(own.column.place)], named)
             found = self._recording.table.numbers(cells)
             if own.column.name is not None and self._unit_place is not None:
                 texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
@@ -496,6 +511,22 @@ class TableReading:
             keep = rows.is_timed[row]
             part.numbers[topic] = number[row[keep]], own.sent(found.value[at[keep]])
         return part
+
+    def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
+        """Return which numbers of a topic are of the source that is used, shape (n,).
+
+        Args:
+            topic: The topic.
+            cells: The cells of its numbers and of those of other sources.
+            rows: The rows of a block.
+            where: Which of these the cells are of, shape (n,).
+        """
+        sources = rows.columns[self._wanted.index(SOURCE)]
+        found = self._recording.table.numbers(cells)
+        valid, seconds = np.isfinite(found.value).tolist(), (rows.time_ns[where] * 1e-9).tolist()
+        admits = self._admissions[topic].admits
+        own = zip(where.tolist(), seconds, valid, strict=True)
+        return np.array([admits(sources[k], now, valid=good) for k, now, good in own], np.bool_)
 
     def _convert(self, found: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers of a name whose lines have another unit than its first; leave out the others."""

@@ -20,8 +20,11 @@ _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
 _EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
 NAMES = 'time', 'name', 'value', 'unit'
-Row = tuple[str, str, str, str]
-"""Time, name, value and unit of a number."""
+SOURCE = len(NAMES)
+"""Place of the sender in a row, behind the columns that have a heading."""
+Row = tuple[str, str, str, str, str]
+"""Time, name, value, unit and sender of a number."""
+_FROM = ' from '
 NO_SENTENCE: tuple[()] = ()
 """Stands for a line of something else, as another instrument on the same wire sends."""
 
@@ -60,7 +63,7 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
         when = clock or ('' if has_clock else _own_time(kind, fields)) or when
         for number, value, unit in _numbers(kind, fields):
             name = _name_of(number, talker, first)
-            yield (when, name, value, unit) if when else None
+            yield (when, name, value, unit, talker) if when else None
 
 
 def _time_before(head: str) -> str:
@@ -147,7 +150,7 @@ def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator
                     raise TypeError('a time is a text')
                 text = 'null' if value is None else repr(value)
                 unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
-                yield when, _name_of(path, source, first), text, unit
+                yield when, _name_of(path, source, first), text, unit, source
 
 
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
@@ -160,8 +163,17 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:
-    """What a number of a source is called: that of the first by its name alone."""
-    return name if first.setdefault(name, source) == source else f'{name} from {source}'
+    """Return what a number of a source is called: that of the first by its name alone."""
+    return name if first.setdefault(name, source) == source else f'{name}{_FROM}{source}'
+
+
+def first_name(name: str) -> str:
+    """Return what the number of another source is called where its first source sends it; else nothing.
+
+    >>> first_name('RPM S 1 from ER'), first_name('RPM S 1')
+    ('RPM S 1', '')
+    """
+    return name.rpartition(_FROM)[0]
 
 
 _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
+from stickslip_logs.sources import SourceAdmission
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest
@@ -261,50 +262,6 @@ def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: s
         raise ConfigurationError(f"{name}.unit = '{own}' must be {unit}, in which {who} gives it")
 
 
-SHARE = 0.5
-"""Of the time-out: a source without a number for longer is given up, before the input is lost."""
-
-
-class SourceAdmission:
-    """Admits one source of an input; the others are named, and so is a change.
-
-    Args:
-        item: The input.
-        log: Given a line for each source that is left out, once, and for each change.
-    """
-
-    def __init__(self, item: BusInput, log: Callable[[str], object]) -> None:
-        self._item, self._log = item, log
-        self._used, self._heard = item.only, -math.inf
-        self._left_out: set[str] = set()
-
-    def admits(self, source: str, now: float, *, valid: bool = True) -> bool:
-        """Whether a value of a source is used; ``now`` is of a steady clock [s].
-
-        One that is no number (not valid) keeps no other source out: a device that has none, or an
-        engine that is stopped, may send that for ever.
-        """
-        silent = now - self._heard
-        gone = not self._used or (valid and silent > SHARE * self._item.timeout)
-        if source != self._used and gone and not self._item.only:
-            if self._used:
-                since = f' for {silent:.3g} s' if silent < math.inf else ''
-                self._say(f"'{source}' is used; '{self._used}' has sent no number{since}")
-                self._left_out.clear()
-            self._used = source
-        if source == self._used:
-            self._heard = now if valid else self._heard
-            return True
-        if source not in self._left_out:
-            self._left_out.add(source)
-            why = 'is chosen' if self._item.only else 'sends'
-            self._say(f"'{source}' is left out: '{self._used}' {why}")
-        return False
-
-    def _say(self, text: str) -> None:
-        self._log(f'{self._item.label}: source {text}')
-
-
 UNHEARD = 5.0
 """An input without a value for so long is asked after [s]."""
 
@@ -324,7 +281,10 @@ class BusInputs:
         found: dict[BusInput, list[BusInput]] = {}
         for item in inputs:
             found.setdefault(replace(item, bearing='', timeout=0.0, hold=0.0), []).append(item)
-        self.groups = [(items, SourceAdmission(items[0], log)) for items in found.values()]
+        self.groups = [
+            (items, SourceAdmission(items[0].label, items[0].timeout, items[0].only, log))
+            for items in found.values()
+        ]
         self.log, self._told = log, set[BusInput]()
         self._heard: dict[BusInput, float] = {}
 

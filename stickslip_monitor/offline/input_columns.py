@@ -134,6 +134,8 @@ class ColumnBinding:
         """
         found = list(self._candidates(bearing.name, quantity, source))
         if len(found) > 1:
+            # Another sender of a number stands in for the first.
+            found = [c for c in found if not c.is_other] or found
             named = [c for c in found if _names(c, bearing.name)]
             found = named if len(named) == 1 else found
         if len(found) == 1:
@@ -219,6 +221,8 @@ class ColumnBinding:
             ratio = 1.0 if unit == source.unit else ratio
             scaled = (source.scale, source.offset) if is_scaled else (1.0, 0.0)
             sent = SourceColumn(column, ratio, *scaled, kept=NO_VALUES)
+        timeout_ns = max(min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS), source.timeout_ns)
+        sent = replace(sent, timeout=timeout_ns * 1e-9 if self._is_sent else None)
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'
@@ -235,10 +239,7 @@ class ColumnBinding:
             said += f', {source.gear_text}'
         elif is_geared:
             said += ": is it the shaft's own, with no gear between?"
-        timeout_ns = min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS)
-        if timeout_ns <= source.timeout_ns:
-            timeout_ns = source.timeout_ns
-        else:
+        if timeout_ns > source.timeout_ns:
             said += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
         self.said.append(said)
         return replace(

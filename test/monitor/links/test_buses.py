@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import BusInput, BusInputs, SourceAdmission
+from stickslip_monitor.links.buses import BusInput, BusInputs
 from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -165,44 +164,6 @@ def test_what_does_not_fit_the_bearing(
 ) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(text)):
         load_watch(files.write(links, **bearing), '/stickslip_monitor' if with_node else None)
-
-
-@pytest.mark.parametrize(
-    ('item', 'label'),
-    [
-        (
-            BusInput(bus='nmea', bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1),
-            'NMEA RPM S 1',
-        ),
-        (BusInput(bus='signalk', bearing='aft', place=Input.SPEED, path='a.b'), 'Signal K a.b'),
-    ],
-)
-def test_one_source_is_used_and_the_others_are_named(item: BusInput, label: str) -> None:
-    said: list[str] = []
-    admission = SourceAdmission(item, said.append)
-    steps = [
-        ('c', 0.9, False, True),  # nothing else sends
-        ('a', 1.0, True, True),
-        ('b', 1.1, True, False),
-        ('a', 2.0, True, True),
-        ('b', 2.1, True, False),
-        ('a', 3.0, False, True),  # that a has no number any more is passed on
-        ('b', 4.4, True, False),  # a has no number for less than half of the time-out of 5 s
-        ('b', 4.6, True, True),
-        ('a', 4.7, True, False),
-        ('a', 9.7, False, False),  # b is silent, and a has no number either
-    ]
-    taken = [admission.admits(source, now, valid=valid) for source, now, valid, _ in steps]
-    assert taken == [each for *_, each in steps]
-    assert said == [
-        f"{label}: source 'a' is used; 'c' has sent no number",
-        f"{label}: source 'b' is left out: 'a' sends",
-        f"{label}: source 'b' is used; 'a' has sent no number for 2.6 s",
-        f"{label}: source 'a' is left out: 'b' sends",
-    ]
-    chosen = SourceAdmission(replace(item, source='b', talker='b'), said.append)
-    assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
-    assert said[4:] == [f"{label}: source 'a' is left out: 'b' is chosen"]
 
 
 def test_an_input_that_may_stand_is_asked_after_when_it_no_longer_does() -> None:

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One of several senders of a value is used, and the others are named."""
+
+from __future__ import annotations
+
+from stickslip_logs.sources import SourceAdmission
+
+
+def test_one_source_is_used_and_the_others_are_named() -> None:
+    said: list[str] = []
+    admission = SourceAdmission(label := 'NMEA RPM S 1', 5.0, '', said.append)
+    steps = [
+        ('c', 0.9, False, True),  # nothing else sends
+        ('a', 1.0, True, True),
+        ('b', 1.1, True, False),
+        ('a', 2.0, True, True),
+        ('b', 2.1, True, False),
+        ('a', 3.0, False, True),  # that a has no number any more is passed on
+        ('b', 4.4, True, False),  # a has no number for less than half of the time-out of 5 s
+        ('b', 4.6, True, True),
+        ('a', 4.7, True, False),
+        ('a', 9.7, False, False),  # b is silent, and a has no number either
+    ]
+    taken = [admission.admits(source, now, valid=valid) for source, now, valid, _ in steps]
+    assert taken == [each for *_, each in steps]
+    assert said == [
+        f"{label}: source 'a' is used; 'c' has sent no number",
+        f"{label}: source 'b' is left out: 'a' sends",
+        f"{label}: source 'b' is used; 'a' has sent no number for 2.6 s",
+        f"{label}: source 'a' is left out: 'b' sends",
+    ]
+    chosen = SourceAdmission(label, 5.0, 'b', said.append)
+    assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
+    assert said[4:] == [f"{label}: source 'a' is left out: 'b' is chosen"]
