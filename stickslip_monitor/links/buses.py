@@ -39,7 +39,7 @@ BAUD_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
 
 @dataclass(frozen=True, slots=True)
 class SignalKLink:
-    """How a Signal K server is used."""
+    """Use of a Signal K server."""
 
     url: str = parameter('', 'Address of the server, http:// or https://.')
     token_file: str = parameter('', 'File with its token.')
@@ -54,7 +54,7 @@ def _period(default: float, text: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class NmeaLink:
-    """How NMEA 0183 is used."""
+    """Use of NMEA 0183."""
 
     listen: str = parameter('', 'Where sentences come from: udp://, tcp:// or serial://.')
     alerts: str = parameter('', 'Where alert sentences go.')
@@ -113,17 +113,17 @@ class LinksConfig:
     inputs: tuple[BusInput, ...]
 
     def of(self, bus: str) -> list[BusInput]:
-        """The inputs that come from a bus."""
+        """Return the inputs that come from a bus."""
         return [item for item in self.inputs if item.bus == bus]
 
     @property
     def labels(self) -> dict[tuple[str, Input], str]:
-        """Of each input where it comes from, for a person."""
+        """Origin of each input, for a person."""
         return {(item.bearing, item.place): item.label for item in self.inputs}
 
 
 def is_loopback(host: str | None) -> bool:
-    """Whether a host is this machine, as far as its name shows."""
+    """Return whether a host is this machine, as far as its name shows."""
     try:
         return host == 'localhost' or ipaddress.ip_address(host or '').is_loopback
     except ValueError:
@@ -215,10 +215,10 @@ def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
 
 
 def check_port(name: str, value: str) -> SplitResult:
-    """The parts of the address of a port.
+    """Split the address of a port into its parts.
 
     Raises:
-        ConfigurationError: It is none.
+        ConfigurationError: It is not the address of a port.
     """
     url = _split(name, value, ', '.join(_PORTS.values()) + 'dev/ttyUSB0?baud=4800', _PORTS)
     if url.scheme == 'serial':
@@ -256,7 +256,7 @@ def _input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str,
 
 
 def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: str) -> None:
-    """The number goes to the monitor as it comes, so the monitor must know its unit."""
+    """Check that the monitor expects the unit of the bus: numbers are passed on as received."""
     own = (bearing.load if load else bearing.speed).unit
     if own != unit:
         raise ConfigurationError(f"{name}.unit = '{own}' must be {unit}, in which {who} gives it")
@@ -289,18 +289,18 @@ class BusInputs:
         self._heard: dict[BusInput, float] = {}
 
     def wait(self, now: float) -> None:
-        """All inputs are waited for from now on [s]."""
+        """Wait for all inputs from now on [s]."""
         self._heard = {items[0]: now for items, _ in self.groups}
 
     def brought(self, item: BusInput, now: float) -> None:
-        """Note that an input has a value; if it was said to have none, that is said too."""
+        """Note that an input has a value; log it where the input was reported as silent."""
         self._heard[item] = now
         if item in self._told:
             self._told.discard(item)
             self.log(f'{item.label}: values again')
 
     def silent(self, now: float) -> list[BusInput]:
-        """The inputs that bring nothing, each once."""
+        """Return the inputs that have become silent, each once."""
         if not self._heard:
             self.wait(now)
         new = [
@@ -323,7 +323,7 @@ _SHOWN_EVERY_NS = 10**9
 
 @dataclass(frozen=True, slots=True)
 class MonitorSide:
-    """What a bus reaches of the monitor, which is here or in a node beside."""
+    """Access of a bus to the monitor, which is here or in a node beside."""
 
     bearings: Sequence[str]  # names of all bearings in the order of the file
     # Takes bearing, input and number of a sample, and its sender's stamp where it has one [ns].
@@ -334,7 +334,7 @@ class MonitorSide:
     log: Log  # where faults are logged
 
     def ask(self, request: ActionRequest) -> None:
-        """Hand on what somebody asks for at a bus; that it is refused is logged."""
+        """Pass on a request that came over a bus; log a refusal."""
         try:
             self.act(request)
         except StickslipError as error:
@@ -342,10 +342,10 @@ class MonitorSide:
 
 
 class LiveMonitor:
-    """A session that samples are measured for now, by the clocks of this machine.
+    """A session whose samples are measured when they come, by the clocks of this machine.
 
     Args:
-        store: What keeps the alarms over a restart; ``None`` for nothing.
+        store: Keeps the alarms over a restart; ``None`` for a session that forgets them.
         clock: The clocks.
     """
 
@@ -364,7 +364,7 @@ class LiveMonitor:
 
     @property
     def damage(self) -> str:
-        """Why what was kept of the alarms is lost; see :attr:`.Session.damage`."""
+        """Reason why the saved alarms are lost; see :attr:`.Session.damage`."""
         return self._session.damage
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
@@ -376,7 +376,7 @@ class LiveMonitor:
             self._session.take(bearing, Input.LOAD, time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
-        """Do what a person asks for."""
+        """Carry out a request."""
         self._session.act(request)
 
     def begin(self) -> None:
@@ -397,7 +397,7 @@ class LiveMonitor:
         self._session.flush(now)
 
     def _moment(self) -> Moment:
-        """Now; what waited while we were held up may come before the look that is late."""
+        """Return the time now; leave a stall of this process out of the age of every input."""
         now = self._now()
         held_ns = now.steady_ns - self._ticked_ns
         if held_ns > HELD_UP_NS:

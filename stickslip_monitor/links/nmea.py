@@ -60,7 +60,7 @@ _COMMANDS = {'A': (Action.ACKNOWLEDGE, 'VSU'), 'S': (Action.SILENCE, 'V')}
 
 
 def sentence(body: str) -> str:
-    """A whole sentence: ``$``, the body, its checksum (without the end of line)."""
+    """Return a whole sentence: ``$``, the body, its checksum (without the end of line)."""
     return f'${body}*{_checksum(body):02X}'
 
 
@@ -69,10 +69,10 @@ def _checksum(body: str) -> int:
 
 
 def parse(text: str) -> tuple[str, str, list[str]] | None:
-    """Talker, formatter and fields of the first sentence of a text.
+    """Return talker, formatter and fields of the first sentence of a text.
 
-    ``None`` without one or its good checksum. What stands before the ``$`` (an IEC 61162-450
-    header and tag block) is passed over.
+    ``None`` without a sentence, or with a wrong checksum. What stands before the ``$`` (an IEC 61162-450
+    header and tag block) is skipped.
     """
     found = _SENTENCE.search(text)
     if found is None:
@@ -84,10 +84,10 @@ def parse(text: str) -> tuple[str, str, list[str]] | None:
 
 
 class SentenceStream:
-    """Sentences out of bytes, however these were cut, ended or glued.
+    """Sentences out of bytes, however these were cut, ended or joined.
 
     Attributes:
-        unused: How often something was not used, and why.
+        unused: Count of what was not used, by reason.
     """
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ class SentenceStream:
         self._rest = ''
 
     def take(self, data: bytes) -> list[str]:
-        """The sentences with a good checksum that some bytes complete."""
+        """Return the sentences with a good checksum that some bytes complete."""
         text = self._rest + data.decode('ascii', 'replace')
         pieces = [piece for piece in re.split('(?=[$!])', text) if piece.startswith(('$', '!'))]
         found, self._rest = [], ''
@@ -116,7 +116,7 @@ class SentenceStream:
 
 
 def numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
-    """The numbers of a sentence of the right kind; NaN where it says that it has none."""
+    """Return the numbers of a sentence of the right kind; NaN where it is marked as invalid."""
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]
         return [_number(q[1]) for q in _quads(fields) if [q[0], q[2], q[3]] == unit]
@@ -129,7 +129,7 @@ def numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
 
 
 def passed_over(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
-    """What a sentence of its formatter has instead of it, for a person; '' for nothing."""
+    """Describe what a sentence of an input's formatter brings in its place; '' for other formatters."""
     if formatter != item.sentence:
         return ''
     if formatter == 'RPM':
@@ -140,7 +140,7 @@ def passed_over(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
 
 
 def _quads(fields: Sequence[str]) -> list[Sequence[str]]:
-    """The transducers of an XDR sentence: type, value, unit, name."""
+    """Split an XDR sentence into its transducers: type, value, unit, name."""
     return [fields[i : i + 4] for i in range(0, len(fields) - 3, 4)]
 
 
@@ -149,14 +149,14 @@ def _number(text: str) -> float:
 
 
 class NmeaInputs(BusInputs):
-    """Samples out of sentences, and what is heard in their place."""
+    """Samples out of sentences, and a count of what was received in their place."""
 
     def __init__(self, inputs: Sequence[BusInput], log: Callable[[str], object]) -> None:
         super().__init__(inputs, log)
         self._others: dict[BusInput, Counter[str]] = {items[0]: Counter() for items, _ in self.groups}
 
     def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
-        """Bearing, input and number of every input that a sentence brings."""
+        """Yield bearing, input and number of every input that a sentence brings."""
         parsed = parse(text)
         if parsed is None:
             return
@@ -179,7 +179,7 @@ class NmeaInputs(BusInputs):
             self._others[item].clear()
 
     def look(self, now: float, unused: Mapping[str, int]) -> None:
-        """Say once of each input that brings nothing what is heard in its place.
+        """Log once for each silent input what was received in its place.
 
         Args:
             now: Of a steady clock [s].
@@ -235,7 +235,7 @@ class Alerts:
         self._sequence = self._list_sequence = self._beat_sequence = 0
 
     def take_alarms(self, record: dict[str, Any]) -> list[str]:
-        """ALF sentences for what has changed in a list of alarms."""
+        """Return ALF sentences for the changes in a list of alarms."""
         times = {(c['bearing'], c['alarm']): c['time'] for c in record['changes']}
         lines = []
         for alarm in record['alarms']:
@@ -251,11 +251,11 @@ class Alerts:
         return lines
 
     def current(self) -> list[str]:
-        """ALF sentences for every alert that is not normal."""
+        """Return ALF sentences for every alert that is not normal."""
         return [line for alert in self._standing() for line in self._alf(alert, with_text=True)]
 
     def listing(self) -> list[str]:
-        """The cyclic list: ALC sentences of what is not normal."""
+        """Return the cyclic list: ALC sentences of the alerts that are not normal."""
         entries = [f',{self._id(alert)},{alert.revision}' for alert in self._standing()]
         # Four entries of the longest kind would not fit into one sentence.
         groups = [entries[i : i + 3] for i in range(0, len(entries), 3)] or [[]]
@@ -267,13 +267,13 @@ class Alerts:
         ]
 
     def heartbeat(self, period: float, there: bool) -> str:
-        """The HBT sentence: time to the next one [s], and whether the monitor is there."""
+        """Return the HBT sentence: time to the next one [s], and whether the monitor is there."""
         line = self._say(f'HBT,{period:.1f},{"A" if there else "V"},{self._beat_sequence}')
         self._beat_sequence = (self._beat_sequence + 1) % 10
         return line
 
     def obey(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
-        """Answers to an ACN sentence for us, and what it asks of the alarms."""
+        """Return the answers to an ACN sentence for us, and the request that it makes."""
         parsed = parse(line)
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:
             return [], None
@@ -299,6 +299,7 @@ class Alerts:
         return f'{self._manufacturer},{alert.identifier},{alert.instance}'
 
     def _alf(self, alert: _Alert, with_text: bool) -> list[str]:
+        """Return the ALF sentence of an alert, and a second one with its text where that is wanted."""
         self._sequence = (self._sequence + 1) % 10
         end = f'{self._id(alert)},{alert.revision},0,'
         total = 2 if with_text else 1
@@ -315,14 +316,14 @@ class Alerts:
 
 
 def _text(text: str) -> str:
-    """What to do and where the bearing is; of other alarms as much of their text as fits."""
+    """Return the order and the operating point of a text; a text without an order as it is."""
     if (order := _ORDER.search(text)) and (words := _ORDERS.get(order[1])):
         return f'{words.format(order[2])}. NOW {order[3]} {order[4]}'
     return text.partition(': ')[2] or text
 
 
 def short_names(bearings: Sequence[str]) -> list[str]:
-    """The bearings' names in titles: whole words that fit, numbered where two are alike."""
+    """Shorten the names of bearings for titles: whole words that fit, numbered where two are alike."""
     short = [_whole(clean(name), _NAME) for name in bearings]
     return [
         name if short.count(name) == 1 else f'{name[: _NAME - len(str(number)) - 1]} {number}'
@@ -331,14 +332,14 @@ def short_names(bearings: Sequence[str]) -> list[str]:
 
 
 def _whole(text: str, room: int) -> str:
-    """As many whole words as fit; of a first one that is longer its beginning."""
+    """Return as many whole words as fit, or the beginning of a first word that is too long."""
     if len(text) <= room:
         return text
     return text[: text.rfind(' ', 0, room + 1)].rstrip(' .') if ' ' in text[: room + 1] else text[:room]
 
 
 def clean(text: str) -> str:
-    """Text of the letters that every display has and no rule reserves."""
+    """Reduce a text to the letters that every display has and no rule reserves."""
     return ' '.join(_UNFIT.sub(' ', text.upper()).split())
 
 

@@ -64,7 +64,7 @@ class Port:
 
     @property
     def _blind(self) -> bool:
-        """Whether nobody can know if what is sent arrives: datagrams are not answered."""
+        """Whether it is unknown if what is sent arrives: datagrams are not answered."""
         return self.url.scheme == 'udp' and not self._listens
 
     async def start(self) -> None:
@@ -119,6 +119,7 @@ class Port:
             self._descriptor = None
 
     async def _open(self) -> None:
+        """Open the port, read it from now on, and report the link where its state is known."""
         self._fault = self._loop.create_future()
         if self.url.scheme == 'serial':
             self._descriptor = self._serial_line()
@@ -131,7 +132,7 @@ class Port:
             self._on_link(True, '')
 
     def _serial_line(self) -> int:
-        """A serial line, 8N1."""
+        """Open the serial line, 8N1; return its descriptor."""
         descriptor = os.open(self.url.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             tty.setraw(descriptor)
@@ -148,7 +149,7 @@ class Port:
         return descriptor
 
     async def _socket(self) -> int:
-        """A socket at the first address of a name that takes one."""
+        """Open a socket at the first address of the host that takes one; return its descriptor."""
         kind = socket.SOCK_STREAM if self.url.scheme == 'tcp' else socket.SOCK_DGRAM
         host, number = self.url.hostname, self.url.port
         *others, last = await self._loop.getaddrinfo(host, number, type=kind)
@@ -158,6 +159,7 @@ class Port:
         return await self._socket_at(last[0], kind, last[4])
 
     async def _socket_at(self, family: int, kind: int, address: Any) -> int:
+        """Bind a socket to an address, or connect it; return its descriptor."""
         # Closed at the end of the block, unless it is detached.
         with socket.socket(family, kind) as own:
             own.setblocking(False)
@@ -187,7 +189,7 @@ class Port:
             self._fault.set_result(why)
 
     def _read(self, descriptor: int) -> None:
-        """Take what has come; whole sentences are handed on."""
+        """Read available bytes and pass on the whole sentences."""
         try:
             data = os.read(descriptor, _MOST_AT_ONCE)
         except BlockingIOError:
@@ -279,7 +281,7 @@ class NmeaClient(Sink):
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     def _report_link(self, name: str, works: bool | None, why: str) -> None:
-        """Pass the state of a link on; one that has come up is sent list and heartbeat at the next tick."""
+        """Report the state of a link; after a failure list and heartbeat are sent at the next tick."""
         if works is not False and self._down.get(name, True):
             self._listed = self._beaten = -math.inf
         self._down[name] = works is False
@@ -316,7 +318,7 @@ class NmeaClient(Sink):
         return there is not self._there or now - self._beaten >= self._link.heartbeat
 
     async def finish(self) -> None:
-        """Send the last heartbeat, which says that nobody watches."""
+        """Send the last heartbeat, which says that the monitor is gone."""
         self._send([self._alerts.heartbeat(self._link.heartbeat, False)])
         await asyncio.sleep(0)
 

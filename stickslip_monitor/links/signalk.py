@@ -36,24 +36,24 @@ _KNOWN = (AlarmState.ACKNOWLEDGED.value, AlarmState.LATCHED.value)
 
 
 def camel(name: str) -> str:
-    """A name of ours as a part of a path: ``aft_stern`` becomes ``aftStern``."""
+    """Write a name as a part of a path: ``aft_stern`` becomes ``aftStern``."""
     head, *rest = name.split('_')
     return head + ''.join(part.capitalize() for part in rest)
 
 
 def version_of(hello: Mapping[str, Any]) -> tuple[int, int]:
-    """Major and minor version of a server; (0, 0) where it gives none."""
+    """Return major and minor version of a server; (0, 0) where it gives none."""
     found = re.match(r'v?(\d+)\.(\d+)', str(hello.get('version', '')))
     return (int(found[1]), int(found[2])) if found else (0, 0)
 
 
 def is_hello(frame: object) -> bool:
-    """Whether a frame is a server's greeting."""
+    """Return whether a frame is a server's greeting."""
     return isinstance(frame, dict) and isinstance(frame.get('self'), str) and 'version' in frame
 
 
 def _seconds(stamp: object) -> float:
-    """A time stamp in seconds of the epoch; NaN where it is none."""
+    """Parse a time stamp to seconds of the epoch; NaN where that is not possible."""
     try:
         time = datetime.fromisoformat(str(stamp).replace('Z', '+00:00'))
     except ValueError:
@@ -62,7 +62,7 @@ def _seconds(stamp: object) -> float:
 
 
 def _values(frame: object, own: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
-    """Update, source, path and value of each value, or meta datum, of our own vessel in a delta."""
+    """Yield update, source, path and value of each value, or meta datum, of the own vessel in a delta."""
     # Some servers greet without the word vessels.
     ours = own, f'vessels.{own}', 'vessels.self'
     if isinstance(frame, dict) and frame.get('context', own) in ours:
@@ -87,19 +87,19 @@ class SignalKInputs(BusInputs):
         self._foreign: dict[str, str] = {}  # paths in another unit than Signal K's own, and this
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
-        """A connection begins: what comes first of each source may be old."""
+        """Begin a connection: the first value of each source may be old."""
         self._own = hello['self']
         self._server_ahead = _seconds(hello.get('timestamp')) - now
         self._begun: set[tuple[str, str]] = set()
         self.wait(now)
 
     def subscription(self, extra: Iterable[str] = ()) -> dict[str, Any]:
-        """The frame that asks for our paths. No period: it would count per path, not source."""
+        """Return the frame that asks for our paths. No period: it would count per path, not source."""
         paths = dict.fromkeys([*(items[0].path for items, _ in self.groups), *extra])
         return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
 
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
-        """Bearing, input, number (NaN for what is none) and stamp [ns] of every sample."""
+        """Yield bearing, input, number (NaN for an invalid value) and stamp [ns] of every sample."""
         self._take_units(frame)
         for update, source, path, value in _values(frame, self._own):
             groups = [pair for pair in self.groups if pair[0][0].path == path]
@@ -128,7 +128,7 @@ class SignalKInputs(BusInputs):
                 self.log(f"{own[path].label}: its unit is '{unit}', and it is read in {need}: not used")
 
     def _fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
-        """Whether a value is none that the server had kept from before the connection."""
+        """Return whether a value is of this connection, not one that the server had kept from before."""
         if key in self._begun:
             return True
         self._begun.add(key)
@@ -169,7 +169,7 @@ class SignalKValues:
         return f'{self._prefix}.{camel(bearing)}.{name}'
 
     def values(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
-        """The values of a bearing; null where its inputs are lost, or with no record at all."""
+        """Return the values of a bearing; null where its inputs are lost, or without a record."""
         known = record if record is not None and record['reason'] != 'input_stale' else {}
         none = WITHOUT_CYCLE if known.get(REGIME) else {}
         numbers = {name: known.get(VALUES[name][0]) for name in self._names(bearing)}
@@ -179,7 +179,7 @@ class SignalKValues:
         return {'$source': SOURCE, 'values': values}
 
     def meta(self, bearing: str) -> Update:
-        """What the values are. No zones: with these the server raises alarms of its own."""
+        """Return unit and description of the values. No zones: by these the server raises its own alarms."""
         meta = []
         for name in self._names(bearing):
             _, unit, text = VALUES[name]
@@ -203,7 +203,7 @@ class _Alarm:
     base: tuple[bool, bool] | None = None
 
     def update(self, value: Mapping[str, Any] | None = None) -> Update:
-        """What is to be sent."""
+        """Return the update that sends a value, by default the latest one."""
         return _update(self.source, self.path, value or self.value)
 
 
@@ -215,7 +215,7 @@ NORMAL: dict[str, Any] = {'state': 'normal', 'method': [], 'message': ''}
 
 
 class Notifications:
-    """The alarms as notifications, and what people do with these at the server.
+    """The alarms as notifications, and the requests that people make at the server.
 
     Args:
         prefix: Path before their names.
@@ -246,7 +246,7 @@ class Notifications:
         self._monitor = begun(MONITOR)
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
-        """What to send where a list of alarms differs from what was sent."""
+        """Return the updates by which a list of alarms differs from what was sent."""
         return [
             update
             for alarm in record['alarms']
@@ -255,7 +255,7 @@ class Notifications:
         ]
 
     def take_monitor(self, text: str) -> list[Update]:
-        """Say what is wrong with the monitor itself; empty if nothing is."""
+        """Return the update on the monitor itself, where its fault has changed; an empty text is none."""
         state = {'state': 'warn', 'method': ['visual']} if text else {}
         value = {**NORMAL, **state, 'message': text, 'data': {'occurrence': self._monitor.token}}
         if value == self._monitor.value:
@@ -264,10 +264,11 @@ class Notifications:
         return [self._monitor.update()]
 
     def all(self) -> list[Update]:
-        """Everything as it stands, for a server that has forgotten it or may have."""
+        """Return all notifications as they stand, for a server that may have forgotten them."""
         return [alarm.update() for alarm in (*self._alarms.values(), self._monitor)]
 
     def _change(self, own: _Alarm, record: Mapping[str, Any]) -> list[Update]:
+        """Return the updates that bring a notification up to the record of its alarm."""
         lifecycle = record['state']
         before = own.value['data'].get('lifecycle')
         again = lifecycle == AlarmState.UNACKNOWLEDGED.value != before
@@ -285,11 +286,11 @@ class Notifications:
         return [*cleared, own.update()]
 
     def accepts(self, frame: object, own_vessel: str) -> bool:
-        """Whether a frame brings back what this run has sent: the proof that we may write."""
+        """Return whether a frame brings back what this run has sent: the proof that we may write."""
         return any(_token(value).startswith(f'{self._run}-') for *_, value in _values(frame, own_vessel))
 
     def take_echo(self, frame: object, own_vessel: str) -> tuple[list[Update], list[ActionRequest]]:
-        """What the server says of our notifications: what to send, and what people ask."""
+        """Take notifications from the server; return the updates to send, and the requests of people."""
         updates, requests = list[Update](), list[ActionRequest]()
         for _, source, path, value in _values(frame, own_vessel):
             own = self._alarms.get(path)
@@ -303,7 +304,7 @@ class Notifications:
         return updates, requests
 
     def _settle(self, own: _Alarm, value: Mapping[str, Any]) -> list[Update]:
-        """The first echo of an occurrence is where people start from."""
+        """Take the first echo of an occurrence as the state from which people start."""
         if own.base is not None:
             return []
         born = _status(value)
@@ -317,6 +318,7 @@ class Notifications:
         return [old, own.update()]
 
     def _asked(self, own: _Alarm, value: Mapping[str, Any]) -> list[ActionRequest]:
+        """Return the requests that an echo shows: acknowledged, or silenced, since the echo before."""
         if own.base is None:
             return []
         before, own.base = own.base, _status(value)
@@ -335,7 +337,7 @@ class Notifications:
 
 
 def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
-    """An alarm as a notification's value."""
+    """Return the value of the notification of an alarm."""
     lifecycle, kind = record['state'], AlarmKind(record['alarm'])
     # One matter, one notification: what a worse alarm stands for is not given beside it.
     shown = not record.get('covered')
@@ -361,6 +363,7 @@ def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
 
 
 def _waits(own: _Alarm) -> bool:
+    """Return whether an alarm waits for its acknowledgement."""
     return own.value['data'].get('lifecycle') in _WAITING
 
 
@@ -376,5 +379,5 @@ def _status(value: Mapping[str, Any]) -> tuple[bool, bool]:
 
 
 def _leftover(source: str, value: Mapping[str, Any]) -> bool:
-    """Whether another run, or source, of ours has left a notification behind."""
+    """Return whether another run, or source, of ours has left a notification behind."""
     return source.startswith(SOURCE) and value.get('state') != 'normal'

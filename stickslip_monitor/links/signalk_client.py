@@ -57,7 +57,7 @@ class _Unusable(LinkError):
 
 
 def ssl_context(ca_file: str) -> ssl.SSLContext:
-    """What checks a server's certificate; there is no way not to.
+    """Make the context that checks a server's certificate; there is no way not to.
 
     Raises:
         LinkError: The file has no certificate.
@@ -97,7 +97,7 @@ class SignalKClient(Sink):
         self._session: aiohttp.ClientSession | None = None
 
     async def start(self) -> None:
-        """Nothing to be opened beforehand."""
+        """Do nothing: there is nothing to be opened beforehand."""
 
     async def run(self) -> None:
         """Stay connected until cancelled.
@@ -154,6 +154,11 @@ class SignalKClient(Sink):
             return 'the server closed the connection'
 
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
+        """Connect to the stream of the server.
+
+        Raises:
+            LinkError: The server refuses, and waiting does not mend it.
+        """
         url = f'{self._link.url}/signalk/v1/stream?subscribe=none&sendMeta=all'
         try:
             return await asyncio.wait_for(
@@ -187,6 +192,11 @@ class SignalKClient(Sink):
         return f"signalk.url = '{self._link.url}' is no Signal K server: it answers {status}"
 
     async def _hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
+        """Receive the greeting of the server.
+
+        Raises:
+            LinkError: It is not a Signal K server, or one that is not safe for actions.
+        """
         message = await asyncio.wait_for(socket.receive(), 2.0 * HEARTBEAT)
         if message.type is not aiohttp.WSMsgType.TEXT:
             raise aiohttp.ClientError('the server closed the connection without a greeting')
@@ -204,7 +214,7 @@ class SignalKClient(Sink):
         return hello
 
     def _greet(self, now: float) -> None:
-        """Put back all that a server may have forgotten."""
+        """Send all that a server may have forgotten."""
         self._outbox.clear()
         if self._link.prefix:
             self._outbox += [self._values.meta(name) for name in self._side.bearings]
@@ -231,6 +241,7 @@ class SignalKClient(Sink):
                 await self._wake.wait()
 
     def _on_text(self, text: str) -> None:
+        """Pass on the samples, and the requests, of a frame."""
         try:
             frame = json.loads(text)
         except (ValueError, RecursionError):
@@ -250,7 +261,7 @@ class SignalKClient(Sink):
             self._side.ask(request)
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """Remember the newest; it is sent once a second."""
+        """Remember the latest record of a bearing; it is sent once a second."""
         self._records[record['bearing']] = record
 
     def take_alarms(self, record: dict[str, Any]) -> None:
@@ -285,7 +296,7 @@ class SignalKClient(Sink):
             task.add_done_callback(self._looks.discard)
 
     async def _look_at(self, path: str) -> None:
-        """Say why a path brings nothing, by one look at the server's present value of it."""
+        """Log why a path is silent, by one look at the server's present value of it."""
         assert self._session is not None
         url = f'{self._link.url}/signalk/v1/api/vessels/self/{path.replace(".", "/")}'
         try:
@@ -298,7 +309,7 @@ class SignalKClient(Sink):
         self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
 
     async def finish(self) -> None:
-        """Say that we go: no values any more; alarms stand."""
+        """Send the last updates: values are null, the monitor was stopped; alarms stand."""
         socket = self._socket
         if socket is None or not self._link.prefix:
             return
@@ -310,7 +321,7 @@ class SignalKClient(Sink):
 
 
 def _silence(status: int, value: str, has_token: bool) -> str:
-    """What a server's answer about a path says of its silence."""
+    """Explain the silence of a path by a server's answer about it."""
     if status in (401, 403):
         return 'the token may not read' if has_token else f'the server {_NEEDS_TOKEN}'
     if status == 404:
@@ -328,7 +339,7 @@ async def _say(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Why a connection failed, without the names that Python has for its parts."""
+    """Return why a connection failed, without the names that Python has for its parts."""
     inner = getattr(error, 'os_error', None) or error
     text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
     return text or 'no answer'
