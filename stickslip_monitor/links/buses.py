@@ -48,7 +48,7 @@ class SignalKLink:
     accept_actions: bool = parameter(False, 'Whether people may act there.')
 
 
-def _period(default: float, text: str) -> Any:
+def _parameter_period(default: float, text: str) -> Any:
     return parameter(default, text, 's', within=(1.0, 600.0))
 
 
@@ -61,8 +61,8 @@ class NmeaLink:
     talker: str = parameter('II', 'Our talker identifier.')
     manufacturer: str = parameter('', 'Our manufacturer code.')
     first_alert: int = parameter(10001, 'Identifier of our first alert.', within=(1, 999994))
-    list_period: float = _period(30.0, 'Time between two lists of alerts.')
-    heartbeat: float = _period(60.0, 'Time between two heartbeats.')
+    list_period: float = _parameter_period(30.0, 'Time between two lists of alerts.')
+    heartbeat: float = _parameter_period(60.0, 'Time between two heartbeats.')
     accept_actions: bool = parameter(False, 'Whether people may act by ACN sentences.')
 
 
@@ -141,49 +141,49 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
         ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
     """
     _refuse_unknown(values, [bearing.name for bearing in config.bearings])
-    own = {p.name: p.checked(p.name, values) for p in LINK_PARAMETERS}
+    settings = {p.name: p.checked(p.name, values) for p in LINK_PARAMETERS}
     inputs = tuple(
-        _input(bearing, Input[quantity.upper()], f'{bearing.name}.{quantity}', values)
+        _build_input(bearing, Input[quantity.upper()], f'{bearing.name}.{quantity}', values)
         for bearing in config.bearings
         for quantity in QUANTITIES
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
     )
-    if not (own['signalk.url'] or own['nmea.listen'] or own['nmea.alerts'] or inputs):
+    if not (settings['signalk.url'] or settings['nmea.listen'] or settings['nmea.alerts'] or inputs):
         raise ConfigurationError(f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts')
     used = {item.bus for item in inputs}
-    return LinksConfig(_signalk(own, SIGNALK in used), _nmea(own, NMEA in used), inputs)
+    return LinksConfig(_build_signalk(settings, SIGNALK in used), _build_nmea(settings, NMEA in used), inputs)
 
 
 def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
-    known = [p.name for p in LINK_PARAMETERS]
-    known += [f'{b}.{q}.{p.name}' for b in bearings for q in QUANTITIES for p in INPUT_PARAMETERS]
+    names = [p.name for p in LINK_PARAMETERS]
+    names += [f'{b}.{q}.{p.name}' for b in bearings for q in QUANTITIES for p in INPUT_PARAMETERS]
     for key, value in values.items():
-        if key not in known:
-            hint = did_you_mean(key, known)
+        if key not in names:
+            hint = did_you_mean(key, names)
             raise ConfigurationError(f"{SECTION}: unknown parameter '{key}' = {value!r}{hint}")
 
 
-def _require(fits: object, name: str, value: object, rule: str) -> None:
+def _require_value(fits: object, name: str, value: object, rule: str) -> None:
     if not fits:
         raise ConfigurationError(f'{SECTION}: {name} = {value!r} must be {rule}')
 
 
-def _split(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
+def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
     try:
         url = urlsplit(value)
         fits = url.scheme in schemes and url.port != 0
     except ValueError:
         fits = False
-    _require(fits, name, value, f'an address such as {example}')
+    _require_value(fits, name, value, f'an address such as {example}')
     return url
 
 
-def _signalk(own: Mapping[str, Any], used: bool) -> SignalKLink | None:
-    link, example = filled(SignalKLink, 'signalk.', own), 'http://127.0.0.1:3000'
+def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | None:
+    link, example = filled(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
     if not link.url:
-        _require(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
+        _require_value(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
         return None
-    url = _split('signalk.url', link.url, example, ('http', 'https'))
+    url = _split_url('signalk.url', link.url, example, ('http', 'https'))
     plain = url.hostname and url.path in ('', '/') and not (url.query or url.username)
     safe = url.scheme == 'https' or is_loopback(url.hostname) or not link.token_file
     for fits, name, rule in (
@@ -192,12 +192,12 @@ def _signalk(own: Mapping[str, Any], used: bool) -> SignalKLink | None:
         (not link.prefix or _PATH.fullmatch(link.prefix), 'prefix', 'a Signal K path'),
         (link.prefix or not link.accept_actions, 'accept_actions', _NOTHING_SENT),
     ):
-        _require(fits, f'signalk.{name}', own[f'signalk.{name}'], rule)
+        _require_value(fits, f'signalk.{name}', settings[f'signalk.{name}'], rule)
     return replace(link, url=link.url.rstrip('/'))
 
 
-def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
-    link = filled(NmeaLink, 'nmea.', own)
+def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
+    link = filled(NmeaLink, 'nmea.', settings)
     for fits, name, rule in (
         (link.listen or not used, 'listen', 'given: inputs come from it'),
         (re.fullmatch('[A-Z][A-Z0-9]', link.talker), 'talker', 'two upper-case letters'),
@@ -207,10 +207,10 @@ def _nmea(own: Mapping[str, Any], used: bool) -> NmeaLink | None:
             'three upper-case letters, or empty',
         ),
     ):
-        _require(fits, f'nmea.{name}', own[f'nmea.{name}'], rule)
+        _require_value(fits, f'nmea.{name}', settings[f'nmea.{name}'], rule)
     for name in ('nmea.listen', 'nmea.alerts'):
-        if own[name]:
-            check_port(name, own[name])
+        if settings[name]:
+            check_port(name, settings[name])
     return link if link.listen or link.alerts else None
 
 
@@ -220,46 +220,48 @@ def check_port(name: str, value: str) -> SplitResult:
     Raises:
         ConfigurationError: It is not the address of a port.
     """
-    url = _split(name, value, ', '.join(_PORTS.values()) + 'dev/ttyUSB0?baud=4800', _PORTS)
+    url = _split_url(name, value, ', '.join(_PORTS.values()) + 'dev/ttyUSB0?baud=4800', _PORTS)
     if url.scheme == 'serial':
-        _require(not url.netloc and len(url.path) > 1, name, value, 'serial:///dev/ttyUSB0')
+        _require_value(not url.netloc and len(url.path) > 1, name, value, 'serial:///dev/ttyUSB0')
         rates = ', '.join(str(rate) for rate in BAUD_RATES)
         fits = url.query in ('', *(f'baud={rate}' for rate in BAUD_RATES))
-        _require(fits, name, value, f'serial:///dev/ttyUSB0?baud=RATE with one of {rates}')
+        _require_value(fits, name, value, f'serial:///dev/ttyUSB0?baud=RATE with one of {rates}')
     else:
         whole = url.hostname and url.port and url.path in ('', '/')
-        _require(whole, name, value, f'written {_PORTS[url.scheme]}, with host and port')
+        _require_value(whole, name, value, f'written {_PORTS[url.scheme]}, with host and port')
     return url
 
 
-def _input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]) -> BusInput:
-    own = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
+def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]) -> BusInput:
+    settings = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
-    _require(not assumed, name, own['from'], 'left out, as the load is a constant')
+    _require_value(not assumed, name, settings['from'], 'left out, as the load is a constant')
     source = bearing.inputs[place.name.lower()]
     times = {'timeout': source.stands_ns * 1e-9, 'hold': source.hold_ns * 1e-9}
-    item = filled(BusInput, '', own, bearing=bearing.name, place=place, **times)
+    item = filled(BusInput, '', settings, bearing=bearing.name, place=place, **times)
     if item.bus == SIGNALK:
         _check_unit(bearing, load, name, UNITS[place], 'Signal K')
-        _require(_PATH.fullmatch(own['path']), f'{name}.path', own['path'], 'a Signal K path, without *')
+        _require_value(
+            _PATH.fullmatch(settings['path']), f'{name}.path', settings['path'], 'a Signal K path, without *'
+        )
         return item
     sentence, kinds, kind = ('XDR', 'N', 'N, a force') if load else ('RPM', 'SE', _SHAFT)
     for fits, key, rule in (
-        (own['sentence'] == sentence, 'sentence', sentence),
-        (own['kind'] in list(kinds), 'kind', kind),
-        (own['name'] or not load, 'name', 'given: the name of the transducer'),
+        (settings['sentence'] == sentence, 'sentence', sentence),
+        (settings['kind'] in list(kinds), 'kind', kind),
+        (settings['name'] or not load, 'name', 'given: the name of the transducer'),
     ):
-        _require(fits, f'{name}.{key}', own[key], rule)
+        _require_value(fits, f'{name}.{key}', settings[key], rule)
     _check_unit(bearing, load, name, 'N' if load else 'rpm', sentence)
     return item
 
 
 def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: str) -> None:
     """Check that the monitor expects the unit of the bus: numbers are passed on as received."""
-    own = (bearing.load if load else bearing.speed).unit
-    if own != unit:
-        raise ConfigurationError(f"{name}.unit = '{own}' must be {unit}, in which {who} gives it")
+    unit_read = (bearing.load if load else bearing.speed).unit
+    if unit_read != unit:
+        raise ConfigurationError(f"{name}.unit = '{unit_read}' must be {unit}, in which {who} gives it")
 
 
 UNHEARD = 5.0
@@ -278,12 +280,12 @@ class BusInputs:
     """
 
     def __init__(self, inputs: Iterable[BusInput], log: Callable[[str], object]) -> None:
-        found: dict[BusInput, list[BusInput]] = {}
+        by_source: dict[BusInput, list[BusInput]] = {}
         for item in inputs:
-            found.setdefault(replace(item, bearing='', timeout=0.0, hold=0.0), []).append(item)
+            by_source.setdefault(replace(item, bearing='', timeout=0.0, hold=0.0), []).append(item)
         self.groups = [
             (items, SourceAdmission(items[0].label, items[0].timeout, items[0].only, log))
-            for items in found.values()
+            for items in by_source.values()
         ]
         self.log, self._told = log, set[BusInput]()
         self._heard: dict[BusInput, float] = {}
@@ -369,7 +371,7 @@ class LiveMonitor:
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
         """Take one number of one input, which comes now, with its sender's stamp if it has one."""
-        now = self._moment()
+        now = self._read_moment()
         time_ns = now.time_ns if stamp_ns is None else stamp_ns
         self._session.take(bearing, place, time_ns, value, now)
         if place is Input.SPEED and self._session.monitor.bearings[bearing].config.load.is_assumed:
@@ -382,13 +384,13 @@ class LiveMonitor:
     def begin(self) -> None:
         """Publish the list of alarms, and wait for inputs from now on."""
         self._session.begin()
-        self._advance(self._now(), 0)
+        self._advance_bearings(self._now(), 0)
 
     def tick(self) -> None:
         """Let time pass."""
-        now = self._moment()
+        now = self._read_moment()
         self._ticked_ns = now.steady_ns
-        self._advance(now, BEHIND_NS)
+        self._advance_bearings(now, BEHIND_NS)
         self._session.tick(now, now.steady_ns - self._begun_ns)
         if now.steady_ns - self._shown_ns >= _SHOWN_EVERY_NS:
             self._shown_ns = now.steady_ns
@@ -396,7 +398,7 @@ class LiveMonitor:
         # At the tick: the alarm itself must not wait for the figures beside it.
         self._session.flush(now)
 
-    def _moment(self) -> Moment:
+    def _read_moment(self) -> Moment:
         """Return the time now; leave a stall of this process out of the age of every input."""
         now = self._now()
         held_ns = now.steady_ns - self._ticked_ns
@@ -405,7 +407,7 @@ class LiveMonitor:
             self._ticked_ns = now.steady_ns
         return now
 
-    def _advance(self, now: Moment, behind_ns: int) -> None:
+    def _advance_bearings(self, now: Moment, behind_ns: int) -> None:
         for name in self._session.monitor.bearings:
             self._session.advance(name, now.time_ns - behind_ns, now)
 

@@ -61,10 +61,10 @@ _COMMANDS = {'A': (Action.ACKNOWLEDGE, 'VSU'), 'S': (Action.SILENCE, 'V')}
 
 def sentence(body: str) -> str:
     """Return a whole sentence: ``$``, the body, its checksum (without the end of line)."""
-    return f'${body}*{_checksum(body):02X}'
+    return f'${body}*{_xor_checksum(body):02X}'
 
 
-def _checksum(body: str) -> int:
+def _xor_checksum(body: str) -> int:
     return reduce(xor, map(ord, body), 0)
 
 
@@ -74,11 +74,11 @@ def parse(text: str) -> tuple[str, str, list[str]] | None:
     ``None`` without a sentence, or with a wrong checksum. What stands before the ``$`` (an IEC 61162-450
     header and tag block) is skipped.
     """
-    found = _SENTENCE.search(text)
-    if found is None:
+    match = _SENTENCE.search(text)
+    if match is None:
         return None
-    talker, formatter, fields, checksum = found.groups()
-    if _checksum(f'{talker}{formatter},{fields}') != int(checksum, 16):
+    talker, formatter, fields, checksum = match.groups()
+    if _xor_checksum(f'{talker}{formatter},{fields}') != int(checksum, 16):
         return None
     return talker, formatter, fields.split(',')
 
@@ -98,12 +98,12 @@ class SentenceStream:
         """Return the sentences with a good checksum that some bytes complete."""
         text = self._rest + data.decode('ascii', 'replace')
         pieces = [piece for piece in re.split('(?=[$!])', text) if piece.startswith(('$', '!'))]
-        found, self._rest = [], ''
+        sentences, self._rest = [], ''
         for number, piece in enumerate(pieces):
             match = _SENTENCE.match(piece)
             if match is not None:
                 good = parse(match[0]) is not None
-                found += [match[0]] if good else []
+                sentences += [match[0]] if good else []
                 self.unused['bad checksum'] += not good
             elif number == len(pieces) - 1 and not re.search('[\r\n]', piece):
                 self._rest = piece[-_LONGEST_KEPT:]
@@ -112,20 +112,20 @@ class SentenceStream:
                 self.unused['no checksum' if named else _UNREADABLE] += 1
         if not pieces and text.strip():
             self.unused[_UNREADABLE] += 1
-        return found
+        return sentences
 
 
 def numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
     """Return the numbers of a sentence of the right kind; NaN where it is marked as invalid."""
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]
-        return [_number(q[1]) for q in _quads(fields) if [q[0], q[2], q[3]] == unit]
-    if len(fields) < 3 or fields[0] != item.kind or _number(fields[1]) != item.number:
+        return [_parse_number(q[1]) for q in _split_transducers(fields) if [q[0], q[2], q[3]] == unit]
+    if len(fields) < 3 or fields[0] != item.kind or _parse_number(fields[1]) != item.number:
         return []
     # An invalid speed must not become a shaft at rest, which suppresses alarms. Some ships
     # leave the pitch out.
     valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
-    return [_number(fields[2]) if valid else math.nan]
+    return [_parse_number(fields[2]) if valid else math.nan]
 
 
 def passed_over(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
@@ -134,17 +134,17 @@ def passed_over(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
         return ''
     if formatter == 'RPM':
         return f'RPM,{",".join(fields[:2])}'
-    others = [q for q in _quads(fields) if q[3] == item.name or not item.name]
-    named = [f'{q[3]} as type {q[0]} in {q[2]}, and only type N in N is used' for q in others]
-    return 'XDR ' + (', '.join(named) or ', '.join(q[3] for q in _quads(fields)))
+    transducers = [q for q in _split_transducers(fields) if q[3] == item.name or not item.name]
+    named = [f'{q[3]} as type {q[0]} in {q[2]}, and only type N in N is used' for q in transducers]
+    return 'XDR ' + (', '.join(named) or ', '.join(q[3] for q in _split_transducers(fields)))
 
 
-def _quads(fields: Sequence[str]) -> list[Sequence[str]]:
+def _split_transducers(fields: Sequence[str]) -> list[Sequence[str]]:
     """Split an XDR sentence into its transducers: type, value, unit, name."""
     return [fields[i : i + 4] for i in range(0, len(fields) - 3, 4)]
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
 
 
@@ -168,10 +168,10 @@ class NmeaInputs(BusInputs):
                 self._others[first][passed_over(first, formatter, fields)] += 1
             elif admission.admits(talker, now, valid=not all(map(math.isnan, values))):
                 for value in values:
-                    self._note(first, value, now)
+                    self._note_value(first, value, now)
                     yield from ((item.bearing, item.place, value) for item in items)
 
-    def _note(self, item: BusInput, value: float, now: float) -> None:
+    def _note_value(self, item: BusInput, value: float, now: float) -> None:
         if math.isnan(value):
             self._others[item]['invalid by its talker'] += 1
         else:
@@ -186,12 +186,12 @@ class NmeaInputs(BusInputs):
             unused: What the port could not use, by reason.
         """
         for item in self.silent(now):
-            own = Counter({text: n for text, n in self._others[item].items() if text}) + Counter(unused)
-            named = ', '.join(f'{count} x {text}' for text, count in own.most_common(4))
-            if others := self._others[item]['']:
-                named = named or f'{others} sentences of other kinds'
-            heard = f'heard: {named}' if named else 'nothing is heard'
-            self.log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {heard}')
+            counts = Counter({text: n for text, n in self._others[item].items() if text}) + Counter(unused)
+            named = ', '.join(f'{count} x {text}' for text, count in counts.most_common(4))
+            if other_count := self._others[item]['']:
+                named = named or f'{other_count} sentences of other kinds'
+            received = f'heard: {named}' if named else 'nothing is heard'
+            self.log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {received}')
 
 
 @dataclass(slots=True)
@@ -241,38 +241,40 @@ class Alerts:
         for alarm in record['alarms']:
             key = alarm['bearing'], alarm['alarm']
             alert = self._alerts.get(key)
-            if alert is None or (letter := _letter(alarm, alert.priority)) == alert.letter:
+            if alert is None or (letter := _state_letter(alarm, alert.priority)) == alert.letter:
                 continue
             raised = alert.letter == 'N'
-            alert.letter, alert.text = letter, _text(alarm['text'])
-            alert.utc = _utc(times.get(key, alarm['changed'] or record['time']))
+            alert.letter, alert.text = letter, _order_text(alarm['text'])
+            alert.utc = _format_utc(times.get(key, alarm['changed'] or record['time']))
             alert.revision = alert.revision % 99 + 1
-            lines += self._alf(alert, with_text=raised)
+            lines += self._alf_sentences(alert, with_text=raised)
         return lines
 
     def current(self) -> list[str]:
         """Return ALF sentences for every alert that is not normal."""
-        return [line for alert in self._standing() for line in self._alf(alert, with_text=True)]
+        return [
+            line for alert in self._standing_alerts() for line in self._alf_sentences(alert, with_text=True)
+        ]
 
     def listing(self) -> list[str]:
         """Return the cyclic list: ALC sentences of the alerts that are not normal."""
-        entries = [f',{self._id(alert)},{alert.revision}' for alert in self._standing()]
+        entries = [f',{self._alert_id(alert)},{alert.revision}' for alert in self._standing_alerts()]
         # Four entries of the longest kind would not fit into one sentence.
         groups = [entries[i : i + 3] for i in range(0, len(entries), 3)] or [[]]
         total, number = len(groups), self._list_sequence
         self._list_sequence = (number + 1) % 100
         return [
-            self._say(f'ALC,{total:02},{i:02},{number:02},{len(group)}{"".join(group)}')
+            self._make_sentence(f'ALC,{total:02},{i:02},{number:02},{len(group)}{"".join(group)}')
             for i, group in enumerate(groups, 1)
         ]
 
-    def heartbeat(self, period: float, there: bool) -> str:
+    def heartbeat(self, period: float, is_present: bool) -> str:
         """Return the HBT sentence: time to the next one [s], and whether the monitor is there."""
-        line = self._say(f'HBT,{period:.1f},{"A" if there else "V"},{self._beat_sequence}')
+        line = self._make_sentence(f'HBT,{period:.1f},{"A" if is_present else "V"},{self._beat_sequence}')
         self._beat_sequence = (self._beat_sequence + 1) % 10
         return line
 
-    def obey(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
+    def handle_acn(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
         """Return the answers to an ACN sentence for us, and the request that it makes."""
         parsed = parse(line)
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:
@@ -288,34 +290,34 @@ class Alerts:
         action, states = _COMMANDS.get(command, (None, ''))
         # A caution is not acknowledged over this link (IEC 62923-1).
         if alert.priority == 'C' or alert.letter not in states or not self._accept_actions:
-            return [self._say(f'ARC,{_utc(now_ns)},{self._id(alert)},{command}')], None
+            return [self._make_sentence(f'ARC,{_format_utc(now_ns)},{self._alert_id(alert)},{command}')], None
         assert action is not None
         return [], ActionRequest(action, BY, bearing, AlarmKind(kind))
 
-    def _standing(self) -> list[_Alert]:
+    def _standing_alerts(self) -> list[_Alert]:
         return [alert for alert in self._alerts.values() if alert.letter != 'N']
 
-    def _id(self, alert: _Alert) -> str:
+    def _alert_id(self, alert: _Alert) -> str:
         return f'{self._manufacturer},{alert.identifier},{alert.instance}'
 
-    def _alf(self, alert: _Alert, with_text: bool) -> list[str]:
+    def _alf_sentences(self, alert: _Alert, with_text: bool) -> list[str]:
         """Return the ALF sentence of an alert, and a second one with its text where that is wanted."""
         self._sequence = (self._sequence + 1) % 10
-        end = f'{self._id(alert)},{alert.revision},0,'
+        end = f'{self._alert_id(alert)},{alert.revision},0,'
         total = 2 if with_text else 1
         first = f'{alert.utc},B,{alert.priority},{alert.letter},{end}{alert.title}'
-        lines = [self._say(f'ALF,{total},1,{self._sequence},{first}')]
+        lines = [self._make_sentence(f'ALF,{total},1,{self._sequence},{first}')]
         if with_text:
             start = f'ALF,2,2,{self._sequence},,,,,{end}'
-            room = LONGEST - len(self._say(start)) - 2
-            lines.append(self._say(start + _whole(clean(alert.text), min(room, _TEXT))))
+            room = LONGEST - len(self._make_sentence(start)) - 2
+            lines.append(self._make_sentence(start + _truncate_words(clean(alert.text), min(room, _TEXT))))
         return lines
 
-    def _say(self, body: str) -> str:
+    def _make_sentence(self, body: str) -> str:
         return sentence(self._talker + body)
 
 
-def _text(text: str) -> str:
+def _order_text(text: str) -> str:
     """Return the order and the operating point of a text; a text without an order as it is."""
     if (order := _ORDER.search(text)) and (words := _ORDERS.get(order[1])):
         return f'{words.format(order[2])}. NOW {order[3]} {order[4]}'
@@ -324,14 +326,14 @@ def _text(text: str) -> str:
 
 def short_names(bearings: Sequence[str]) -> list[str]:
     """Shorten the names of bearings for titles: whole words that fit, numbered where two are alike."""
-    short = [_whole(clean(name), _NAME) for name in bearings]
+    short = [_truncate_words(clean(name), _NAME) for name in bearings]
     return [
         name if short.count(name) == 1 else f'{name[: _NAME - len(str(number)) - 1]} {number}'
         for number, name in enumerate(short, 1)
     ]
 
 
-def _whole(text: str, room: int) -> str:
+def _truncate_words(text: str, room: int) -> str:
     """Return as many whole words as fit, or the beginning of a first word that is too long."""
     if len(text) <= room:
         return text
@@ -343,7 +345,7 @@ def clean(text: str) -> str:
     return ' '.join(_UNFIT.sub(' ', text.upper()).split())
 
 
-def _letter(alarm: dict[str, Any], priority: str) -> str:
+def _state_letter(alarm: dict[str, Any], priority: str) -> str:
     # One matter, one alert: what a worse alarm stands for is not given beside it.
     letter = 'N' if alarm.get('covered') else _LETTERS.get(alarm['state'], 'N')
     if priority == 'C':
@@ -351,5 +353,5 @@ def _letter(alarm: dict[str, Any], priority: str) -> str:
     return 'S' if letter == 'V' and alarm['silenced'] else letter
 
 
-def _utc(time_ns: int) -> str:
+def _format_utc(time_ns: int) -> str:
     return f'{datetime.fromtimestamp(time_ns / 1e9, timezone.utc):%H%M%S.%f}'[:9]

@@ -63,7 +63,7 @@ class Port:
         self._descriptor: int | None = None
 
     @property
-    def _blind(self) -> bool:
+    def _is_unanswered(self) -> bool:
         """Whether it is unknown if what is sent arrives: datagrams are not answered."""
         return self.url.scheme == 'udp' and not self._listens
 
@@ -74,26 +74,26 @@ class Port:
             LinkError: It cannot be opened, in a way that waiting does not mend.
         """
         try:
-            await self._open()
+            await self._open_port()
         except OSError as error:
             # A server may come later than we do.
             if self.url.scheme != 'tcp':
                 raise LinkError(f"{self.name} = '{self.address}' cannot be opened: {cause(error)}") from error
-            self._fail(cause(error))
+            self._set_fault(cause(error))
 
     async def run(self) -> None:
         """Keep it open until cancelled."""
         try:
             while True:
-                self._on_link(False, await self._end())
-                self._close()
+                self._on_link(False, await self._wait_for_end())
+                self._close_port()
                 await asyncio.sleep(AGAIN)
                 try:
-                    await self._open()
+                    await self._open_port()
                 except OSError as error:
-                    self._fail(cause(error))
+                    self._set_fault(cause(error))
         finally:
-            self._close()
+            self._close_port()
 
     def send(self, lines: Iterable[str]) -> None:
         """Send lines; one that cannot be sent is lost, and logged."""
@@ -106,32 +106,32 @@ class Port:
             except BlockingIOError:
                 sent = 0
             except OSError as error:
-                self._fail(cause(error))
+                self._set_fault(cause(error))
                 continue
             # What the other end does not take is not kept for it.
             if sent < len(data):
-                self._fail('the other end takes nothing')
+                self._set_fault('the other end takes nothing')
 
-    def _close(self) -> None:
+    def _close_port(self) -> None:
         if self._descriptor is not None:
             self._loop.remove_reader(self._descriptor)
             os.close(self._descriptor)
             self._descriptor = None
 
-    async def _open(self) -> None:
+    async def _open_port(self) -> None:
         """Open the port, read it from now on, and report the link where its state is known."""
         self._fault = self._loop.create_future()
         if self.url.scheme == 'serial':
-            self._descriptor = self._serial_line()
+            self._descriptor = self._open_serial_line()
         else:
-            self._descriptor = await self._socket()
-        self._loop.add_reader(self._descriptor, self._read, self._descriptor)
-        if self._blind:
+            self._descriptor = await self._open_socket()
+        self._loop.add_reader(self._descriptor, self._read_bytes, self._descriptor)
+        if self._is_unanswered:
             self._on_link(None, 'datagrams are sent; whether anybody takes them is unknown')
         elif self._silent == math.inf:
             self._on_link(True, '')
 
-    def _serial_line(self) -> int:
+    def _open_serial_line(self) -> int:
         """Open the serial line, 8N1; return its descriptor."""
         descriptor = os.open(self.url.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
@@ -148,34 +148,34 @@ class Port:
             raise OSError('it is no serial line') from error
         return descriptor
 
-    async def _socket(self) -> int:
+    async def _open_socket(self) -> int:
         """Open a socket at the first address of the host that takes one; return its descriptor."""
         kind = socket.SOCK_STREAM if self.url.scheme == 'tcp' else socket.SOCK_DGRAM
         host, number = self.url.hostname, self.url.port
-        *others, last = await self._loop.getaddrinfo(host, number, type=kind)
-        for family, _, _, _, address in others:
+        *first_infos, last_info = await self._loop.getaddrinfo(host, number, type=kind)
+        for family, _, _, _, address in first_infos:
             with suppress(OSError):
-                return await self._socket_at(family, kind, address)
-        return await self._socket_at(last[0], kind, last[4])
+                return await self._open_socket_at(family, kind, address)
+        return await self._open_socket_at(last_info[0], kind, last_info[4])
 
-    async def _socket_at(self, family: int, kind: int, address: Any) -> int:
+    async def _open_socket_at(self, family: int, kind: int, address: Any) -> int:
         """Bind a socket to an address, or connect it; return its descriptor."""
         # Closed at the end of the block, unless it is detached.
-        with socket.socket(family, kind) as own:
-            own.setblocking(False)
+        with socket.socket(family, kind) as sock:
+            sock.setblocking(False)
             if kind == socket.SOCK_DGRAM and self._listens:
                 if ipaddress.ip_address(address[0]).is_multicast:
-                    _join(own, address[0])
-                own.bind(address)
-                return own.detach()
-            own.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+                    _join_group(sock, address[0])
+                sock.bind(address)
+                return sock.detach()
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             try:
-                await asyncio.wait_for(self._loop.sock_connect(own, address), _NO_ANSWER)
+                await asyncio.wait_for(self._loop.sock_connect(sock, address), _NO_ANSWER)
             except asyncio.TimeoutError as error:
                 raise OSError(f'no answer for {_NO_ANSWER:g} s') from error
-            return own.detach()
+            return sock.detach()
 
-    async def _end(self) -> str:
+    async def _wait_for_end(self) -> str:
         """Wait until the port is at its end; return why."""
         self._heard_at = self._loop.time()
         while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
@@ -184,22 +184,22 @@ class Port:
                 return self._fault.result()
         return f'no data for {self._silent:g} s'
 
-    def _fail(self, why: str) -> None:
+    def _set_fault(self, why: str) -> None:
         if not self._fault.done():
             self._fault.set_result(why)
 
-    def _read(self, descriptor: int) -> None:
+    def _read_bytes(self, descriptor: int) -> None:
         """Read available bytes and pass on the whole sentences."""
         try:
             data = os.read(descriptor, _MOST_AT_ONCE)
         except BlockingIOError:
             return
         except OSError as error:
-            self._fail(cause(error))
+            self._set_fault(cause(error))
             return
         if not data and self.url.scheme != 'udp':
             serial = self.url.scheme == 'serial'
-            self._fail('the line is closed' if serial else 'the other end closed the connection')
+            self._set_fault('the line is closed' if serial else 'the other end closed the connection')
             return
         self._heard_at = self._loop.time()
         self._on_link(True, '')
@@ -207,23 +207,23 @@ class Port:
             self._on_line(line)
 
 
-def _join(own: socket.socket, group: str) -> None:
+def _join_group(sock: socket.socket, group: str) -> None:
     """Join a multicast group (IEC 61162-450) on every interface that takes it.
 
     Raises:
         OSError: None does.
     """
-    own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     fault: OSError | None = None
     joined = 0
     for index, _ in socket.if_nameindex():
         try:
-            if own.family == socket.AF_INET6:
+            if sock.family == socket.AF_INET6:
                 request = socket.inet_pton(socket.AF_INET6, group) + struct.pack('@I', index)
-                own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, request)
+                sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, request)
             else:
                 request = socket.inet_aton(group) + bytes(4) + struct.pack('@i', index)
-                own.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+                sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
             joined += 1
         except OSError as error:
             fault = error
@@ -264,16 +264,16 @@ class NmeaClient(Sink):
         """
         link = self._link
         if link.listen:
-            self._ports.append(self._port('listen', link.listen))
+            self._ports.append(self._make_port('listen', link.listen))
         if link.alerts == link.listen and not link.listen.startswith('udp'):
             self._out = self._ports[0] if self._ports else None
         elif link.alerts:
-            self._out = self._port('alerts', link.alerts)
+            self._out = self._make_port('alerts', link.alerts)
             self._ports.append(self._out)
         for port in self._ports:
             await port.start()
 
-    def _port(self, role: str, address: str) -> Port:
+    def _make_port(self, role: str, address: str) -> Port:
         listens = role == 'listen'
         on_link = partial(self._report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
@@ -293,43 +293,43 @@ class NmeaClient(Sink):
 
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""
-        self._send(self._alerts.take_alarms(record))
+        self._send_lines(self._alerts.take_alarms(record))
 
-    def tick(self, there: bool) -> None:
+    def tick(self, is_present: bool) -> None:
         """Let time pass: the list and the heartbeat are sent when they are due."""
         now = time.monotonic()
         if self._has_inputs:
             self._inputs.look(now, self._ports[0].stream.unused)
         if now - self._listed >= self._link.list_period:
             self._listed = now
-            self._send(self._alerts.listing())
+            self._send_lines(self._alerts.listing())
         self._begun = min(self._begun, now)
-        if self._is_beat_due(now, there):
-            self._beaten, self._there = now, there
-            self._send([self._alerts.heartbeat(self._link.heartbeat, there)])
+        if self._is_beat_due(now, is_present):
+            self._beaten, self._there = now, is_present
+            self._send_lines([self._alerts.heartbeat(self._link.heartbeat, is_present)])
 
-    def _is_beat_due(self, now: float, there: bool) -> bool:
+    def _is_beat_due(self, now: float, is_present: bool) -> bool:
         """Return whether a heartbeat is due: periodically, and as soon as what it says has changed.
 
         The first one waits for the first record, which a monitor may need some time for.
         """
-        if self._there is None and not there:
+        if self._there is None and not is_present:
             return now - self._begun >= FIRST_BEAT
-        return there is not self._there or now - self._beaten >= self._link.heartbeat
+        return is_present is not self._there or now - self._beaten >= self._link.heartbeat
 
     async def finish(self) -> None:
         """Send the last heartbeat, which says that the monitor is gone."""
-        self._send([self._alerts.heartbeat(self._link.heartbeat, False)])
+        self._send_lines([self._alerts.heartbeat(self._link.heartbeat, False)])
         await asyncio.sleep(0)
 
-    def _send(self, lines: list[str]) -> None:
+    def _send_lines(self, lines: list[str]) -> None:
         if self._out is not None:
             self._out.send(lines)
 
     def _on_line(self, line: str) -> None:
         for sample in self._inputs.take(line, time.monotonic()):
             self._side.take(*sample)
-        answers, request = self._alerts.obey(line, time.time_ns())
-        self._send(answers)
+        answers, request = self._alerts.handle_acn(line, time.time_ns())
+        self._send_lines(answers)
         if request is not None:
             self._side.ask(request)

@@ -43,8 +43,8 @@ def camel(name: str) -> str:
 
 def version_of(hello: Mapping[str, Any]) -> tuple[int, int]:
     """Return major and minor version of a server; (0, 0) where it gives none."""
-    found = re.match(r'v?(\d+)\.(\d+)', str(hello.get('version', '')))
-    return (int(found[1]), int(found[2])) if found else (0, 0)
+    match = re.match(r'v?(\d+)\.(\d+)', str(hello.get('version', '')))
+    return (int(match[1]), int(match[2])) if match else (0, 0)
 
 
 def is_hello(frame: object) -> bool:
@@ -52,7 +52,7 @@ def is_hello(frame: object) -> bool:
     return isinstance(frame, dict) and isinstance(frame.get('self'), str) and 'version' in frame
 
 
-def _seconds(stamp: object) -> float:
+def _parse_stamp(stamp: object) -> float:
     """Parse a time stamp to seconds of the epoch; NaN where that is not possible."""
     try:
         time = datetime.fromisoformat(str(stamp).replace('Z', '+00:00'))
@@ -61,19 +61,19 @@ def _seconds(stamp: object) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
 
 
-def _values(frame: object, own: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
+def _own_values(frame: object, vessel: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
     """Yield update, source, path and value of each value, or meta datum, of the own vessel in a delta."""
     # Some servers greet without the word vessels.
-    ours = own, f'vessels.{own}', 'vessels.self'
-    if isinstance(frame, dict) and frame.get('context', own) in ours:
-        for update in _dicts(frame.get('updates')):
-            for item in _dicts(update.get(kind)):
+    ours = vessel, f'vessels.{vessel}', 'vessels.self'
+    if isinstance(frame, dict) and frame.get('context', vessel) in ours:
+        for update in _only_dicts(frame.get('updates')):
+            for item in _only_dicts(update.get(kind)):
                 if isinstance(item.get('path'), str):
                     yield update, signalk_source(update), item['path'], item.get('value')
 
 
-def _dicts(items: object) -> list[dict[str, Any]]:
-    return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
+def _only_dicts(items: object) -> list[dict[str, Any]]:
+    return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
 
 
 class SignalKInputs(BusInputs):
@@ -89,7 +89,7 @@ class SignalKInputs(BusInputs):
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
         """Begin a connection: the first value of each source may be old."""
         self._own = hello['self']
-        self._server_ahead = _seconds(hello.get('timestamp')) - now
+        self._server_ahead = _parse_stamp(hello.get('timestamp')) - now
         self._begun: set[tuple[str, str]] = set()
         self.wait(now)
 
@@ -101,13 +101,13 @@ class SignalKInputs(BusInputs):
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
         """Yield bearing, input, number (NaN for an invalid value) and stamp [ns] of every sample."""
         self._take_units(frame)
-        for update, source, path, value in _values(frame, self._own):
+        for update, source, path, value in _own_values(frame, self._own):
             groups = [pair for pair in self.groups if pair[0][0].path == path]
-            stamp = _seconds(update.get('timestamp'))
-            if not groups or not self._fresh((path, source), stamp, groups[0][0][0].timeout, now):
+            stamp = _parse_stamp(update.get('timestamp'))
+            if not groups or not self._is_fresh((path, source), stamp, groups[0][0][0].timeout, now):
                 continue
             stamp_ns = round(stamp * 1e9) if stamp == stamp else None
-            number = math.nan if path in self._foreign else _number(value)
+            number = math.nan if path in self._foreign else _read_number(value)
             for items, admission in groups:
                 self.brought(items[0], now)
                 for item in items if admission.admits(source, now, valid=number == number) else ():
@@ -115,19 +115,19 @@ class SignalKInputs(BusInputs):
 
     def _take_units(self, frame: object) -> None:
         """Mark the paths whose meta data say another unit than that in which they are read."""
-        own = {items[0].path: items[0] for items, _ in self.groups}
-        for _, _, path, meta in _values(frame, self._own, 'meta'):
+        inputs = {items[0].path: items[0] for items, _ in self.groups}
+        for _, _, path, meta in _own_values(frame, self._own, 'meta'):
             unit = meta.get('units') if isinstance(meta, dict) else None
-            if path not in own or not isinstance(unit, str) or not unit:
+            if path not in inputs or not isinstance(unit, str) or not unit:
                 continue
-            if unit == UNITS[own[path].place]:
+            if unit == UNITS[inputs[path].place]:
                 self._foreign.pop(path, None)
             elif self._foreign.get(path) != unit:
                 self._foreign[path] = unit
-                need = UNITS[own[path].place]
-                self.log(f"{own[path].label}: its unit is '{unit}', and it is read in {need}: not used")
+                need = UNITS[inputs[path].place]
+                self.log(f"{inputs[path].label}: its unit is '{unit}', and it is read in {need}: not used")
 
-    def _fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
+    def _is_fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
         """Return whether a value is of this connection, not one that the server had kept from before."""
         if key in self._begun:
             return True
@@ -136,7 +136,7 @@ class SignalKInputs(BusInputs):
         return now + self._server_ahead - stamp <= timeout
 
 
-def _number(value: object) -> float:
+def _read_number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
     try:
@@ -162,29 +162,29 @@ class SignalKValues:
     def __init__(self, prefix: str, own_load: Iterable[str]) -> None:
         self._prefix, self._own_load = prefix, frozenset(own_load)
 
-    def _names(self, bearing: str) -> list[str]:
+    def _value_names(self, bearing: str) -> list[str]:
         return [name for name in VALUES if name != 'load' or bearing in self._own_load]
 
-    def _at(self, bearing: str, name: str) -> str:
+    def _path_of(self, bearing: str, name: str) -> str:
         return f'{self._prefix}.{camel(bearing)}.{name}'
 
     def values(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
         """Return the values of a bearing; null where its inputs are lost, or without a record."""
-        known = record if record is not None and record['reason'] != 'input_stale' else {}
-        none = WITHOUT_CYCLE if known.get(REGIME) else {}
-        numbers = {name: known.get(VALUES[name][0]) for name in self._names(bearing)}
+        valid = record if record is not None and record['reason'] != 'input_stale' else {}
+        none = WITHOUT_CYCLE if valid.get(REGIME) else {}
+        numbers = {name: valid.get(VALUES[name][0]) for name in self._value_names(bearing)}
         numbers = {name: none.get(VALUES[name][0]) if n is None else n for name, n in numbers.items()}
-        numbers[REGIME] = known.get(REGIME)
-        values = [{'path': self._at(bearing, name), 'value': n} for name, n in numbers.items()]
+        numbers[REGIME] = valid.get(REGIME)
+        values = [{'path': self._path_of(bearing, name), 'value': n} for name, n in numbers.items()]
         return {'$source': SOURCE, 'values': values}
 
     def meta(self, bearing: str) -> Update:
         """Return unit and description of the values. No zones: by these the server raises its own alarms."""
         meta = []
-        for name in self._names(bearing):
+        for name in self._value_names(bearing):
             _, unit, text = VALUES[name]
             value = {'units': unit, 'description': text, 'timeout': 5}
-            meta.append({'path': self._at(bearing, name), 'value': value})
+            meta.append({'path': self._path_of(bearing, name), 'value': value})
         return {'$source': SOURCE, 'meta': meta}
 
 
@@ -204,10 +204,10 @@ class _Alarm:
 
     def update(self, value: Mapping[str, Any] | None = None) -> Update:
         """Return the update that sends a value, by default the latest one."""
-        return _update(self.source, self.path, value or self.value)
+        return _make_update(self.source, self.path, value or self.value)
 
 
-def _update(source: str, path: str, value: Mapping[str, Any]) -> Update:
+def _make_update(source: str, path: str, value: Mapping[str, Any]) -> Update:
     return {'$source': source, 'values': [{'path': path, 'value': value}]}
 
 
@@ -234,13 +234,13 @@ class Notifications:
             token = f'{run}-0'
             return _Alarm(key, path, token, {**NORMAL, 'data': {'occurrence': token}})
 
-        own = [begun(name, kind.value) for name in bearings for kind in AlarmKind]
-        self._by_key = {alarm.key: alarm for alarm in own}
-        self._alarms = {alarm.path: alarm for alarm in own}
-        for alarm in own:
-            if (other := self._alarms[alarm.path]) is not alarm:
+        notifications = [begun(name, kind.value) for name in bearings for kind in AlarmKind]
+        self._by_key = {alarm.key: alarm for alarm in notifications}
+        self._alarms = {alarm.path: alarm for alarm in notifications}
+        for alarm in notifications:
+            if (twin := self._alarms[alarm.path]) is not alarm:
                 raise ConfigurationError(
-                    f"bearings '{alarm.key[0]}' and '{other.key[0]}' have one Signal K path,"
+                    f"bearings '{alarm.key[0]}' and '{twin.key[0]}' have one Signal K path,"
                     f' {alarm.path}: rename one'
                 )
         self._monitor = begun(MONITOR)
@@ -250,8 +250,8 @@ class Notifications:
         return [
             update
             for alarm in record['alarms']
-            if (own := self._by_key.get((alarm['bearing'], alarm['alarm'])))
-            for update in self._change(own, alarm)
+            if (notification := self._by_key.get((alarm['bearing'], alarm['alarm'])))
+            for update in self._update_notification(notification, alarm)
         ]
 
     def take_monitor(self, text: str) -> list[Update]:
@@ -267,84 +267,86 @@ class Notifications:
         """Return all notifications as they stand, for a server that may have forgotten them."""
         return [alarm.update() for alarm in (*self._alarms.values(), self._monitor)]
 
-    def _change(self, own: _Alarm, record: Mapping[str, Any]) -> list[Update]:
+    def _update_notification(self, alarm: _Alarm, record: Mapping[str, Any]) -> list[Update]:
         """Return the updates that bring a notification up to the record of its alarm."""
         lifecycle = record['state']
-        before = own.value['data'].get('lifecycle')
+        before = alarm.value['data'].get('lifecycle')
         again = lifecycle == AlarmState.UNACKNOWLEDGED.value != before
         if again:
             self._count += 1
-            own.token, own.base = f'{self._run}-{self._count}', None
-        value = _notification(record, own.token)
-        if value == {**own.value, 'data': {**own.value['data'], 'revision': 0}}:
+            alarm.token, alarm.base = f'{self._run}-{self._count}', None
+        value = _notification_value(record, alarm.token)
+        if value == {**alarm.value, 'data': {**alarm.value['data'], 'revision': 0}}:
             return []
-        own.revision += 1
-        value['data']['revision'] = own.revision
-        own.value = value
+        alarm.revision += 1
+        value['data']['revision'] = alarm.revision
+        alarm.value = value
         # What was acknowledged would stay so at the server, and the new alarm mute.
-        cleared = [own.update(NORMAL)] if again and before in _KNOWN else []
-        return [*cleared, own.update()]
+        cleared = [alarm.update(NORMAL)] if again and before in _KNOWN else []
+        return [*cleared, alarm.update()]
 
     def accepts(self, frame: object, own_vessel: str) -> bool:
         """Return whether a frame brings back what this run has sent: the proof that we may write."""
-        return any(_token(value).startswith(f'{self._run}-') for *_, value in _values(frame, own_vessel))
+        return any(
+            _occurrence_of(value).startswith(f'{self._run}-') for *_, value in _own_values(frame, own_vessel)
+        )
 
     def take_echo(self, frame: object, own_vessel: str) -> tuple[list[Update], list[ActionRequest]]:
         """Take notifications from the server; return the updates to send, and the requests of people."""
         updates, requests = list[Update](), list[ActionRequest]()
-        for _, source, path, value in _values(frame, own_vessel):
-            own = self._alarms.get(path)
-            if own is None or not isinstance(value, dict):
+        for _, source, path, value in _own_values(frame, own_vessel):
+            alarm = self._alarms.get(path)
+            if alarm is None or not isinstance(value, dict):
                 continue
-            if _token(value) == own.token and source == own.source:
-                updates += self._settle(own, value)
-                requests += self._asked(own, value)
-            elif source != own.source and _leftover(source, value):
-                updates.append(_update(source, path, NORMAL))
+            if _occurrence_of(value) == alarm.token and source == alarm.source:
+                updates += self._take_first_echo(alarm, value)
+                requests += self._requests_of_echo(alarm, value)
+            elif source != alarm.source and _is_leftover(source, value):
+                updates.append(_make_update(source, path, NORMAL))
         return updates, requests
 
-    def _settle(self, own: _Alarm, value: Mapping[str, Any]) -> list[Update]:
+    def _take_first_echo(self, alarm: _Alarm, value: Mapping[str, Any]) -> list[Update]:
         """Take the first echo of an occurrence as the state from which people start."""
-        if own.base is not None:
+        if alarm.base is not None:
             return []
-        born = _status(value)
-        fresh = f'{SOURCE}.{own.token}'
-        if born == (False, False) or not _waits(own) or own.source == fresh:
-            own.base = born
+        born = _acknowledged_silenced(value)
+        fresh = f'{SOURCE}.{alarm.token}'
+        if born == (False, False) or not _is_waiting(alarm) or alarm.source == fresh:
+            alarm.base = born
             return []
         # Up to 2.26 a server keeps an acknowledgement over the end of an alarm: a source that
         # it has not seen starts without.
-        old, own.source = own.update(NORMAL), fresh
-        return [old, own.update()]
+        old, alarm.source = alarm.update(NORMAL), fresh
+        return [old, alarm.update()]
 
-    def _asked(self, own: _Alarm, value: Mapping[str, Any]) -> list[ActionRequest]:
+    def _requests_of_echo(self, alarm: _Alarm, value: Mapping[str, Any]) -> list[ActionRequest]:
         """Return the requests that an echo shows: acknowledged, or silenced, since the echo before."""
-        if own.base is None:
+        if alarm.base is None:
             return []
-        before, own.base = own.base, _status(value)
-        acknowledged, silenced = (now and not was for was, now in zip(before, own.base, strict=True))
+        before, alarm.base = alarm.base, _acknowledged_silenced(value)
+        acknowledged, silenced = (now and not was for was, now in zip(before, alarm.base, strict=True))
         # An older client takes the sound away; never an acknowledgement.
-        current = value.get('data', {}).get('revision') == own.revision
+        current = value.get('data', {}).get('revision') == alarm.revision
         method = value.get('method')
         loud = isinstance(method, list) and 'sound' in method
-        quiet = current and not loud and 'sound' in own.value['method']
-        bearing, kind = own.key
-        if acknowledged and _waits(own):
+        quiet = current and not loud and 'sound' in alarm.value['method']
+        bearing, kind = alarm.key
+        if acknowledged and _is_waiting(alarm):
             return [ActionRequest(Action.ACKNOWLEDGE, BY, bearing, AlarmKind(kind))]
-        if (silenced or quiet) and 'sound' in own.value['method']:
+        if (silenced or quiet) and 'sound' in alarm.value['method']:
             return [ActionRequest(Action.SILENCE, BY, bearing, AlarmKind(kind))]
         return []
 
 
-def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
+def _notification_value(record: Mapping[str, Any], token: str) -> dict[str, Any]:
     """Return the value of the notification of an alarm."""
     lifecycle, kind = record['state'], AlarmKind(record['alarm'])
     # One matter, one notification: what a worse alarm stands for is not given beside it.
     shown = not record.get('covered')
-    waiting, known = shown and lifecycle in _WAITING, shown and lifecycle in _KNOWN
-    text = record['text'] if waiting or known else ''
+    waiting, is_known = shown and lifecycle in _WAITING, shown and lifecycle in _KNOWN
+    text = record['text'] if waiting or is_known else ''
     value = {
-        'state': _SEVERITIES[kind.priority] if waiting or known else 'normal',
+        'state': _SEVERITIES[kind.priority] if waiting or is_known else 'normal',
         'method': (['visual', 'sound'] if record['sounding'] else ['visual']) if waiting else [],
         'message': f'Over: {text}' if lifecycle == AlarmState.RETURNED.value else text,
         'data': {
@@ -355,29 +357,29 @@ def _notification(record: Mapping[str, Any], token: str) -> dict[str, Any]:
             'revision': 0,
         },
     }
-    if known:
+    if is_known:
         value['acknowledgeStatus'] = 'Yes'
     elif waiting and record['silenced']:
         value['temporarySilenceStatus'] = 'Yes'
     return value
 
 
-def _waits(own: _Alarm) -> bool:
+def _is_waiting(alarm: _Alarm) -> bool:
     """Return whether an alarm waits for its acknowledgement."""
-    return own.value['data'].get('lifecycle') in _WAITING
+    return alarm.value['data'].get('lifecycle') in _WAITING
 
 
-def _token(value: object) -> str:
+def _occurrence_of(value: object) -> str:
     data = value.get('data') if isinstance(value, dict) else None
     return str(data.get('occurrence', '')) if isinstance(data, dict) else ''
 
 
-def _status(value: Mapping[str, Any]) -> tuple[bool, bool]:
+def _acknowledged_silenced(value: Mapping[str, Any]) -> tuple[bool, bool]:
     status = value.get('status')
-    known = status if isinstance(status, dict) else {}
-    return known.get('acknowledged') is True, known.get('silenced') is True
+    flags = status if isinstance(status, dict) else {}
+    return flags.get('acknowledged') is True, flags.get('silenced') is True
 
 
-def _leftover(source: str, value: Mapping[str, Any]) -> bool:
+def _is_leftover(source: str, value: Mapping[str, Any]) -> bool:
     """Return whether another run, or source, of ours has left a notification behind."""
     return source.startswith(SOURCE) and value.get('state') != 'normal'

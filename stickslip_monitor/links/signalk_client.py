@@ -111,28 +111,28 @@ class SignalKClient(Sink):
             while True:
                 begun = time.monotonic()
                 try:
-                    reason = await self._connection(session)
+                    reason = await self._use_connection(session)
                 except _Unusable as error:
                     if not self._known_once:
                         raise
                     reason = str(error)
                 except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-                    reason = _reason(error)
-                self._lost(reason)
+                    reason = _failure_reason(error)
+                self._report_lost(reason)
                 wait = BACK_OFF[0] if time.monotonic() - begun > LIVED else wait
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
                 wait = min(2.0 * wait, BACK_OFF[1])
 
-    def _lost(self, reason: str) -> None:
+    def _report_lost(self, reason: str) -> None:
         self._socket, self._waiting_since = None, None
         self._side.report_link(IN, False, reason)
         if self._link.prefix:
             self._side.report_link(OUT, False, reason)
 
-    async def _connection(self, session: aiohttp.ClientSession) -> str:
+    async def _use_connection(self, session: aiohttp.ClientSession) -> str:
         """Use one connection to its end; return why it ended."""
-        async with await self._open(session) as socket:
-            hello = await self._hello(socket)
+        async with await self._open_stream(session) as socket:
+            hello = await self._receive_hello(socket)
             now = time.monotonic()
             self._own, self._known_once = hello['self'], True
             self._inputs.greet(hello, now)
@@ -140,7 +140,7 @@ class SignalKClient(Sink):
             await socket.send_str(json.dumps(self._inputs.subscription(extra)))
             self._socket = socket
             self._side.report_link(IN, True, '')
-            self._greet(now)
+            self._send_all_anew(now)
             sender = asyncio.create_task(self._send_all(socket))
             try:
                 async for message in socket:
@@ -153,7 +153,7 @@ class SignalKClient(Sink):
                 return f'a frame of more than {_LARGEST_FRAME >> 20} MB was refused here'
             return 'the server closed the connection'
 
-    async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
+    async def _open_stream(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
         """Connect to the stream of the server.
 
         Raises:
@@ -181,17 +181,17 @@ class SignalKClient(Sink):
         except aiohttp.WSServerHandshakeError as error:
             if error.status >= 500 or error.status in _WAIT_FOR:
                 raise
-            raise _Unusable(self._refusal(error.status)) from error
+            raise _Unusable(self._refusal_text(error.status)) from error
 
-    def _refusal(self, status: int) -> str:
+    def _refusal_text(self, status: int) -> str:
         if status in (401, 403) and not self._headers:
             return f"signalk.url = '{self._link.url}' {_NEEDS_TOKEN} ({status})"
         if status in (401, 403):
-            what = 'the token is refused: it is wrong, revoked or expired'
-            return f"signalk.token_file = '{self._link.token_file}': {what} ({status})"
+            problem = 'the token is refused: it is wrong, revoked or expired'
+            return f"signalk.token_file = '{self._link.token_file}': {problem} ({status})"
         return f"signalk.url = '{self._link.url}' is no Signal K server: it answers {status}"
 
-    async def _hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
+    async def _receive_hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
         """Receive the greeting of the server.
 
         Raises:
@@ -213,18 +213,18 @@ class SignalKClient(Sink):
             )
         return hello
 
-    def _greet(self, now: float) -> None:
+    def _send_all_anew(self, now: float) -> None:
         """Send all that a server may have forgotten."""
         self._outbox.clear()
         if self._link.prefix:
             self._outbox += [self._values.meta(name) for name in self._side.bearings]
-            self._repeat(now)
+            self._repeat_alarms(now)
 
-    def _repeat(self, now: float) -> None:
+    def _repeat_alarms(self, now: float) -> None:
         self._repeated = now
-        self._send(self._alarms.all())
+        self._queue_updates(self._alarms.all())
 
-    def _send(self, updates: Sequence[Update]) -> None:
+    def _queue_updates(self, updates: Sequence[Update]) -> None:
         if self._socket is None or not updates:
             return
         self._outbox.extend(updates)
@@ -236,7 +236,7 @@ class SignalKClient(Sink):
         with suppress(aiohttp.ClientError, OSError):
             while True:
                 while self._outbox:
-                    await _say(socket, self._outbox.popleft())
+                    await _send_update(socket, self._outbox.popleft())
                 self._wake.clear()
                 await self._wake.wait()
 
@@ -256,7 +256,7 @@ class SignalKClient(Sink):
             self._waiting_since = None
             self._side.report_link(OUT, True, '')
         updates, requests = self._alarms.take_echo(frame, self._own)
-        self._send(updates)
+        self._queue_updates(updates)
         for request in requests if self._link.accept_actions else ():
             self._side.ask(request)
 
@@ -267,28 +267,28 @@ class SignalKClient(Sink):
     def take_alarms(self, record: dict[str, Any]) -> None:
         """Send what has changed at once."""
         if self._link.prefix:
-            self._send(self._alarms.take_alarms(record))
+            self._queue_updates(self._alarms.take_alarms(record))
 
-    def tick(self, there: bool) -> None:
+    def tick(self, is_present: bool) -> None:
         """Let time pass: values, repetitions, and whether the server answers."""
         now = time.monotonic()
         if self._socket is not None:
-            self._look(now)
+            self._look_at_silent(now)
         if not self._link.prefix or self._socket is None:
             return
-        self._send(self._alarms.take_monitor('' if there else 'No data from the monitor.'))
-        if there and now - self._sent_values >= _VALUES_EVERY:
+        self._queue_updates(self._alarms.take_monitor('' if is_present else 'No data from the monitor.'))
+        if is_present and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
             self._outbox += [self._values.values(n, self._records.get(n)) for n in self._side.bearings]
             self._wake.set()
         if now - self._repeated >= REPEAT:
-            self._repeat(now)
+            self._repeat_alarms(now)
         if self._waiting_since is not None and now - self._waiting_since >= UNHEARD:
             why = 'is it hung, or does the token lack write permission?'
             text = f'no echo from the server for {UNHEARD:g} s'
             self._side.report_link(OUT, False, f'{text}: {why}' if self._headers else text)
 
-    def _look(self, now: float) -> None:
+    def _look_at_silent(self, now: float) -> None:
         """Ask the server once about each path that brings nothing."""
         for item in self._inputs.silent(now):
             task = asyncio.create_task(self._look_at(item.path))
@@ -304,8 +304,8 @@ class SignalKClient(Sink):
             async with self._session.get(url, headers=self._headers, ssl=self._ssl, timeout=limit) as answer:
                 status, value = answer.status, await answer.text()
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            status, value = 0, _reason(error)
-        why = _silence(status, value, bool(self._headers))
+            status, value = 0, _failure_reason(error)
+        why = _explain_silence(status, value, bool(self._headers))
         self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
 
     async def finish(self) -> None:
@@ -317,28 +317,28 @@ class SignalKClient(Sink):
         updates += self._alarms.take_monitor('The monitor was stopped.')
         with suppress(aiohttp.ClientError, OSError):
             for update in updates:
-                await _say(socket, update)
+                await _send_update(socket, update)
 
 
-def _silence(status: int, value: str, has_token: bool) -> str:
+def _explain_silence(status: int, value: str, has_token: bool) -> str:
     """Explain the silence of a path by a server's answer about it."""
     if status in (401, 403):
         return 'the token may not read' if has_token else f'the server {_NEEDS_TOKEN}'
     if status == 404:
         return 'the server has no such path: nothing sends it'
-    known: Any = None
+    document: Any = None
     with suppress(ValueError):
-        known = json.loads(value)
-    if status == 200 and isinstance(known, dict) and 'timestamp' in known:
-        return f'its source is silent; the last value is of {str(known["timestamp"])[:40]}'
+        document = json.loads(value)
+    if status == 200 and isinstance(document, dict) and 'timestamp' in document:
+        return f'its source is silent; the last value is of {str(document["timestamp"])[:40]}'
     return f'the server answers {status or value} to a look at it'
 
 
-async def _say(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
+async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
     await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 
-def _reason(error: BaseException) -> str:
+def _failure_reason(error: BaseException) -> str:
     """Return why a connection failed, without the names that Python has for its parts."""
     inner = getattr(error, 'os_error', None) or error
     text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
@@ -363,20 +363,24 @@ async def request_token(
     body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
     try:
         async with aiohttp.ClientSession() as session:
-            answer = await _ask(session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context))
+            answer = await _ask_server(
+                session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context)
+            )
             started(f'Approve stickslip_monitor in the pages of {url} (Security, Access Requests)')
             while answer.get('state') == 'PENDING':
                 await asyncio.sleep(every)
-                answer = await _ask(session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context))
+                answer = await _ask_server(session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context))
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
-        raise LinkError(f"signalk.url = '{url}' cannot be asked for a token: {_reason(error)}") from error
+        raise LinkError(
+            f"signalk.url = '{url}' cannot be asked for a token: {_failure_reason(error)}"
+        ) from error
     token = (answer.get('accessRequest') or {}).get('token')
     if not isinstance(token, str):
         raise LinkError(f"signalk.url = '{url}': the request for a token was denied")
     return token
 
 
-async def _ask(request: Any) -> dict[str, Any]:
+async def _ask_server(request: Any) -> dict[str, Any]:
     async with request as response:
         answer = await response.json(content_type=None)
         if response.status >= 400 or not isinstance(answer, dict):

@@ -200,7 +200,7 @@ def test_the_text_of_another_alert_is_cut_at_a_word() -> None:
 def test_any_line_is_survived(line: str) -> None:
     assert parse(line) is None or line.count('*')
     alerts = Alerts(['aft'], 'II', '', 10001, True)
-    assert alerts.obey(line, 0) == ([], None)
+    assert alerts.handle_acn(line, 0) == ([], None)
 
 
 class Panel:
@@ -339,13 +339,13 @@ def test_what_a_display_asks(state: str, line: str, action: Action | None, answe
     panel = Panel()
     panel.show(AlarmKind.STICK_SLIP, state, '06:00:00.00')
     asked = action and ActionRequest(action, 'nmea', 'aft', AlarmKind.STICK_SLIP)
-    assert panel.alerts.obey(line, NOW) == (answer, asked)
+    assert panel.alerts.handle_acn(line, NOW) == (answer, asked)
 
 
 def test_a_display_asks_for_everything_again() -> None:
     panel = Panel()
     raised = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
-    again, asked = panel.alerts.obey('$BNACN,060058.00,XXX,10002,1,Q,C*2D', NOW)
+    again, asked = panel.alerts.handle_acn('$BNACN,060058.00,XXX,10002,1,Q,C*2D', NOW)
     assert asked is None
     assert again[0].split(',')[4:12] == raised[0].split(',')[4:12]
 
@@ -355,10 +355,10 @@ def test_a_caution_is_not_acknowledged_and_without_leave_nothing_is() -> None:
     panel.show(AlarmKind.MARGIN_LOW, 'unacknowledged', '06:00:00.00')
     caution = sentence('BNACN,060130.00,XXX,10004,1,A,C')
     refused = [sentence('IIARC,060131.00,XXX,10004,1,A')]
-    assert panel.alerts.obey(caution, NOW) == (refused, None)
+    assert panel.alerts.handle_acn(caution, NOW) == (refused, None)
     deaf = Alerts(['aft'], 'II', 'XXX', 10001, False)
     refused = [sentence('IIARC,060131.00,XXX,10002,1,A')]
-    assert deaf.obey(ACKNOWLEDGE, NOW) == (refused, None)
+    assert deaf.handle_acn(ACKNOWLEDGE, NOW) == (refused, None)
 
 
 @given(st.text(max_size=60))
@@ -375,6 +375,6 @@ def test_another_reader_reads_them_all() -> None:
     panel = Panel()
     lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
     lines += [*panel.alerts.listing(), panel.alerts.heartbeat(60.0, True)]
-    lines += panel.alerts.obey(sentence('BNACN,060059.00,XXX,10002,1,O,C'), NOW)[0]
+    lines += panel.alerts.handle_acn(sentence('BNACN,060059.00,XXX,10002,1,O,C'), NOW)[0]
     read = [reader.parse(f'{line}\r\n', validate=1) for line in lines]
     assert [message.msgID for message in read] == ['ALF', 'ALF', 'ALC', 'HBT', 'ARC']

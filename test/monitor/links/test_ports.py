@@ -229,7 +229,9 @@ async def test_the_heartbeat_says_what_is_true_now(monkeypatch: pytest.MonkeyPat
     sent: list[str] = []
     side = MonitorSide(['aft'], print, print, lambda *state: None, logging.getLogger('test'))
     client = NmeaClient(NmeaLink(alerts='udp://127.0.0.1:9', list_period=600.0), [], side)
-    monkeypatch.setattr(client, '_send', lambda lines: sent.extend(line for line in lines if 'HBT' in line))
+    monkeypatch.setattr(
+        client, '_send_lines', lambda lines: sent.extend(line for line in lines if 'HBT' in line)
+    )
 
     def beats(*ticks: tuple[float, bool]) -> list[str]:
         """The letters of the heartbeats, each at its time."""
@@ -251,7 +253,9 @@ async def test_the_heartbeat_says_what_is_true_now(monkeypatch: pytest.MonkeyPat
     client._report_link('nmea_out', True, '')
     assert beats((201.0, True), (201.5, True)) == ['201 A']
     silent = NmeaClient(NmeaLink(alerts='udp://127.0.0.1:9'), [], side)
-    monkeypatch.setattr(silent, '_send', lambda lines: sent.extend(line for line in lines if 'HBT' in line))
+    monkeypatch.setattr(
+        silent, '_send_lines', lambda lines: sent.extend(line for line in lines if 'HBT' in line)
+    )
     client = silent
     # Nobody watches, from the start on.
     assert beats((300.0, False), (304.5, False), (305.0, False), (306.0, False)) == ['305 V']

@@ -209,7 +209,7 @@ async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytes
     ],
 )
 def test_why_a_path_brings_nothing(status: int, value: str, token: bool, why: str) -> None:
-    assert signalk_client._silence(status, value, token).startswith(why)
+    assert signalk_client._explain_silence(status, value, token).startswith(why)
 
 
 @pytest.mark.parametrize('accepts', [False, True])
