@@ -106,6 +106,7 @@ class Access:
         return refused if refused is not None else await handler(request)
 
     def _refusal(self, request: web.Request) -> web.Response | None:
+        """Return the answer to a request that breaks a rule; ``None`` where it may pass."""
         if not self.is_ours(request.host):
             text = 'This machine is not known by that name: start the page with --name NAME.\n'
             return web.Response(status=421, text=text)

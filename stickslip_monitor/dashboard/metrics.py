@@ -78,6 +78,7 @@ class Metrics(Collector):
 
 
 def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
+    """Yield which monitors and bearings there are data of."""
     monitors = board.monitors
     ups = [((m.namespace,), not (m.faults() or board.finished)) for m in monitors]
     yield _family('monitor_up', _UP, _SPACE, ups)
@@ -94,6 +95,7 @@ _Known = list[tuple[tuple[str, str], dict[str, Any]]]
 
 
 def _bearings(known: _Known) -> Iterator[Metric]:
+    """Yield the state of the bearings that there are data of."""
     for key, (name, text) in GAUGES.items():
         none = WITHOUT_CYCLE.get(key)
         values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
@@ -113,6 +115,7 @@ def _bearings(known: _Known) -> Iterator[Metric]:
 
 
 def _inputs(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterator[Metric]:
+    """Yield age, rate and counts of samples, from the labels and the record of each input."""
     for name, key, text in (
         ('sample_age_seconds', 'age', 'Time since the last sample that was used.'),
         ('sample_rate_hertz', 'rate', 'Samples a second that are used.'),
@@ -137,6 +140,7 @@ _OF_ALARMS: dict[str, tuple[str, Callable[[dict[str, Any]], float]]] = {
 
 
 def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
+    """Yield the state of each alarm, and the totals of each monitor."""
     labels = [*_BEARING, 'alarm', 'priority']
     records = [(m, m.alarms) for m in monitors if m.alarms is not None]
     alarms = [

@@ -28,15 +28,15 @@ _LATEST, _MOST_COUNTED = 8_640_000_000_000_000, 2**53
 NUMBERS = ('rpm', *POINT_NUMBERS)
 """The numbers of a record."""
 OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
-"""What a dashboard may ask for. To lock the shaft or to take an alarm out of service is left to
-the services: it makes alarms mean nothing, and is not for a tap on a phone."""
+"""What a dashboard may ask for. To take an alarm out of service is left to the service: it makes
+alarms mean nothing, and is not for a tap on a phone."""
 _TABLE = {(state.value, trigger.value) for state, trigger in TABLE}
 _NOT_ACTIVE = (AlarmState.NORMAL, AlarmState.SUPPRESSED)
 _OFF_SHOW = (*_NOT_ACTIVE, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
 
 
 def _must(kind: type) -> Callable[[Any], Any]:
-    """Reads a value without which there is nothing to show."""
+    """Make a reader of a value without which there is nothing to show."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, kind):
@@ -47,7 +47,7 @@ def _must(kind: type) -> Callable[[Any], Any]:
 
 
 def _may(kind: type, default: Any = None) -> Callable[[Any], Any]:
-    """Reads a value that may be missing, or be anything."""
+    """Make a reader of a value that may be missing, or be anything."""
     return lambda value: value if isinstance(value, kind) else default
 
 
@@ -172,6 +172,7 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
 
 
 def _possible(alarm: dict[str, Any], action: Action) -> bool:
+    """Return whether an action on an alarm does something that is worth an offer."""
     if action is Action.SILENCE:
         return bool(alarm['sounding'])
     # To shelve what is not active is possible, but nothing to offer.
@@ -224,12 +225,12 @@ class EventLog:
         return self._store.fault if self._store is not None else ''
 
     def extend(self, entries: Iterable[Any]) -> None:
-        """Add entries; what is none, or is there already, is skipped."""
+        """Add entries; invalid and known ones are skipped."""
         if self._add(entries) and self._store is not None:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
     def _add(self, entries: Iterable[Any]) -> bool:
-        """Add entries; whether any was new."""
+        """Add entries; return whether any was new."""
         before = len(self._entries)
         for entry in entries:
             if isinstance(entry, dict):

@@ -100,7 +100,7 @@ class Replay:
         self._changed.set()
 
     async def run(self) -> None:
-        """Play it to its end, and again whenever somebody goes back."""
+        """Play it to its end, and again after each step back."""
         while True:
             await self.play()
             self._changed.clear()

@@ -121,7 +121,7 @@ class Watched:
         return bool(abs(mapped - record['load']) > _OTHER_MAP * mapped)
 
     def widen(self) -> bool:
-        """Make the map anew where the point has been beyond it for some time; whether it was.
+        """Enlarge the map where the point has been beyond it for some time; return whether it was enlarged.
 
         A single wrong sample does not make a map on which nothing can be seen. The first points
         make a map of their own size.
@@ -140,7 +140,7 @@ class Watched:
 
 
 class WatchedMonitor(Sink):
-    """The newest of one monitor.
+    """Latest records of one monitor.
 
     Args:
         source: Where it comes from, for a person: the node's full name, or the recording's.
@@ -222,6 +222,7 @@ class WatchedMonitor(Sink):
         return list(self._gaps(name))
 
     def _gaps(self, name: str) -> Iterator[str]:
+        """Yield a sentence on each thing that is missing from what is shown."""
         if missing := self.missing():
             yield f'No data on {_listed(missing)}: {name} does not watch it.'
         now = self._clock()
@@ -328,10 +329,12 @@ class WatchedMonitor(Sink):
 
 
 def _concerns(request: ActionRequest, alarm: dict[str, Any]) -> bool:
+    """Return whether a request is about an alarm."""
     return request.bearing in (None, alarm['bearing']) and request.kind in (None, alarm['alarm'])
 
 
 def _answers(change: dict[str, Any], request: ActionRequest) -> bool:
+    """Return whether a change is the result of a request."""
     same = (change['by'], change['what']) == (request.by, request.action.value)
     return same and _concerns(request, change)
 

@@ -220,6 +220,7 @@ class Server:
             await self.close()
 
     async def _login(self, request: web.Request) -> web.Response:
+        """Begin a session for whoever sends the token."""
         try:
             form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
         except asyncio.TimeoutError:
@@ -238,6 +239,7 @@ class Server:
         return response
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
+        """Stream the state of the page, and then every change of it."""
         try:
             reader = self.hub.join(not self._access.token or self._access.signed_in(request))
         except DashboardError as error:
@@ -264,6 +266,7 @@ class Server:
         return response
 
     async def _act(self, request: web.Request) -> web.Response:
+        """Carry out an action; answer with the number of alarms that it changed."""
         asked = await _asked(request, self._action)
         try:
             count = await self._board.ask(asked, PATIENCE)

@@ -354,7 +354,7 @@ class Track:
     events: Sequence[TrackEvent] = ()  # the alarm's changes
 
     def conditions(self) -> list[Condition]:
-        """The conditions that the events lead to."""
+        """Return the conditions that the events lead to."""
         return [c for c in Condition if any(event.condition is c for event in self.events)]
 
     def legend_height(self, width: float) -> float:

@@ -145,7 +145,7 @@ class _Lines:
         }
 
     def at(self, time_ns: object) -> FloatArray:
-        """Times on the axis: days since 1970 for dates, else seconds from the start."""
+        """Return times on the axis: days since 1970 for dates, else seconds from the start."""
         since = np.asarray(time_ns, dtype=np.int64)
         if self.dated:
             return np.asarray(since / 86_400e9, dtype=float)
