@@ -79,8 +79,8 @@ class Access:
     def signed_in(self, request: web.Request) -> bool:
         """Return whether a request belongs to a session."""
         cookie = request.cookies.get(cookie_name(request), '')
-        known = self.session(cookie.partition('.')[0] or '-')
-        same = hmac.compare_digest(cookie.encode('utf-8', 'replace'), known.encode('utf-8', 'replace'))
+        session = self.session(cookie.partition('.')[0] or '-')
+        same = hmac.compare_digest(cookie.encode('utf-8', 'replace'), session.encode('utf-8', 'replace'))
         return same and cookie not in self.ended
 
     def admits(self, request: web.Request) -> bool:
@@ -102,10 +102,10 @@ class Access:
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Enforce the rules, as a middleware."""
-        refused = self._refusal(request)
+        refused = self._refuse_request(request)
         return refused if refused is not None else await handler(request)
 
-    def _refusal(self, request: web.Request) -> web.Response | None:
+    def _refuse_request(self, request: web.Request) -> web.Response | None:
         """Return the answer to a request that breaks a rule; ``None`` where it may pass."""
         if not self.is_ours(request.host):
             text = 'This machine is not known by that name: start the page with --name NAME.\n'
@@ -170,8 +170,8 @@ async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
 class Connections:
     """Ends connections on which nothing is asked: idle for too long, or the idlest of too many."""
 
-    def __init__(self, most: int, idle: float) -> None:
-        self._most, self._idle = most, idle
+    def __init__(self, max_connections: int, idle: float) -> None:
+        self._most, self._idle = max_connections, idle
         # Since when nothing is asked on each; infinite while a request is being answered.
         self._since: dict[Any, float] = {}
 
@@ -187,9 +187,11 @@ class Connections:
     def sweep(self, connections: Iterable[Any]) -> None:
         """End those of a server's connections that must."""
         now = time.monotonic()
-        known = {each: self._since.get(each, now) for each in connections if each.transport}
-        self._since = known
-        too_many = len(known) - self._most
-        for number, (each, since) in enumerate(sorted(known.items(), key=lambda item: item[1])):
+        open_since = {
+            connection: self._since.get(connection, now) for connection in connections if connection.transport
+        }
+        self._since = open_since
+        too_many = len(open_since) - self._most
+        for number, (connection, since) in enumerate(sorted(open_since.items(), key=lambda item: item[1])):
             if now - since > self._idle or (number < too_many and since < math.inf):
-                each.transport.abort()
+                connection.transport.abort()

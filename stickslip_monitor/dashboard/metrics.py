@@ -60,73 +60,79 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Yield every metric."""
         board = self._board
-        yield _family('dashboard_readers', 'Pages that are open.', [], [([], len(self._readers))])
+        yield _make_metric('dashboard_readers', 'Pages that are open.', [], [([], len(self._readers))])
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
-            yield _family('link_up', text, ['link'], [([name], up) for name, up in links])
+            yield _make_metric('link_up', text, ['link'], [([name], up) for name, up in links])
         missing = {key for monitor in board.monitors for key in monitor.missing()}
-        yield from _presence(board, missing)
+        yield from _presence_metrics(board, missing)
         receiving = [m for m in board.monitors if m.receiving and not board.finished]
-        known = [
-            ((m.namespace, name), own.record)
+        records = [
+            ((m.namespace, name), bearing.record)
             for m in receiving
-            for name, own in m.bearings.items()
-            if own.key not in missing and own.record is not None
+            for name, bearing in m.bearings.items()
+            if bearing.key not in missing and bearing.record is not None
         ]
-        yield from _bearings(known)
-        yield from _alarms(receiving)
+        yield from _bearing_metrics(records)
+        yield from _alarm_metrics(receiving)
 
 
-def _presence(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
+def _presence_metrics(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
     """Yield which monitors and bearings there are data of."""
     monitors = board.monitors
     ups = [((m.namespace,), not (m.faults() or board.finished)) for m in monitors]
-    yield _family('monitor_up', _UP, _SPACE, ups)
+    yield _make_metric('monitor_up', _UP, _SPACE, ups)
     silences = [((m.namespace,), m.silent_for) for m in monitors]
-    yield _family(
+    yield _make_metric(
         'monitor_silence_seconds', 'Time since the last message from the monitor.', _SPACE, silences
     )
-    own = [((m.namespace, name), b.key not in missing) for m in monitors for name, b in m.bearings.items()]
-    yield _family('bearing_up', 'Whether there is data on the bearing (1) or not (0).', _BEARING, own)
+    bearing_ups = [
+        ((m.namespace, name), b.key not in missing) for m in monitors for name, b in m.bearings.items()
+    ]
+    yield _make_metric(
+        'bearing_up', 'Whether there is data on the bearing (1) or not (0).', _BEARING, bearing_ups
+    )
 
 
 _Known = list[tuple[tuple[str, str], dict[str, Any]]]
 # Of each bearing with data its labels, and its record.
 
 
-def _bearings(known: _Known) -> Iterator[Metric]:
+def _bearing_metrics(records: _Known) -> Iterator[Metric]:
     """Yield the state of the bearings that there are data of."""
     for key, (name, text) in GAUGES.items():
         none = WITHOUT_CYCLE.get(key)
-        values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in known]
-        yield _family(name, text, _BEARING, values)
-    orders = [((*n, r['order']), r['speed_to_reach']) for n, r in known if r['order'] is not None]
-    yield _family('speed_to_reach_rpm', _TO_REACH, [*_BEARING, 'order'], orders)
+        values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in records]
+        yield _make_metric(name, text, _BEARING, values)
+    orders = [((*n, r['order']), r['speed_to_reach']) for n, r in records if r['order'] is not None]
+    yield _make_metric('speed_to_reach_rpm', _TO_REACH, [*_BEARING, 'order'], orders)
     for name, text, held in (
         ('predicted', 'Whether stick-slip is predicted now; one that is only held is not.', False),
         ('held', 'Whether the condition is over, and held for its off-delay.', True),
     ):
-        flags = [(n, r['held_until'] is not None if held else r['sticking']) for n, r in known]
-        yield _family(name, text, _BEARING, flags)
+        flags = [(n, r['held_until'] is not None if held else r['sticking']) for n, r in records]
+        yield _make_metric(name, text, _BEARING, flags)
     for name, label, key, states, text in _STATES:
-        told = [((*n, s), r[key] == s) for n, r in known for s in states if r[key] is not None]
-        yield _family(name, text, [*_BEARING, label], told)
-    yield from _inputs([((*n, name), own) for n, r in known for name, own in r['inputs'].items()])
+        state_flags = [((*n, s), r[key] == s) for n, r in records for s in states if r[key] is not None]
+        yield _make_metric(name, text, [*_BEARING, label], state_flags)
+    yield from _input_metrics(
+        [((*n, name), input_record) for n, r in records for name, input_record in r['inputs'].items()]
+    )
 
 
-def _inputs(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterator[Metric]:
+def _input_metrics(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterator[Metric]:
     """Yield age, rate and counts of samples, from the labels and the record of each input."""
     for name, key, text in (
         ('sample_age_seconds', 'age', 'Time since the last sample that was used.'),
         ('sample_rate_hertz', 'rate', 'Samples a second that are used.'),
     ):
-        values = [(labels, own[key]) for labels, own in inputs]
-        yield _family(name, text, [*_BEARING, 'input'], values)
+        values = [(labels, record[key]) for labels, record in inputs]
+        yield _make_metric(name, text, [*_BEARING, 'input'], values)
     counter = CounterMetricFamily(
         f'{PREFIX}samples', 'Samples by what became of them.', labels=[*_BEARING, 'input', 'status']
     )
-    for labels, own in inputs:
-        for kind, count in own['counts'].items():
+    for labels, record in inputs:
+        for kind, count in record['counts'].items():
             counter.add_metric([*labels, kind], count)
     yield counter
 
@@ -139,7 +145,7 @@ _OF_ALARMS: dict[str, tuple[str, Callable[[dict[str, Any]], float]]] = {
 }
 
 
-def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
+def _alarm_metrics(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
     """Yield the state of each alarm, and the totals of each monitor."""
     labels = [*_BEARING, 'alarm', 'priority']
     records = [(m, m.alarms) for m in monitors if m.alarms is not None]
@@ -149,14 +155,14 @@ def _alarms(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
         for a in record['alarms']
     ]
     active = [(names, a['active']) for names, a in alarms]
-    yield _family('alarm_active', 'Whether the alarm is active.', labels, active)
+    yield _make_metric('alarm_active', 'Whether the alarm is active.', labels, active)
     states = [((*names, s.value), a['state'] == s.value) for names, a in alarms for s in AlarmState]
-    yield _family('alarm_state', 'Whether the alarm is in this state.', [*labels, 'state'], states)
+    yield _make_metric('alarm_state', 'Whether the alarm is in this state.', [*labels, 'state'], states)
     for name, (text, value) in _OF_ALARMS.items():
-        yield _family(name, text, _SPACE, [((m.namespace,), value(r)) for m, r in records])
+        yield _make_metric(name, text, _SPACE, [((m.namespace,), value(r)) for m, r in records])
 
 
-def _family(name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]) -> Metric:
+def _make_metric(name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]) -> Metric:
     """Make a metric with a value for each set of labels; ``None`` is left out."""
     family = GaugeMetricFamily(f'{PREFIX}{name}', text, labels=labels)
     for names, value in values:

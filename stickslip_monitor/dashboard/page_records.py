@@ -35,7 +35,7 @@ _NOT_ACTIVE = (AlarmState.NORMAL, AlarmState.SUPPRESSED)
 _OFF_SHOW = (*_NOT_ACTIVE, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
 
 
-def _must(kind: type) -> Callable[[Any], Any]:
+def _require_type(kind: type) -> Callable[[Any], Any]:
     """Make a reader of a value without which there is nothing to show."""
 
     def read(value: Any) -> Any:
@@ -46,39 +46,39 @@ def _must(kind: type) -> Callable[[Any], Any]:
     return read
 
 
-def _may(kind: type, default: Any = None) -> Callable[[Any], Any]:
+def _allow_type(kind: type, default: Any = None) -> Callable[[Any], Any]:
     """Make a reader of a value that may be missing, or be anything."""
     return lambda value: value if isinstance(value, kind) else default
 
 
-def _finite(value: Any) -> float | None:
+def _read_finite(value: Any) -> float | None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return value if number and abs(value) <= sys.float_info.max else None
 
 
-def _count(value: Any) -> int:
+def _read_count(value: Any) -> int:
     return value if isinstance(value, int) and 0 <= value <= _MOST_COUNTED else 0
 
 
-def _milliseconds(time_ns: Any) -> int | None:
+def _read_milliseconds(time_ns: Any) -> int | None:
     time = time_ns // 1_000_000 if isinstance(time_ns, int) else None
     return None if time is None or abs(time) > _LATEST else time
 
 
-def _time(time_ns: Any) -> int:
-    return int(_must(int)(_milliseconds(time_ns)))
+def _read_time(time_ns: Any) -> int:
+    return int(_require_type(int)(_read_milliseconds(time_ns)))
 
 
-def _texts(value: Any) -> list[str]:
-    return [str(each) for each in _may(list, ())(value)]
+def _read_texts(value: Any) -> list[str]:
+    return [str(item) for item in _allow_type(list, ())(value)]
 
 
-def _inputs(value: Any) -> dict[str, Any]:
-    own = _must(dict)(value)
-    return {name: _checked(own[name], _INPUT) for name in INPUTS if name in own}
+def _read_inputs(value: Any) -> dict[str, Any]:
+    inputs = _require_type(dict)(value)
+    return {name: _apply_rule(inputs[name], _INPUT) for name in INPUTS if name in inputs}
 
 
-def _checked(value: Any, rule: Any) -> Any:
+def _apply_rule(value: Any, rule: Any) -> Any:
     """Return a value as its rule reads it.
 
     Args:
@@ -90,50 +90,52 @@ def _checked(value: Any, rule: Any) -> Any:
         ValueError: Something without which there is nothing to show is missing.
     """
     if isinstance(rule, dict):
-        own = _must(dict)(value)
-        return {name: _checked(own.get(name), each) for name, each in rule.items()}
+        fields = _require_type(dict)(value)
+        return {name: _apply_rule(fields.get(name), each) for name, each in rule.items()}
     if isinstance(rule, list):
-        return [_checked(each, rule[0]) for each in _must(list)(value)]
+        return [_apply_rule(each, rule[0]) for each in _require_type(list)(value)]
     return rule(value)
 
 
-_COUNTS = {status.name.lower(): _count for status in Status}
+_COUNTS = {status.name.lower(): _read_count for status in Status}
 _INPUT = {
-    'lost': _may(bool, False),
-    'age': _finite,
-    'rate': _finite,
-    'fault': _may(str, ''),
-    'counts': lambda value: _checked(_may(dict, {})(value), _COUNTS),
+    'lost': _allow_type(bool, False),
+    'age': _read_finite,
+    'rate': _read_finite,
+    'fault': _allow_type(str, ''),
+    'counts': lambda value: _apply_rule(_allow_type(dict, {})(value), _COUNTS),
 }
 _RECORD = {
-    **dict.fromkeys(('bearing', 'text', 'reason'), _must(str)),
-    'time': _time,
-    'sticking': _may(bool),
-    'held_until': _milliseconds,
-    **dict.fromkeys(('regime', 'measured', 'unmeasured', 'order'), _may(str)),
-    'speed_to_reach': _finite,
-    **dict.fromkeys(NUMBERS, _finite),
-    'inputs': _inputs,
+    **dict.fromkeys(('bearing', 'text', 'reason'), _require_type(str)),
+    'time': _read_time,
+    'sticking': _allow_type(bool),
+    'held_until': _read_milliseconds,
+    **dict.fromkeys(('regime', 'measured', 'unmeasured', 'order'), _allow_type(str)),
+    'speed_to_reach': _read_finite,
+    **dict.fromkeys(NUMBERS, _read_finite),
+    'inputs': _read_inputs,
 }
-_NOTE = {**dict.fromkeys(('what', 'text'), _must(str)), 'time': _milliseconds}
+_NOTE = {**dict.fromkeys(('what', 'text'), _require_type(str)), 'time': _read_milliseconds}
 _ALARM = {
-    **dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _must(str)),
+    **dict.fromkeys(('bearing', 'alarm', 'priority', 'state', 'by', 'text'), _require_type(str)),
     **dict.fromkeys(('sounding', 'silenced'), bool),
-    **dict.fromkeys(('since', 'changed'), _milliseconds),
+    **dict.fromkeys(('since', 'changed'), _read_milliseconds),
 }
 _ALARMS = {
-    'time': _time,
+    'time': _read_time,
     'monitoring': lambda value: value is not False,
-    'sounding': _must(bool),
-    'unacknowledged': _count,
-    'flood': {'flooding': bool, 'alarms_10min': _count},
-    'alarms': [_ALARM | {'active': bool, 'suppressed_by': _texts, 'shelved_until': _milliseconds}],
+    'sounding': _require_type(bool),
+    'unacknowledged': _read_count,
+    'flood': {'flooding': bool, 'alarms_10min': _read_count},
+    'alarms': [_ALARM | {'active': bool, 'suppressed_by': _read_texts, 'shelved_until': _read_milliseconds}],
     'rows': [
         _ALARM
-        | {'kinds': _texts, 'came_back': _count}
-        | dict.fromkeys(('came_back_since', 'back_since', 'clears_at'), _milliseconds)
+        | {'kinds': _read_texts, 'came_back': _read_count}
+        | dict.fromkeys(('came_back_since', 'back_since', 'clears_at'), _read_milliseconds)
     ],
-    'changes': [dict.fromkeys(('bearing', 'alarm', 'priority', 'from', 'to', 'by'), _must(str)) | _NOTE],
+    'changes': [
+        dict.fromkeys(('bearing', 'alarm', 'priority', 'from', 'to', 'by'), _require_type(str)) | _NOTE
+    ],
     'notes': [_NOTE],
 }
 
@@ -141,7 +143,7 @@ _ALARMS = {
 def checked_record(document: Any) -> dict[str, Any] | None:
     """Return the record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
     try:
-        return dict(_checked(document, _RECORD))
+        return dict(_apply_rule(document, _RECORD))
     except ValueError:
         return None
 
@@ -156,22 +158,22 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
     if not isinstance(document, dict) or document.get('schema') != ALARM_SCHEMA:
         return None
     try:
-        record = dict(_checked(document, _ALARMS))
+        record = dict(_apply_rule(document, _ALARMS))
     except ValueError:
         return None
     for kind in ('alarms', 'rows'):
-        record[kind] = [each for each in record[kind] if each['bearing'] in bearings]
+        record[kind] = [record_item for record_item in record[kind] if record_item['bearing'] in bearings]
     for alarm in record['alarms']:
-        alarm['actions'] = [action.value for action in OFFERED if _possible(alarm, action)]
+        alarm['actions'] = [action.value for action in OFFERED if _is_possible(alarm, action)]
     for row in record['rows']:
         # A row is all that a bearing has on show: what can be done about any of it is offered.
-        own = [a for a in record['alarms'] if a['bearing'] == row['bearing']]
-        possible = {do for a in own if a['state'] not in _OFF_SHOW for do in a['actions']}
+        bearing_alarms = [a for a in record['alarms'] if a['bearing'] == row['bearing']]
+        possible = {do for a in bearing_alarms if a['state'] not in _OFF_SHOW for do in a['actions']}
         row['actions'] = [action.value for action in OFFERED if action.value in possible]
     return record
 
 
-def _possible(alarm: dict[str, Any], action: Action) -> bool:
+def _is_possible(alarm: dict[str, Any], action: Action) -> bool:
     """Return whether an action on an alarm does something that is worth an offer."""
     if action is Action.SILENCE:
         return bool(alarm['sounding'])
@@ -208,12 +210,12 @@ class EventLog:
         self._entries: dict[tuple[Any, ...], dict[str, Any]] = {}
         self._store, self.damage = store, ''
         if store is not None:
-            self._restore(store)
+            self._restore_entries(store)
 
-    def _restore(self, store: StateWriter) -> None:
+    def _restore_entries(self, store: StateWriter) -> None:
         """Take the entries of the file; set one aside that is damaged."""
         try:
-            self._add(_kept_entries(store.read()))
+            self._add_entries(_kept_entries(store.read()))
         except AlarmStateError as error:
             end = 'what happened before is not shown'
             self.damage = f'the log {store.path} is damaged: {error}; {store.set_aside()}, and {end}'
@@ -226,18 +228,18 @@ class EventLog:
 
     def extend(self, entries: Iterable[Any]) -> None:
         """Add entries; invalid and known ones are skipped."""
-        if self._add(entries) and self._store is not None:
+        if self._add_entries(entries) and self._store is not None:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
-    def _add(self, entries: Iterable[Any]) -> bool:
+    def _add_entries(self, entries: Iterable[Any]) -> bool:
         """Add entries; return whether any was new."""
         before = len(self._entries)
         for entry in entries:
             if isinstance(entry, dict):
                 when = entry.get('time')
                 texts = {key: str(entry.get(key, ''))[:_LONGEST] for key in LOG_TEXTS}
-                own = {'time': when if isinstance(when, int) else None, **texts}
-                self._entries.setdefault(tuple(own.values()), own)
+                full_entry = {'time': when if isinstance(when, int) else None, **texts}
+                self._entries.setdefault(tuple(full_entry.values()), full_entry)
         new = len(self._entries) > before
         while len(self._entries) > KEPT:
             del self._entries[next(iter(self._entries))]
@@ -258,8 +260,8 @@ class EventLog:
         table.writerow(('time', *LOG_TEXTS))
         for entry in _in_order(self._entries.values()):
             texts = [entry[key] for key in LOG_TEXTS]
-            cells = [f"'{each}" if each.startswith(_FORMULA) else each for each in texts]
-            table.writerow((_iso(entry['time']), *cells))
+            cells = [f"'{cell}" if cell.startswith(_FORMULA) else cell for cell in texts]
+            table.writerow((_format_iso(entry['time']), *cells))
         return text.getvalue()
 
 
@@ -271,10 +273,10 @@ def _kept_entries(document: Any) -> list[Any]:
     """
     if document is None:
         return []
-    known: dict[str, Any] = document if isinstance(document, dict) else {}
-    if known.get('schema') != LOG_SCHEMA:
-        raise AlarmStateError(f'schema = {known.get("schema")!r} must be {LOG_SCHEMA!r}')
-    if not isinstance(entries := known.get('entries'), list):
+    log: dict[str, Any] = document if isinstance(document, dict) else {}
+    if log.get('schema') != LOG_SCHEMA:
+        raise AlarmStateError(f'schema = {log.get("schema")!r} must be {LOG_SCHEMA!r}')
+    if not isinstance(entries := log.get('entries'), list):
         raise AlarmStateError("it has no list of 'entries'")
     return entries
 
@@ -287,7 +289,7 @@ def _in_order(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return list(heapq.merge(*nodes.values(), key=lambda entry: entry['time'] or 0))
 
 
-def _iso(time_ms: int | None) -> str:
+def _format_iso(time_ms: int | None) -> str:
     if time_ms is None:
         return ''
     try:

@@ -55,7 +55,7 @@ class Replay:
             raise BagError(text)
         self._config, self._rate, self._board = bound.config, rate, board
         (self._shown,) = board.monitors
-        self._samples = _samples(recording, bound.config)
+        self._samples = _read_samples(recording, bound.config)
         if not self._samples:
             raise BagError(f"bag '{path}' has no sample of the configured inputs")
         self._start_ns = self._samples[0].log_time_ns
@@ -63,9 +63,9 @@ class Replay:
         self._length_ns = max(sample.log_time_ns for sample in self._samples) - self._start_ns
         self._changed = asyncio.Event()
         self._paused = False
-        self._begin()
+        self._begin_anew()
 
-    def _begin(self) -> None:
+    def _begin_anew(self) -> None:
         """Stand before the first sample, with a monitor that knows nothing."""
         self._session = Session(self._config, self._shown, NoLog(), lambda: self._log_ns, None, Graph())
         self._shown.act = self._session.act
@@ -94,8 +94,8 @@ class Replay:
         place = self._start_ns + round(min(max(seconds, 0.0), self._length_ns * 1e-9) * 1e9)
         if place < self._log_ns or self._board.finished:
             self._log_ns = self._start_ns
-            self._board.begin_again(self._place())
-            self._begin()
+            self._board.begin_again(self._replay_place())
+            self._begin_anew()
         self._go_from(place)
         self._changed.set()
 
@@ -113,13 +113,13 @@ class Replay:
             behind = self._play_until(self._wanted_ns())
             if time.monotonic() - shown >= _SHOWN_EVERY:
                 shown = time.monotonic()
-                self._show()
+                self._show_state()
             # However fast it is to go, the readers of the page get their turn.
-            await asyncio.sleep(0.0 if behind else self._pause())
-        self._show()
+            await asyncio.sleep(0.0 if behind else self._time_to_pause())
+        self._show_state()
         self._board.finish()
 
-    def _pause(self) -> float:
+    def _time_to_pause(self) -> float:
         """Return the time in which nothing has to be done [s]."""
         if self._next == len(self._samples):
             return 0.0
@@ -134,32 +134,34 @@ class Replay:
         while self._next < len(self._samples):
             sample = self._samples[self._next]
             if sample.log_time_ns > wanted_ns:
-                self._advance(wanted_ns)
+                self._advance_to(wanted_ns)
                 return False
             if time.monotonic() > end:
                 return True
-            self._advance(sample.log_time_ns)
-            self._session.take(sample.bearing, sample.place, sample.stamp_ns, sample.value, self._now())
+            self._advance_to(sample.log_time_ns)
+            self._session.take(
+                sample.bearing, sample.place, sample.stamp_ns, sample.value, self._moment_now()
+            )
             self._next += 1
         return False
 
-    def _advance(self, log_ns: int) -> None:
+    def _advance_to(self, log_ns: int) -> None:
         """Let the recorder's time pass without a sample."""
         self._log_ns = max(self._log_ns, log_ns)
-        now = self._now()
+        now = self._moment_now()
         for name in self._session.monitor.bearings:
             self._session.advance(name, self._log_ns, now)
         self._session.tick(now, self._log_ns - self._start_ns)
 
-    def _now(self) -> Moment:
+    def _moment_now(self) -> Moment:
         """Now is where the recording is."""
         return Moment(self._log_ns, self._log_ns)
 
-    def _show(self) -> None:
-        self._session.show(self._now())
-        self._board.play(self._place())
+    def _show_state(self) -> None:
+        self._session.show(self._moment_now())
+        self._board.play(self._replay_place())
 
-    def _place(self) -> dict[str, Any]:
+    def _replay_place(self) -> dict[str, Any]:
         """Return the place in the recording, for the page."""
         return {
             'at': round((self._log_ns - self._start_ns) * 1e-9, 1),
@@ -168,16 +170,16 @@ class Replay:
         }
 
 
-def _samples(recording: Recording, config: MonitorConfig) -> list[_Sample]:
+def _read_samples(recording: Recording, config: MonitorConfig) -> list[_Sample]:
     """Yield the numbers of a recording in its order."""
     sources = [
         (request, bearing.name, place)
         for bearing in config.bearings
         for place, request in zip(Input, requests_of(bearing), strict=False)
     ]
-    series, found = recording.read({request for request, *_ in sources}), list[_Sample]()
+    series, samples = recording.read({request for request, *_ in sources}), list[_Sample]()
     for request, *source in sources:
-        own = series[request]
-        columns = (own.sequence, own.log_time_ns, own.stamp_ns, own.value)
-        found += (_Sample(*row, *source) for row in zip(*(c.tolist() for c in columns), strict=True))
-    return sorted(found, key=lambda sample: sample.sequence)
+        numbers = series[request]
+        columns = (numbers.sequence, numbers.log_time_ns, numbers.stamp_ns, numbers.value)
+        samples += (_Sample(*row, *source) for row in zip(*(c.tolist() for c in columns), strict=True))
+    return sorted(samples, key=lambda sample: sample.sequence)

@@ -109,8 +109,8 @@ class Watched:
 
     def state(self) -> dict[str, Any]:
         """Return all that the page shows of it, but for its history."""
-        own = {name: getattr(self.view, name) for name in _OF_VIEW}
-        return {'name': self.key, **own, 'status': self.record}
+        view_fields = {name: getattr(self.view, name) for name in _OF_VIEW}
+        return {'name': self.key, **view_fields, 'status': self.record}
 
     def _is_off_map(self, record: Mapping[str, Any]) -> bool:
         """Return whether a record has the fold at its load elsewhere than the map has it."""
@@ -131,8 +131,10 @@ class Watched:
         if wider is None or len(lately) < (_BEYOND if self.fitted else 1):
             return False
         ends = (self.view.speeds[1], self.view.loads[1]) if self.fitted else (0.0, 0.0)
-        least = [min(abs(row[k]) for row in lately) for k in (1, 2)]
-        wanted = [room * now if now > end else end for now, end, room in zip(least, ends, _ROOM, strict=True)]
+        nearest = [min(abs(row[k]) for row in lately) for k in (1, 2)]
+        wanted = [
+            room * now if now > end else end for now, end, room in zip(nearest, ends, _ROOM, strict=True)
+        ]
         if tuple(wanted) == ends:
             return False
         self.view, self.fitted = wider(*wanted), True
@@ -206,29 +208,33 @@ class WatchedMonitor(Sink):
     def missing(self) -> list[str]:
         """Keys of the bearings of which nothing comes."""
         now = self._clock()
-        return [own.key for own in self.bearings.values() if own.at is None or now - own.at >= SILENT]
+        return [
+            bearing.key
+            for bearing in self.bearings.values()
+            if bearing.at is None or now - bearing.at >= SILENT
+        ]
 
     def faults(self) -> list[str]:
         """Return the reasons why what is shown must not be taken for all there is; a sentence each."""
         name = self.source
         if self.silent_for is None:
-            others = ', '.join(self._others)
-            there = f' Other monitors run: {others}; see --node.' if others else ''
-            return [f'No data from the monitor {name} yet.{there}']
-        if self._idle():
+            other_names = ', '.join(self._others)
+            hint = f' Other monitors run: {other_names}; see --node.' if other_names else ''
+            return [f'No data from the monitor {name} yet.{hint}']
+        if self._is_idle():
             return [f'Not monitoring: {name} is not active; its bearings are not watched.']
         if not self.receiving:
             return [f'The monitor {name} has been silent for {about(self.silent_for)}.']
-        return list(self._gaps(name))
+        return list(self._gap_sentences(name))
 
-    def _gaps(self, name: str) -> Iterator[str]:
+    def _gap_sentences(self, name: str) -> Iterator[str]:
         """Yield a sentence on each thing that is missing from what is shown."""
         if missing := self.missing():
-            yield f'No data on {_listed(missing)}: {name} does not watch it.'
+            yield f'No data on {_list_names(missing)}: {name} does not watch it.'
         now = self._clock()
-        foreign = [each for each, at in self._foreign.items() if now - at < ALARMS_SILENT]
+        foreign = [bearing for bearing, at in self._foreign.items() if now - at < ALARMS_SILENT]
         if foreign:
-            yield f'{_listed(foreign)}: watched by {name}, but not in --config, so not shown.'
+            yield f'{_list_names(foreign)}: watched by {name}, but not in --config, so not shown.'
         late = now - self._listed_at
         if self.alarms is None:
             yield f'No list of alarms from {name} yet: alarm state unknown.'
@@ -237,19 +243,20 @@ class WatchedMonitor(Sink):
 
     def notice(self) -> str:
         """Return the faults that the node reports of itself, and whose maps are of another file."""
-        if not self.receiving or self._idle():
+        if not self.receiving or self._is_idle():
             return ''
         level, text = self._health
-        said = [f'{self.source}: {text}'] if level else []
-        if others := [own.key for own in self.bearings.values() if own.off_map]:
-            said.append(
-                f'{_listed(others)}: the map is that of --config, and {self.source} has other parameters.'
+        sentences = [f'{self.source}: {text}'] if level else []
+        if off_map := [bearing.key for bearing in self.bearings.values() if bearing.off_map]:
+            sentences.append(
+                f'{_list_names(off_map)}: the map is that of --config, and {self.source} has'
+                ' other parameters.'
             )
-        return ' '.join(said)
+        return ' '.join(sentences)
 
-    def _idle(self) -> bool:
+    def _is_idle(self) -> bool:
         """Return whether the node reports that its bearings are not watched."""
-        records = [own.record for own in self.bearings.values() if own.record is not None]
+        records = [bearing.record for bearing in self.bearings.values() if bearing.record is not None]
         idle = self.alarms is not None and not self.alarms['monitoring']
         return idle or any(record['reason'] == NOT_MONITORING for record in records)
 
@@ -258,13 +265,13 @@ class WatchedMonitor(Sink):
         record = checked_record(document)
         if record is None:
             return
-        own = self.bearings.get(record['bearing'])
-        if own is None:
-            self._remember(self._foreign, self.key(record['bearing']))
+        bearing = self.bearings.get(record['bearing'])
+        if bearing is None:
+            self._remember_name(self._foreign, self.key(record['bearing']))
             return
         self._received_at = self._clock()
         self._name_fully(record)
-        self.send('status', own.take(record, self._received_at), own.key)
+        self.send('status', bearing.take(record, self._received_at), bearing.key)
 
     def take_health(self, level: int, text: str) -> None:
         """Take the diagnostic status of the node itself; levels are those of ROS."""
@@ -275,23 +282,23 @@ class WatchedMonitor(Sink):
         record = checked_alarms(document, self.bearings)
         if record is None:
             return
-        for each in (*record['alarms'], *record['rows'], *record['changes']):
-            self._name_fully(each)
+        for item in (*record['alarms'], *record['rows'], *record['changes']):
+            self._name_fully(item)
         self.alarms, self._listed_at = record, self._clock()
         for alarm in document['alarms']:
             if alarm['bearing'] not in self.bearings:
-                self._remember(self._foreign, self.key(alarm['bearing']))
-        entries = [each | {'node': self.source} for each in record['notes'] + record['changes']]
+                self._remember_name(self._foreign, self.key(alarm['bearing']))
+        entries = [item | {'node': self.source} for item in record['notes'] + record['changes']]
         self.log(sorted(entries, key=lambda entry: entry['time'] or 0))
         self.send('alarms', {}, '')
         for request, done in self._expected:
-            answers = sum(_answers(change, request) for change in record['changes'])
+            answers = sum(_is_answer(change, request) for change in record['changes'])
             if answers and not done.done():
                 done.set_result(answers)
 
     def take_other(self, node: str) -> None:
         """Note a message of another monitor than those that are shown."""
-        self._remember(self._others, f'/{node}')
+        self._remember_name(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:
         """Put the namespace before the name of the bearing, in the sentence on it, too."""
@@ -299,16 +306,16 @@ class WatchedMonitor(Sink):
             record['text'] = f'{self.space}/{record["text"]}'
         record['bearing'] = self.key(record['bearing'])
 
-    def _remember(self, names: dict[str, float], name: str) -> None:
+    def _remember_name(self, names: dict[str, float], name: str) -> None:
         if name in names or len(names) < MOST_NAMES:
             names[name] = self._clock()
 
     def concerned(self, request: ActionRequest) -> bool:
         """Return whether there is anything that a request could change, as far as is known here."""
-        if request.bearing not in (None, *(own.key for own in self.bearings.values())):
+        if request.bearing not in (None, *(bearing.key for bearing in self.bearings.values())):
             return False
         return self.alarms is None or any(
-            request.action.value in alarm['actions'] and _concerns(request, alarm)
+            request.action.value in alarm['actions'] and _is_about(request, alarm)
             for alarm in self.alarms['alarms']
         )
 
@@ -318,7 +325,7 @@ class WatchedMonitor(Sink):
             raise DashboardError(_NO_ALARMS)
         entry = (request, asyncio.get_running_loop().create_future())
         self._expected.append(entry)
-        names: dict[str | None, str] = {own.key: name for name, own in self.bearings.items()}
+        names: dict[str | None, str] = {bearing.key: name for name, bearing in self.bearings.items()}
         try:
             self.act(replace(request, bearing=names.get(request.bearing)))
             return await asyncio.wait_for(entry[1], patience)
@@ -328,20 +335,20 @@ class WatchedMonitor(Sink):
             self._expected.remove(entry)
 
 
-def _concerns(request: ActionRequest, alarm: dict[str, Any]) -> bool:
+def _is_about(request: ActionRequest, alarm: dict[str, Any]) -> bool:
     """Return whether a request is about an alarm."""
     return request.bearing in (None, alarm['bearing']) and request.kind in (None, alarm['alarm'])
 
 
-def _answers(change: dict[str, Any], request: ActionRequest) -> bool:
+def _is_answer(change: dict[str, Any], request: ActionRequest) -> bool:
     """Return whether a change is the result of a request."""
     same = (change['by'], change['what']) == (request.by, request.action.value)
-    return same and _concerns(request, change)
+    return same and _is_about(request, change)
 
 
-def _listed(names: list[str]) -> str:
-    few = ', '.join(names[:5])
-    return few if len(names) <= 5 else f'{few} and {len(names) - 5} more'
+def _list_names(names: list[str]) -> str:
+    first_names = ', '.join(names[:5])
+    return first_names if len(names) <= 5 else f'{first_names} and {len(names) - 5} more'
 
 
 PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
@@ -373,34 +380,34 @@ class DashboardState:
         self.send: Callable[[str, dict[str, Any], str], None] = lambda kind, document, key: None
         self._sent: dict[str, Any] = {}
         for monitor in self.monitors:
-            monitor.send, monitor.log = self._take, self.log.extend
+            monitor.send, monitor.log = self._take_news, self.log.extend
 
     @property
     def bearings(self) -> dict[str, Watched]:
         """The bearings of all monitors by their keys."""
-        return {own.key: own for monitor in self.monitors for own in monitor.bearings.values()}
+        return {bearing.key: bearing for monitor in self.monitors for bearing in monitor.bearings.values()}
 
     @property
     def alarms(self) -> dict[str, Any] | None:
         """The alarms of all monitors in one list; ``None`` before any came."""
-        known = [monitor.alarms for monitor in self.monitors if monitor.alarms is not None]
-        if not known:
+        records = [monitor.alarms for monitor in self.monitors if monitor.alarms is not None]
+        if not records:
             return None
-        floods = [record['flood'] for record in known]
+        floods = [record['flood'] for record in records]
         return {
-            'time': max(record['time'] for record in known),
-            'sounding': any(record['sounding'] for record in known),
-            'unacknowledged': sum(record['unacknowledged'] for record in known),
+            'time': max(record['time'] for record in records),
+            'sounding': any(record['sounding'] for record in records),
+            'unacknowledged': sum(record['unacknowledged'] for record in records),
             'flood': max(floods, key=lambda f: (f['flooding'], f['alarms_10min'])),
-            'alarms': [alarm for record in known for alarm in record['alarms']],
-            'rows': [row for record in known for row in record['rows']],
+            'alarms': [alarm for record in records for alarm in record['alarms']],
+            'rows': [row for record in records for row in record['rows']],
         }
 
-    def _take(self, kind: str, document: dict[str, Any], key: str) -> None:
+    def _take_news(self, kind: str, document: dict[str, Any], key: str) -> None:
         if kind == 'alarms':
             document = {'alarms': self.alarms, 'log': self.log.latest()}
         self.send(kind, document, key)
-        self._tell()
+        self._send_monitor()
 
     def play(self, place: dict[str, Any]) -> None:
         """Take the place of a replay."""
@@ -419,20 +426,20 @@ class DashboardState:
     def finish(self) -> None:
         """Nothing more will come: the recording is over."""
         self.finished = True
-        self._tell()
+        self._send_monitor()
 
     def tick(self) -> None:
         """Let time pass: report a monitor that falls silent, enlarge a map that is too small.
 
         One map at a time: it takes some 30 ms.
         """
-        for own in self.bearings.values():
-            if own.widen():
-                self.send('map', {'bearing': own.key, **own.map()}, own.key)
+        for bearing in self.bearings.values():
+            if bearing.widen():
+                self.send('map', {'bearing': bearing.key, **bearing.map()}, bearing.key)
                 break
-        self._tell()
+        self._send_monitor()
 
-    def _tell(self) -> None:
+    def _send_monitor(self) -> None:
         monitor = self.monitor()
         state = monitor | {'silent': None, 'faults': len(monitor['faults'])}
         if state != self._sent:
@@ -442,13 +449,13 @@ class DashboardState:
     def monitor(self) -> dict[str, Any]:
         """Return whether the monitors are there, and why what is shown must not be taken for all there is."""
         silences = [monitor.silent_for for monitor in self.monitors]
-        known = [round(silent, 1) for silent in silences if silent is not None]
+        known_silences = [round(silent, 1) for silent in silences if silent is not None]
         watched = () if self.finished else self.monitors
         log = f'The log is not kept: {self.log.fault}' if self.log.fault else self.log.damage
         return {
             'there': any(monitor.receiving for monitor in watched),
             'finished': self.finished,
-            'silent': max(known) if len(known) == len(silences) else None,
+            'silent': max(known_silences) if len(known_silences) == len(silences) else None,
             'faults': [text for monitor in watched for text in monitor.faults()],
             'notices': [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text],
             'missing': [key for monitor in watched for key in monitor.missing()],
@@ -463,9 +470,9 @@ class DashboardState:
             'monitor': self.monitor(),
             'columns': COLUMNS,
             'bearings': [
-                own.state() | {'shelve_time': monitor.shelve_time}
+                bearing.state() | {'shelve_time': monitor.shelve_time}
                 for monitor in self.monitors
-                for own in monitor.bearings.values()
+                for bearing in monitor.bearings.values()
             ],
             'replay': self.playing,
             'alarms': self.alarms,
@@ -474,8 +481,8 @@ class DashboardState:
 
     def history(self, bearing: str) -> dict[str, Any] | None:
         """Return the last ten minutes of a bearing, oldest first; ``None`` where there is none."""
-        own = self.bearings.get(bearing)
-        return None if own is None else {'columns': COLUMNS, 'rows': list(own.history)}
+        watched = self.bearings.get(bearing)
+        return None if watched is None else {'columns': COLUMNS, 'rows': list(watched.history)}
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
         """Hand a request on to every monitor that it concerns, and wait so long [s] for what comes of it.
@@ -487,12 +494,12 @@ class DashboardState:
             DashboardError: There is nothing to do, or nothing came of it in time.
             StickslipError: It cannot be handed on.
         """
-        asked = [monitor for monitor in self.monitors if monitor.concerned(request)]
-        if not asked:
+        concerned = [monitor for monitor in self.monitors if monitor.concerned(request)]
+        if not concerned:
             raise DashboardError(f'there is nothing to {request.action}')
-        answers = [monitor.ask(request, patience) for monitor in asked]
+        answers = [monitor.ask(request, patience) for monitor in concerned]
         counts = await asyncio.gather(*answers, return_exceptions=True)
-        for each in counts:
-            if isinstance(each, BaseException):
-                raise each
+        for result in counts:
+            if isinstance(result, BaseException):
+                raise result
         return sum(count for count in counts if isinstance(count, int))

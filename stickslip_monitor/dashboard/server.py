@@ -99,9 +99,9 @@ class Hub:
         Raises:
             DashboardError: There are too many.
         """
-        most = MOST_READERS if signed_in else MOST_READERS - KEPT_READERS
-        if len(self.readers) >= most:
-            raise DashboardError(f'{most} pages are open already; close one')
+        max_readers = MOST_READERS if signed_in else MOST_READERS - KEPT_READERS
+        if len(self.readers) >= max_readers:
+            raise DashboardError(f'{max_readers} pages are open already; close one')
         reader = Reader()
         self.readers.add(reader)
         return reader
@@ -150,16 +150,16 @@ class Server:
         )
         app.add_routes(
             [
-                web.get('/', _file('page.html')),
-                web.get('/login', _file('login.html')),
-                web.post('/login', self._login),
-                web.post('/logout', self._logout),
-                web.get('/events', self._events, allow_head=False),
-                web.post('/act', self._act),
-                web.get('/metrics', self._scrape),
-                web.get('/history', self._history),
-                web.get('/log.csv', self._log),
-                *([web.post('/replay', self._replay)] if self._player is not None else []),
+                web.get('/', _serve_file('page.html')),
+                web.get('/login', _serve_file('login.html')),
+                web.post('/login', self._log_in),
+                web.post('/logout', self._log_out),
+                web.get('/events', self._stream_events, allow_head=False),
+                web.post('/act', self._carry_out),
+                web.get('/metrics', self._send_metrics),
+                web.get('/history', self._send_history),
+                web.get('/log.csv', self._send_log),
+                *([web.post('/replay', self._steer_replay)] if self._player is not None else []),
                 web.static('/', _PAGE),
             ]
         )
@@ -210,8 +210,8 @@ class Server:
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
         try:
             listening = await self.listen(address, port)
-            host, own = listening.sockets[0].getsockname()[:2]
-            started(f'http://[{host}]:{own}/' if ':' in host else f'http://{host}:{own}/')
+            host, bound_port = listening.sockets[0].getsockname()[:2]
+            started(f'http://[{host}]:{bound_port}/' if ':' in host else f'http://{host}:{bound_port}/')
             while not stop.is_set():
                 self._board.tick()
                 with contextlib.suppress(asyncio.TimeoutError):
@@ -219,7 +219,7 @@ class Server:
         finally:
             await self.close()
 
-    async def _login(self, request: web.Request) -> web.Response:
+    async def _log_in(self, request: web.Request) -> web.Response:
         """Begin a session for whoever sends the token."""
         try:
             form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
@@ -232,13 +232,13 @@ class Server:
         response.set_cookie(cookie_name(request), self._access.session(), max_age=SESSION, **rules)
         return response
 
-    async def _logout(self, request: web.Request) -> web.Response:
+    async def _log_out(self, request: web.Request) -> web.Response:
         self._access.end(request)
         response = web.Response(status=204)
         response.del_cookie(cookie_name(request))
         return response
 
-    async def _events(self, request: web.Request) -> web.StreamResponse:
+    async def _stream_events(self, request: web.Request) -> web.StreamResponse:
         """Stream the state of the page, and then every change of it."""
         try:
             reader = self.hub.join(not self._access.token or self._access.signed_in(request))
@@ -265,56 +265,56 @@ class Server:
             self.hub.leave(reader)
         return response
 
-    async def _act(self, request: web.Request) -> web.Response:
+    async def _carry_out(self, request: web.Request) -> web.Response:
         """Carry out an action; answer with the number of alarms that it changed."""
-        asked = await _asked(request, self._action)
+        action_request = await _read_request(request, self._parse_action)
         try:
-            count = await self._board.ask(asked, PATIENCE)
+            count = await self._board.ask(action_request, PATIENCE)
         except DashboardError as error:
-            return _answer(409, str(error))
+            return _make_answer(409, str(error))
         except StickslipError as error:
-            return _answer(503, str(error))
-        return _answer(200, f'{asked.action}: {count} alarm{"s" if count != 1 else ""}')
+            return _make_answer(503, str(error))
+        return _make_answer(200, f'{action_request.action}: {count} alarm{"s" if count != 1 else ""}')
 
-    def _action(self, document: Any) -> ActionRequest:
-        asked = parse_request(document, self._board.bearings)
-        if asked.action not in OFFERED:
-            raise ConfigurationError(f'{asked.action} is not for a dashboard')
-        return asked
+    def _parse_action(self, document: Any) -> ActionRequest:
+        action_request = parse_request(document, self._board.bearings)
+        if action_request.action not in OFFERED:
+            raise ConfigurationError(f'{action_request.action} is not for a dashboard')
+        return action_request
 
-    async def _replay(self, request: web.Request) -> web.Response:
+    async def _steer_replay(self, request: web.Request) -> web.Response:
         assert self._player is not None
-        paused, place = await _asked(request, _course)
+        paused, place = await _read_request(request, _parse_course)
         if paused is not None:
             self._player.hold(paused)
         if place is not None:
             self._player.seek(place)
-        return _answer(200, '')
+        return _make_answer(200, '')
 
-    async def _history(self, request: web.Request) -> web.Response:
-        found = self._board.history(request.query.get('bearing', ''))
-        if found is None:
+    async def _send_history(self, request: web.Request) -> web.Response:
+        history = self._board.history(request.query.get('bearing', ''))
+        if history is None:
             return web.Response(status=404, text='There is no such bearing.\n')
-        return web.json_response(found)
+        return web.json_response(history)
 
-    async def _log(self, _: web.Request) -> web.Response:
+    async def _send_log(self, _: web.Request) -> web.Response:
         headers = {'Content-Disposition': 'attachment; filename="stickslip_alarms.csv"'}
         text, kind = self._board.log.csv(), 'text/csv'
         return web.Response(text=text, content_type=kind, charset='utf-8', headers=headers)
 
-    async def _scrape(self, request: web.Request) -> web.Response:
+    async def _send_metrics(self, request: web.Request) -> web.Response:
         body, kind = self._metrics.text(request.headers.get('Accept', ''))
         return web.Response(body=body, headers={'Content-Type': kind})
 
 
-def _file(name: str) -> Handler:
+def _serve_file(name: str) -> Handler:
     async def serve(_: web.Request) -> web.StreamResponse:
         return web.FileResponse(_PAGE / name)
 
     return serve
 
 
-async def _asked(request: web.Request, read: Callable[[Any], T]) -> T:
+async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
     """Read the document of a request.
 
     Raises:
@@ -326,12 +326,12 @@ async def _asked(request: web.Request, read: Callable[[Any], T]) -> T:
         return read(json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST)))
     except asyncio.TimeoutError as error:
         why = 'the request did not come whole in time: nothing was done'
-        raise web.HTTPRequestTimeout(text=_text(False, why), content_type=_JSON) from error
+        raise web.HTTPRequestTimeout(text=_answer_text(False, why), content_type=_JSON) from error
     except (ValueError, RecursionError) as error:
-        raise web.HTTPBadRequest(text=_text(False, str(error)), content_type=_JSON) from error
+        raise web.HTTPBadRequest(text=_answer_text(False, str(error)), content_type=_JSON) from error
 
 
-def _course(document: Any) -> tuple[bool | None, float | None]:
+def _parse_course(document: Any) -> tuple[bool | None, float | None]:
     """Return whether a replay is to stand still, and where it is to go [s]; ``None`` for as it is.
 
     Raises:
@@ -349,9 +349,9 @@ def _course(document: Any) -> tuple[bool | None, float | None]:
     return paused, float(place)
 
 
-def _text(done: bool, text: str) -> str:
+def _answer_text(done: bool, text: str) -> str:
     return json.dumps({'ok': done, 'text': text})
 
 
-def _answer(code: int, text: str) -> web.Response:
-    return web.Response(text=_text(code == 200, text), status=code, content_type=_JSON)
+def _make_answer(code: int, text: str) -> web.Response:
+    return web.Response(text=_answer_text(code == 200, text), status=code, content_type=_JSON)
