@@ -235,37 +235,37 @@ def regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> No
             axes.annotate(regime.value, middle, (0.0, -6.0), textcoords='offset points', **look)
 
 
-def envelope(most: int, *columns: Any) -> IndexArray:
+def envelope(max_points: int, *columns: Any) -> IndexArray:
     """Choose the points of a recording to draw, so that the line keeps its outline.
 
     The points are taken in blocks of one length; of each block stay the least and the greatest
     value of every column, at its own instant, and an interruption.
 
     Args:
-        most: Points to draw, nearly; a shorter recording stays as it is.
+        max_points: Points to draw, nearly; a shorter recording stays as it is.
         columns: Values, each of shape (n,); ``nan`` interrupts the line.
 
     Returns:
-        Indices in rising order, at most about ``most`` of them.
+        Indices in rising order, at most about ``max_points`` of them.
     """
     size = columns[0].size
-    blocks = max(1, most // (3 * len(columns)))
-    if size <= max(most, blocks):
+    blocks = max(1, max_points // (3 * len(columns)))
+    if size <= max(max_points, blocks):
         return np.arange(size)
     length = -(-size // blocks)
     start = np.arange(0, size, length)
-    kept = [np.array([0, size - 1])]
+    parts = [np.array([0, size - 1])]
     for column in columns:
         padded = np.append(column, np.full(start.size * length - size, np.nan)).astype(float)
         table = padded.reshape(start.size, length)
         missing = np.isnan(table)
-        kept += [
+        parts += [
             start + np.where(missing, np.inf, table).argmin(axis=1),
             start + np.where(missing, -np.inf, table).argmax(axis=1),
             (start + missing.argmax(axis=1))[missing.any(axis=1)],
         ]
-    found = np.unique(np.concatenate(kept))
-    return found[found < size]
+    rows = np.unique(np.concatenate(parts))
+    return rows[rows < size]
 
 
 def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
@@ -344,11 +344,11 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
     (box,) = _HEAD.findall(drawing)
     body = drawing[drawing.index('<defs>') : drawing.rindex('</svg>')]
     body = re.sub(r'<style.*?</style>', '', body, flags=re.DOTALL)
-    body = _IDS.sub(lambda found: f'{found[0]}{name}-', body)
+    body = _IDS.sub(lambda match: f'{match[0]}{name}-', body)
     # Tenths of a point are finer than any screen shows.
     body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0].replace(' \n', '')), body)
     body = body.replace('xlink:href', 'href')
-    body = _COLOUR.sub(lambda found: f'var({variable(found[0])})', body)
+    body = _COLOUR.sub(lambda match: f'var({variable(match[0])})', body)
     body = re.sub(r'\n\s*', '\n', body)
     return f'<svg viewBox="{box}" role="img" aria-label="{escape(text)}">{body}</svg>'
 

@@ -122,51 +122,51 @@ def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: Fl
     while np.any(ends[1] - ends[0] > _ROUNDING * ends[1]):
         low, high = ends[:, cycles[0] != cycles[1]]
         parts = np.linspace(low, high, _PARTS + 1)
-        found = np.isfinite(_find_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
+        cycle_counts = np.isfinite(_find_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
         ends, cycles = (
-            np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, found.reshape(parts.shape))
+            np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, cycle_counts.reshape(parts.shape))
         )
     ends = ends[:, cycles[0] != cycles[1]]
     ends = ends[:, np.argsort(ends[0])]
     # Those so close to one another are one, at which the number flickers by rounding.
     apart = np.flatnonzero(np.diff(ends[0]) > _SAME * ends[0, 1:]) + 1
     groups = np.split(ends, apart, axis=1) if ends.size else []
-    known = float(fold_speed(bearing, load)), float(hopf_speed(bearing, load))
+    boundaries = float(fold_speed(bearing, load)), float(hopf_speed(bearing, load))
     turns = [
-        _classify_turn(bearing, load, known, float(group[0, 0]), float(group[1, -1])) for group in groups
+        _classify_turn(bearing, load, boundaries, float(group[0, 0]), float(group[1, -1])) for group in groups
     ]
     return [turn for turn in turns if turn.before.size != turn.after.size]
 
 
-def _classify_turn(bearing: Bearing, load: float, known: Range, low: float, high: float) -> _Turn:
+def _classify_turn(bearing: Bearing, load: float, boundaries: Range, low: float, high: float) -> _Turn:
     """Return what happens between two neighbouring speeds; ``known`` are fold and Hopf speed [m/s]."""
     rows = _find_amplitudes(bearing, np.array([low, high]), load)
     before, after = (row[np.isfinite(row)] for row in rows)
-    speed = next((v for v in known if math.isclose(v, high, rel_tol=_SAME)), high)
+    speed = next((v for v in boundaries if math.isclose(v, high, rel_tol=_SAME)), high)
     more, change = max(before, after, key=len), abs(before.size - after.size)
     if change % 2:
         return _Turn(BranchMark('Hopf', speed, 0.0), before, after, slice(0, change))
     first = int(np.argmin(np.diff(more)))
-    own = slice(first, first + change)
-    amplitude, limit = float(np.mean(more[own])), speed / bearing.natural_frequency
+    changed = slice(first, first + change)
+    amplitude, limit = float(np.mean(more[changed])), speed / bearing.natural_frequency
     # Most folds are at the sliding limit, where the work of friction has a cusp.
     amplitude = limit if math.isclose(amplitude, limit, rel_tol=_CUSP) else amplitude
-    return _Turn(BranchMark('fold', speed, amplitude), before, after, own)
+    return _Turn(BranchMark('fold', speed, amplitude), before, after, changed)
 
 
 def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> list[Branch]:
     """Return the cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
-    most = max((max(turn.before.size, turn.after.size) for turn in turns), default=0)
+    max_count = max((max(turn.before.size, turn.after.size) for turn in turns), default=0)
     # A stretch with more may be too short for a speed.
-    missing = max(most - cycles.shape[1], 0)
+    missing = max(max_count - cycles.shape[1], 0)
     cycles = np.pad(cycles, ((0, 0), (0, missing)), constant_values=np.nan)
-    found: list[Branch] = []
+    branches: list[Branch] = []
 
-    def begun(count: int, own: slice) -> list[Branch]:
+    def begun(count: int, rows: slice) -> list[Branch]:
         """Begin branches for some of ``count`` cycles; every other one from the largest down is stable."""
-        stable = [(count - k) % 2 == 1 for k in range(count)[own]]
-        new = [Branch(each, np.full(speed.size, np.nan)) for each in stable]
-        found.extend(new)
+        stable = [(count - k) % 2 == 1 for k in range(count)[rows]]
+        new = [Branch(is_stable, np.full(speed.size, np.nan)) for is_stable in stable]
+        branches.extend(new)
         return new
 
     first = turns[0].before.size if turns else int(np.isfinite(cycles[0]).sum())
@@ -184,7 +184,7 @@ def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray
         row = at + 1
     for k, branch in enumerate(running):
         branch.amplitude[row:] = cycles[row:, k]
-    return sorted(found, key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
+    return sorted(branches, key=lambda b: (not b.stable, -float(np.nanmax(b.amplitude, initial=0.0))))
 
 
 def _find_spans(
@@ -210,8 +210,8 @@ def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, NDArray[Any
         'sliding_limit [m]': diagram.sliding_limit,
     }
     for stable, name in ((True, 'stick_slip_amplitude'), (False, 'threshold_amplitude')):
-        own = [branch.amplitude for branch in diagram.branches if branch.stable is stable]
-        for k, amplitude in enumerate(own or [np.full(diagram.speed.size, np.nan)]):
+        amplitudes = [branch.amplitude for branch in diagram.branches if branch.stable is stable]
+        for k, amplitude in enumerate(amplitudes or [np.full(diagram.speed.size, np.nan)]):
             columns[f'{name}{f"_{k + 1}" if k else ""} [m]'] = amplitude
     columns['exact_amplitude [m]'] = diagram.exact
     return columns
@@ -290,15 +290,15 @@ def _draw_marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
         ('Hopf', canvas.HOPF, canvas.PAPER, 'o'),
         ('fold', canvas.FOLD, canvas.FOLD, 'D'),
     ):
-        own = [mark for mark in diagram.marks if mark.kind == kind]
-        text = f'{kind} {", ".join(f"{mark.speed / rpm:.4g}" for mark in own)} rpm'
-        if kind == 'fold' and own:
+        marks = [mark for mark in diagram.marks if mark.kind == kind]
+        text = f'{kind} {", ".join(f"{mark.speed / rpm:.4g}" for mark in marks)} rpm'
+        if kind == 'fold' and marks:
             text += f' (sticks up to {end / rpm:.4g} rpm)'
         elif kind == 'fold' and diagram.speed[0] < end < diagram.speed[-1]:
             # Where averaging has none, the end of the exact branch stands in.
-            own = [BranchMark(kind, end, float(diagram.exact[np.isfinite(diagram.exact)][-1]))]
+            marks = [BranchMark(kind, end, float(diagram.exact[np.isfinite(diagram.exact)][-1]))]
             text = f'end of sticking {end / rpm:.4g} rpm (averaging has no fold)'
-        if own:
-            at = [mark.speed / rpm for mark in own], [mark.amplitude * 1e3 for mark in own]
+        if marks:
+            at = [mark.speed / rpm for mark in marks], [mark.amplitude * 1e3 for mark in marks]
             look: canvas.Look = {'ms': 7.5, 'mec': edge, 'mew': 1.4, 'mfc': fill, 'zorder': 6}
             axes.plot(*at, shape, clip_on=False, label=text, **look)

@@ -82,8 +82,10 @@ _MARKER = {
 
 def _speed_scale_factor(bearing: Bearing, load: float | None = None) -> float:
     """Return the factor of the law's own speeds at a load [N], by default that of its measurement."""
-    own = bearing.lubrication
-    return 1.0 if own is None else float(own.scale(own.load if load is None else load))
+    lubrication = bearing.lubrication
+    return (
+        1.0 if lubrication is None else float(lubrication.scale(lubrication.load if load is None else load))
+    )
 
 
 def law_speed(bearing: Bearing, load: float | None = None) -> float:
@@ -130,10 +132,10 @@ def map_ranges(
         )
     if loads is None:
         onset = onset_load(bearing)
-        own = bearing.lubrication
-        if own is not None and own.load_exponent > 0.0:
+        lubrication = bearing.lubrication
+        if lubrication is not None and lubrication.load_exponent > 0.0:
             # Light loads have boundaries, too, at creeping speeds: that of the measurement is of interest.
-            onset = float(np.fmax(onset_load(as_measured(bearing)), own.load / _LOADS_BELOW_MEASURED))
+            onset = float(np.fmax(onset_load(as_measured(bearing)), lubrication.load / _LOADS_BELOW_MEASURED))
         top = _LOADS_ABOVE_ONSET * onset if onset > 0.0 else _LOAD_WITHOUT_SCALE
         loads = 0.0, _ROOM * np.fmax(heaviest, onset) if heaviest > 0.0 else top
     return speeds or (0.0, max(diagram_speeds(bearing, loads[1])[1], 1.05 * fastest)), loads
@@ -183,8 +185,8 @@ def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArr
     higher = np.union1d(np.concatenate([nearest, speed]), speed[-1] * _FAR)
     load = np.asarray(fold_load(bearing, higher))
     load = np.where(np.isnan(load), np.inf, load)
-    least = np.minimum.accumulate(load[::-1])[::-1][np.searchsorted(higher, nearest)]
-    return np.where(np.isfinite(least), least, np.nan)
+    lowest = np.minimum.accumulate(load[::-1])[::-1][np.searchsorted(higher, nearest)]
+    return np.where(np.isfinite(lowest), lowest, np.nan)
 
 
 def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, FloatArray]:
@@ -387,15 +389,15 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
     the width that of the figure [inch].
     """
     x, y = np.abs(track.speed) / rpm, track.load / 1e3
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-    if not known.size:
+    finite = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if not finite.size:
         return
     # Every place that it has been to, faint.
     drawn = canvas.envelope(int(width * _POINTS_PER_INCH), x, y)
     faint: canvas.Look = {'color': canvas.MUTED, 'lw': 0.7, 'alpha': 0.45, 'zorder': 6}
     named = axes.plot(x[drawn], y[drawn], label='measured', **faint)
     named += _draw_smoothed_track(axes, x, y)
-    ends = x[known[[0, -1]]], y[known[[0, -1]]]
+    ends = x[finite[[0, -1]]], y[finite[[0, -1]]]
     apart = np.hypot(*np.diff(axes.transData.transform(np.column_stack(ends)), axis=0)[0])
     start: canvas.Look = {'ms': _RING, 'mec': canvas.INK, 'mfc': canvas.PAPER}
     end: canvas.Look = {'ms': 6.5, 'mec': canvas.PAPER, 'mfc': canvas.INK, 'label': 'end'}
@@ -405,10 +407,12 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
     else:
         named += axes.plot(ends[0][0], ends[1][0], 'o', mew=1.5, zorder=11, label='start and end', **start)
     for condition in track.conditions():
-        own = [(abs(e.speed) / rpm, e.load / 1e3) for e in track.events if e.condition is condition]
+        points = [(abs(e.speed) / rpm, e.load / 1e3) for e in track.events if e.condition is condition]
         look: canvas.Look = {'marker': _MARKER[condition], 'mfc': canvas.CONDITION_COLOUR[condition]}
         look |= {'ls': '', 'ms': 8.5, 'mec': canvas.PAPER, 'mew': 1.0, 'zorder': 10}
-        named += axes.plot(*zip(*own, strict=True), label=f'to: {canvas.CONDITION_NAMES[condition]}', **look)
+        named += axes.plot(
+            *zip(*points, strict=True), label=f'to: {canvas.CONDITION_NAMES[condition]}', **look
+        )
     canvas.legend_above(axes, _mark_columns(width), handles=named, handlelength=1.2)
 
 
@@ -424,16 +428,16 @@ def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> lis
     shown = axes.transData.transform(np.column_stack([x, y]))
     paths = list(_smooth_parts(shown, _STRIDE * float(np.hypot(box.width, box.height))))
     steps = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
-    total, done = sum(float(each.sum()) for each in steps) or 1.0, 0.0
+    total, done = sum(float(step.sum()) for step in steps) or 1.0, 0.0
     lines: list[Any] = []
-    for path, each in zip(paths, steps, strict=True):
-        along = (done + np.cumsum(each) - 0.5 * each) / total
-        done += float(each.sum())
+    for path, step in zip(paths, steps, strict=True):
+        along = (done + np.cumsum(step) - 0.5 * step) / total
+        done += float(step.sum())
         part = np.minimum((along * len(_AGES)).astype(int), len(_AGES) - 1)
         for age, (colour, wide) in enumerate(_AGES):
-            own = np.flatnonzero(part == age)
-            if own.size:
-                line = axes.transData.inverted().transform(path[own[0] : own[-1] + 2]).T
+            rows = np.flatnonzero(part == age)
+            if rows.size:
+                line = axes.transData.inverted().transform(path[rows[0] : rows[-1] + 2]).T
                 axes.plot(*line, color=canvas.PAPER, lw=wide + 1.2, alpha=0.6, zorder=7)
                 lines += axes.plot(*line, color=colour, lw=wide, zorder=8, solid_capstyle='butt')
                 _draw_arrow(axes, line, colour)
@@ -444,17 +448,17 @@ def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> lis
 
 def _smooth_parts(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
     """Yield the means of each uninterrupted part of a track, shape (m, 2), a stride apart, in pixels."""
-    known = np.all(np.isfinite(shown), axis=1)
-    length = max(1, int(known.sum()) // _STOPS)
-    for run in np.split(shown, np.flatnonzero(np.diff(known.astype(np.int8))) + 1):
+    is_finite = np.all(np.isfinite(shown), axis=1)
+    length = max(1, int(is_finite.sum()) // _STOPS)
+    for run in np.split(shown, np.flatnonzero(np.diff(is_finite.astype(np.int8))) + 1):
         if np.isfinite(run[0]).all():
             starts = np.arange(0, run.shape[0], length)
             means = np.add.reduceat(run, starts) / np.diff([*starts, run.shape[0]])[:, None]
-            kept = [run[0]]
+            points = [run[0]]
             for point in means[1:-1]:
-                if np.hypot(*(point - kept[-1])) >= stride:
-                    kept.append(point)
-            yield np.array([*kept, run[-1]])
+                if np.hypot(*(point - points[-1])) >= stride:
+                    points.append(point)
+            yield np.array([*points, run[-1]])
 
 
 def _draw_arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:

@@ -120,8 +120,8 @@ def draw_timeline(timeline: Timeline, width: float = 9.0) -> canvas.Figure:
 class _Lines:
     """The columns of a timeline over time, thinned one by one."""
 
-    def __init__(self, timeline: Timeline, most: int) -> None:
-        self._most = most
+    def __init__(self, timeline: Timeline, max_points: int) -> None:
+        self._most = max_points
         self.timeline, self.config, self.lining = timeline, timeline.config, timeline.lining
         scan, point = timeline.scan, timeline.scan.assessment
         self.start_ns = timeline.spells[0].start_ns
@@ -152,22 +152,22 @@ class _Lines:
         return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
 
     def amplitudes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Time, and the exact amplitude [mm]: if a cycle ran, and 0 where none is predicted."""
+        """Return time, and the exact amplitude [mm]: if a cycle ran, and 0 where none is predicted."""
         scan = self.timeline.scan
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
         averaged = np.insert(scan.assessment.amplitude, self._breaks, np.nan)
         sticking = np.insert(scan.sticking, self._breaks, False)
-        kept = canvas.envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
+        drawn = canvas.envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
         # Only at the points drawn: an exact cycle costs some microseconds.
-        exact = scan.assessment.at(rows[kept]).amplitude_exact * 1e3
-        possible = np.where(rows[kept] < 0, np.nan, exact)
-        return self._time[kept], possible, np.where(sticking[kept], possible, 0.0)
+        exact = scan.assessment.at(rows[drawn]).amplitude_exact * 1e3
+        possible = np.where(rows[drawn] < 0, np.nan, exact)
+        return self._time[drawn], possible, np.where(sticking[drawn], possible, 0.0)
 
     def line(self, *names: str) -> tuple[FloatArray, ...]:
-        """Time and values of columns, thinned to their envelope; a break is nan, drawn nowhere."""
+        """Return time and values of columns, thinned to their envelope; a break is nan, drawn nowhere."""
         values = [np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan) for n in names]
-        kept = canvas.envelope(self._most, *values)
-        return (self._time[kept], *(value[kept] for value in values))
+        rows = canvas.envelope(self._most, *values)
+        return (self._time[rows], *(value[rows] for value in values))
 
 
 def _finite_values(values: FloatArray) -> FloatArray:
@@ -213,14 +213,18 @@ def _draw_load(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
-    highest, lowest, most = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
+    """Draw the margins to both boundaries, and those of the true lining."""
+    highest, lowest, ceiling = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
     for word, (regime, colour, dashes) in canvas.BOUNDARY_LINES.items():
         name = f'{word.lower()}_margin'
         if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
-            told = getattr(lines.lining, name)
+            lining_margin = getattr(lines.lining, name)
             look: canvas.Look = {'color': canvas.REGIME_COLOUR[regime], 'alpha': 0.4, 'lw': 4.0}
             axes.plot(
-                lines.at(told.time_ns), 100.0 * _finite_values(told.value), label=f'{word}, true', **look
+                lines.at(lining_margin.time_ns),
+                100.0 * _finite_values(lining_margin.value),
+                label=f'{word}, true',
+                **look,
             )
         time, margin = lines.line(name)
         axes.plot(time, margin, color=colour, lw=1.4, zorder=4, ls=dashes, label=f'{word} margin')
@@ -234,14 +238,15 @@ def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
     axes.axhspan(0.0, caution, color=canvas.CAUTION_FILL, lw=0.0, zorder=1)
     axes.axhspan(-1e4, 0.0, color=canvas.REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
     axes.axhline(0.0, color=canvas.MUTED, lw=0.8, zorder=2)
-    top = min(max(highest, 100.0 * _LOWEST_TOP), most)
+    top = min(max(highest, 100.0 * _LOWEST_TOP), ceiling)
     room = 0.06 * (top - lowest)
-    axes.set_ylim(lowest - room, min(top + room, most))
+    axes.set_ylim(lowest - room, min(top + room, ceiling))
     axes.set_ylabel('margin [%]')
     _draw_legend(axes)
 
 
 def _draw_amplitude(axes: canvas.Axes, lines: _Lines) -> None:
+    """Draw the exact amplitude, as it would be and as predicted, and the true one."""
     time, possible, predicted = lines.amplitudes()
     red, fill = (colours[Regime.UNSTABLE] for colours in (canvas.REGIME_COLOUR, canvas.REGIME_FILL))
     axes.plot(time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
@@ -249,9 +254,16 @@ def _draw_amplitude(axes: canvas.Axes, lines: _Lines) -> None:
     axes.plot(time, predicted, color=red, lw=1.4, label='predicted', zorder=4)
     greatest = max(float(np.nanmax(line, initial=0.0)) for line in (possible, predicted))
     if lines.lining is not None:
-        told = lines.lining.amplitude
-        axes.plot(lines.at(told.time_ns), 1e3 * told.value, color=_TRUTH, lw=1.2, label='true', zorder=5)
-        greatest = max(greatest, 1e3 * float(np.nanmax(told.value, initial=1e-5)))
+        lining_amplitude = lines.lining.amplitude
+        axes.plot(
+            lines.at(lining_amplitude.time_ns),
+            1e3 * lining_amplitude.value,
+            color=_TRUTH,
+            lw=1.2,
+            label='true',
+            zorder=5,
+        )
+        greatest = max(greatest, 1e3 * float(np.nanmax(lining_amplitude.value, initial=1e-5)))
     limit = lines.config.alarm.amplitude_limit * 1e3
     if limit < 3.0 * greatest:
         axes.axhline(limit, color=canvas.INK, lw=1.0, ls=canvas.DASHES, label='limit', zorder=3)
@@ -267,11 +279,11 @@ def _draw_legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0)
     canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 
-def _draw_alarm(axes: canvas.Axes, lines: _Lines, most: int) -> None:
+def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
     """Draw the alarm's condition as a band of colours; its names stand where they fit."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
-    for spell in coarsened(lines.timeline.spells, most):
+    for spell in coarsened(lines.timeline.spells, max_labels):
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
         axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
@@ -295,6 +307,7 @@ def _draw_episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
 
 
 def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> None:
+    """Format the axes of time, with dates where the recording has them."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     for name, axes in panels.items():
         axes.set_xlim(low, high if high > low else low + 1e-6)
@@ -305,7 +318,7 @@ def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: floa
             axes.tick_params(labelbottom=False)
             axes.grid(color=canvas.MUTED, alpha=0.18, lw=0.6)
         if lines.dated:
-            _set_clock_ticks(axes, most=6 if width < 6.0 else 10)
+            _set_clock_ticks(axes, max_ticks=6 if width < 6.0 else 10)
         axes.spines[['top', 'right']].set_visible(False)
         axes.yaxis.set_label_coords(-0.6 / (width - _LEFT - _RIGHT), 0.5)
     last = panels['alarm']
@@ -313,11 +326,12 @@ def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: floa
     last.set_xlabel('time [UTC]' if lines.dated else 'time from the start [s]', size=9.5)
 
 
-def _set_clock_ticks(axes: canvas.Axes, most: int) -> None:
+def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
+    """Put ticks at round times of day."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     # matplotlib.dates has no types.
-    locator = AutoDateLocator(minticks=3, maxticks=most, tz=timezone.utc)  # type: ignore[no-untyped-call]
+    locator = AutoDateLocator(minticks=3, maxticks=max_ticks, tz=timezone.utc)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     formatter = ConciseDateFormatter(locator, tz=timezone.utc)  # type: ignore[no-untyped-call]
     # Months as numbers: their names would follow the language of the machine.

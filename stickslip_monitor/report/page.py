@@ -132,11 +132,11 @@ class Archive:
         """Add a part, and drop the outlines that will not be drawn."""
         number = len(self.parts)
         self.parts.append(part)
-        own = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
-        ranked = sorted([*self._urgent, *own[: len(part.courses)]])
+        entries = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
+        ranked = sorted([*self._urgent, *entries[: len(part.courses)]])
         self._urgent = ranked[:MOST_DRAWN]
-        kept = {n for _, n, _ in self._urgent}
-        for n in {n for _, n, _ in ranked[MOST_DRAWN:]} - kept:
+        urgent_before = {n for _, n, _ in self._urgent}
+        for n in {n for _, n, _ in ranked[MOST_DRAWN:]} - urgent_before:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
@@ -151,15 +151,18 @@ class Archive:
 
 
 def _course_of(checked: CheckReport, item: BearingReport) -> Course:
-    own = checked.config.bearing(item.name)
+    """Collect what a report says of one bearing."""
+    bearing = checked.config.bearing(item.name)
     doubts = [
-        f'{each.quantity} on {each.topic}: {text}'
-        for each, source in zip(item.inputs, own.inputs.values(), strict=True)
-        for text in dict.fromkeys(fault_text(fault, source) for fault in each.sources)
+        f'{report.quantity} on {report.topic}: {text}'
+        for report, source in zip(item.inputs, bearing.inputs.values(), strict=True)
+        for text in dict.fromkeys(fault_text(fault, source) for fault in report.sources)
     ]
-    asked = [f'{each.quantity} on {each.topic} {q}' for each in item.inputs for q in each.questions]
+    questions = [
+        f'{report.quantity} on {report.topic} {q}' for report in item.inputs for q in report.questions
+    ]
     spells = condition_intervals(item.events, checked.start_ns or 0, checked.end_ns or 0)
-    return Course(own, item, spells, doubts, asked)
+    return Course(bearing, item, spells, doubts, questions)
 
 
 def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.Figure:
@@ -172,9 +175,10 @@ def _timeline_of(course: Course) -> Timeline:
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
+    """Write the part of one bearing, with pictures where they are drawn."""
     inputs = zip(course.item.inputs, course.config.inputs.values(), strict=True)
-    own = {report.quantity: _input_facts(report, source) for report, source in inputs}
-    part = BearingPart(anchor, finding, own)
+    input_facts = {report.quantity: _input_facts(report, source) for report, source in inputs}
+    part = BearingPart(anchor, finding, input_facts)
     if not course.item.evaluations:
         return part
     part = replace(part, facts=facts(course))
@@ -184,6 +188,7 @@ def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool)
 
 
 def _map_picture(part: BearingPart, course: Course) -> Picture:
+    """Draw the stability map of a bearing, wide and narrow."""
     text = (
         f'Stability map of {course.name} over shaft speed and bearing load, with the recorded'
         f' operating points on it. {part.finding.sentences[0]}'
@@ -196,6 +201,7 @@ def _map_picture(part: BearingPart, course: Course) -> Picture:
 
 
 def _timeline_picture(part: BearingPart, course: Course) -> Picture:
+    """Draw the course of a bearing over time, wide and narrow."""
     timeline, events = _timeline_of(course), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
@@ -252,8 +258,8 @@ def html_page(
     Raises:
         ReportError: Jinja2 is not installed.
     """
-    few = len(parts) <= MOST_DRAWN
-    whole = [part for part in parts if few or part.bearings]
+    is_drawn = len(parts) <= MOST_DRAWN
+    whole = [part for part in parts if is_drawn or part.bearings]
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:
@@ -268,7 +274,7 @@ def html_page(
     environment.filters |= {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
     page = environment.get_template('page.html').render(
         parts=whole,
-        others=[part for part in parts if not (few or part.bearings)],
+        others=[part for part in parts if not (is_drawn or part.bearings)],
         finding=_overall_finding(parts),
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
@@ -289,8 +295,8 @@ def _overall_finding(parts: Sequence[RecordingPart]) -> Finding:
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
     """Return the events that a table has room for, with their numbers: the most severe, in order."""
-    order = sorted(enumerate(events, 1), key=lambda each: -_ORDER.index(each[1]['severity']))
-    return sorted(order[:MOST_EVENTS], key=lambda each: each[0])
+    order = sorted(enumerate(events, 1), key=lambda numbered: -_ORDER.index(numbered[1]['severity']))
+    return sorted(order[:MOST_EVENTS], key=lambda numbered: numbered[0])
 
 
 def parameter_groups(
@@ -300,11 +306,14 @@ def parameter_groups(
 
     ``values`` are those given, by full name; of the others it is the default.
     """
-    own = [(f'Bearing {name}', _parameter_rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings]
-    return [('Monitor', _parameter_rows(NODE_PARAMETERS, values, '')), *own]
+    bearing_groups = [
+        (f'Bearing {name}', _parameter_rows(BEARING_PARAMETERS, values, f'{name}.')) for name in bearings
+    ]
+    return [('Monitor', _parameter_rows(NODE_PARAMETERS, values, '')), *bearing_groups]
 
 
 def _parameter_rows(table: Iterable[Parameter], values: Mapping[str, Any], prefix: str) -> list[ParameterRow]:
+    """List the parameters of a table that have a value, the given ones first."""
     rows = []
     for row in table:
         given = f'{prefix}{row.name}' in values

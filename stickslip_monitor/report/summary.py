@@ -87,7 +87,7 @@ def facts(course: Course) -> tuple[Fact, ...]:
     """Return the figures that matter most."""
     sticking = _total_seconds(together(course.spells, STICKING))
     note = f'{share(sticking, course.span)} of the time' if sticking else ''
-    found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
+    facts_found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
     for name, title, shown in (
         ('fold_margin', 'least fold margin', margin),
         ('hopf_margin', 'least Hopf margin', margin),
@@ -96,16 +96,16 @@ def facts(course: Course) -> tuple[Fact, ...]:
         if name in course.item.worst:
             extreme = course.item.worst[name]
             note = f'{minute(extreme.time_ns)}, at {place(course, extreme)}'
-            found.append(Fact(title, shown(extreme.value), note))
+            facts_found.append(Fact(title, shown(extreme.value), note))
     point, measured = course.scan.assessment, course.item.measured
     if point.has_belief:
         can, will = (np.nanmax(p, initial=0.0) for p in (point.probability_can, point.probability_will))
         note = f'that it starts by itself: at most {will:.0%}'
-        found.append(Fact('greatest probability of stick-slip', f'{can:.0%}', note))
+        facts_found.append(Fact('greatest probability of stick-slip', f'{can:.0%}', note))
     if measured is not None:
         note = f'quiet for {duration(measured["quiet"])}, unknown for {duration(measured["unknown"])}'
-        found.append(Fact('vibration measured', duration(measured['vibrating']), note))
-    return tuple(found)
+        facts_found.append(Fact('vibration measured', duration(measured['vibrating']), note))
+    return tuple(facts_found)
 
 
 def place(course: Course, extreme: Extreme) -> str:
@@ -116,15 +116,16 @@ def place(course: Course, extreme: Extreme) -> str:
 
 def finding_of(course: Course) -> Finding:
     """Return the sentences on one bearing: the verdict first, and what puts it in doubt last."""
-    found = _judge_course(course)
+    finding = _judge_course(course)
     # Of two sources at once a quiet verdict is none.
-    grade = 'unknown' if course.sources and found.grade == 'clear' else found.grade
+    grade = 'unknown' if course.sources and finding.grade == 'clear' else finding.grade
     doubts = [f'In doubt: {text}.' for text in course.sources]
-    asked = (text[:1].upper() + text[1:] for text in course.questions)
-    return _make_finding(grade, *found.sentences, *doubts, *asked)
+    questions = (text[:1].upper() + text[1:] for text in course.questions)
+    return _make_finding(grade, *finding.sentences, *doubts, *questions)
 
 
 def _judge_course(course: Course) -> Finding:
+    """Grade a bearing by its conditions, without doubts and questions."""
     name = course.config.name
     if not course.scan.time_ns.size:
         text = f'{name}: no verdict: the recording has no usable operating point.'
@@ -162,12 +163,12 @@ def _total_seconds(parts: Iterable[ConditionInterval]) -> float:
 def _spell_times(parts: Sequence[ConditionInterval]) -> str:
     """Say when the spells were, as the end of a sentence."""
     first, last = parts[0].start_ns, parts[-1].end_ns
-    day, other = date(first), date(last)
+    day, last_day = date(first), date(last)
     zone = ' UTC' if day else ''
-    if len(parts) == 1 and day == other:
+    if len(parts) == 1 and day == last_day:
         return f'from {minute(first)} to {minute(last)}{zone}' + _on_date(day)
-    later = f'{minute(last)}{zone}{_on_date(other)}'
-    earlier = minute(first) if day == other else f'{minute(first)}{zone}{_on_date(day)}'
+    later = f'{minute(last)}{zone}{_on_date(last_day)}'
+    earlier = minute(first) if day == last_day else f'{minute(first)}{zone}{_on_date(day)}'
     return f'between {earlier} and {later}'
 
 
@@ -182,6 +183,7 @@ def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) 
 
 
 def _amplitude_sentence(course: Course) -> str:
+    """Write the sentence on the greatest amplitude and its limit; '' without an amplitude."""
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
@@ -210,8 +212,8 @@ def _least_margin(course: Course) -> str:
     extreme = course.item.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
-    least = margin(extreme.value)
-    return f'The least fold margin was {least}, at {place(course, extreme)}.'
+    lowest = margin(extreme.value)
+    return f'The least fold margin was {lowest}, at {place(course, extreme)}.'
 
 
 def _lost_seconds(course: Course) -> float:
@@ -338,9 +340,9 @@ def load(newtons: float) -> str:
     return f'{newtons / 1e3:.4g}{_SPACE}kN'
 
 
-def count(number: int, what: str) -> str:
+def count(number: int, noun: str) -> str:
     """Return a number with its noun: ``1 event``, ``1 250 events``."""
-    return f'{grouped(number)} {what}{"" if number == 1 else "s"}'
+    return f'{grouped(number)} {noun}{"" if number == 1 else "s"}'
 
 
 def grouped(number: int) -> str:
