@@ -23,6 +23,8 @@ class LogColumn:
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
         is_other: Whether another sender of a bus was the first to send a number of this name.
+        where: The rows that count, where several things share the column: those with that text at each of
+            these places.
     """
 
     heading: str
@@ -30,6 +32,7 @@ class LogColumn:
     name: str | None = None
     unit: str | None = None
     is_other: bool = False
+    where: tuple[tuple[int, str], ...] = ()
 
     @property
     def has_unit(self) -> bool:

@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import BagError, did_you_mean, plural
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import (
+    MOST_NAMED,
     Fault,
     Findings,
     Message,
@@ -41,6 +42,7 @@ from stickslip_logs.sources import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.clock import Cells, Clock, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
+from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.time_order import TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
@@ -207,9 +209,14 @@ class TableRecording(Recording):
         yield from (row for row in (*self.table.head, *self.table.tail) if len(row) > name)
         if self._may_lack_names or self.is_unordered:
             blank = [''] * len(self.table.names)
-            for rows in self.table.blocks([name], _silent, _silent):
-                for text in dict.fromkeys(texts_of(rows.columns[0])):
-                    yield [*blank[:name], text, *blank[name + 1 :]]
+            yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._all_texts(name))
+
+    def _all_texts(self, column: int) -> list[str]:
+        """Return each text of a column once."""
+        blocks = self.table.blocks([column], _silent, _silent)
+        return list(
+            dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
+        )
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
@@ -248,13 +255,70 @@ class TableRecording(Recording):
 
     def interval(self, column: LogColumn) -> float:
         """The usual time between two numbers of a column [s]."""
-        most = max([column.place, *(self.names or ())])
-        rows = [row for row in self.table.head if len(row) > most]
-        if column.name is not None and self.names is not None:
-            rows = [row for row in rows if row[self.names[0]] == column.name]
-        rows = [row for row in rows if str(row[column.place]).strip()]
-        times = _timed(rows, self.table.clock_of(column.place))[1]
+        times = self._rows_of(column, self.table.head)[1]
         return _usual_gap(np.sort(times) if self.is_unordered else times) * 1e-9
+
+    def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
+        """Return the rows that have a number of a column and a time, and the times [ns]."""
+        keys = self.keys_of(column)
+        most = max([column.place, *(place for place, _ in keys)])
+        own = [
+            row
+            for row in rows
+            if len(row) > most
+            and str(row[column.place]).strip()
+            and all(is_same_key(row[place], text) for place, text in keys)
+        ]
+        return _timed(own, self.table.clock_of(column.place))
+
+    def keys_of(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
+        """Return the rows of a column: those with that text at each of these places; all where empty."""
+        name = () if self.names is None or column.name is None else ((self.names[0], column.name),)
+        return (*name, *column.where)
+
+    def chosen(self, column: LogColumn, where: Mapping[str, str]) -> LogColumn:
+        """Return a column of those rows only that have some texts in others.
+
+        Args:
+            column: The column.
+            where: The text by the heading, or the number as ``#3``, of each other column.
+
+        Raises:
+            BagError: A column is not there, or has no such text.
+        """
+        pairs = []
+        for heading, text in where.items():
+            plain, names = parse_heading(heading).name, list(enumerate(self.table.names))
+            same = [k for k, name in names if heading in (name, f'#{k + 1}')]
+            like = same or [k for k, name in names if plain and parse_heading(name).name == plain]
+            if not like:
+                near = did_you_mean(heading, self.table.names)
+                raise BagError(f"log '{self.path}' has no column '{heading}' to choose rows by{near}")
+            known = [
+                row[like[0]].strip() for row in (*self.table.head, *self.table.tail) if len(row) > like[0]
+            ]
+            if not any(is_same_key(cell, text) for cell in set(known)):
+                known = [cell.strip() for cell in self._all_texts(like[0])]
+            if not any(is_same_key(cell, text) for cell in set(known)):
+                raise BagError(
+                    f"log '{self.path}' has no line with '{text}' in column '{heading}': it has"
+                    f' {listed(known)}{did_you_mean(text, known)}'
+                )
+            pairs.append((like[0], text))
+        return replace(column, where=tuple(pairs))
+
+    def key_of(self, column: LogColumn) -> tuple[str, list[str]] | None:
+        """Return the column by whose texts the rows of a column are of several things, and these; or None."""
+        if self.is_sent:
+            return None  # one sender is used, as live
+        rows, time_ns = self._rows_of(column, [*self.table.head, *self.table.tail])
+        known = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
+        known |= {*(self.names or ()), self.unit_place or 0, self._status_of(column.place) or 0} - {0}
+        places = [k for k in range(len(self.table.names)) if k not in known]
+        key = find_key_column(rows, time_ns, column.place, self.table.names, places)
+        if key is None:
+            return None
+        return self.table.names[key], list(dict.fromkeys(row[key].strip() for row in rows if key < len(row)))
 
     def definition(self, topic: str) -> str:
         """The definition of what the sensors would have sent."""
@@ -303,6 +367,12 @@ def _timed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
         return [], np.empty(0, np.int64)
     times, is_timed = clock.read([[row[k] for row in long] for k in clock.columns])
     return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return some texts in quotation marks, up to ten of them."""
+    more = f' and {len(texts) - MOST_NAMED} more' if len(texts) > MOST_NAMED else ''
+    return ', '.join(f"'{text}'" for text in texts[:MOST_NAMED]) + more
 
 
 def _usual_gap(time_ns: IntArray) -> float:
@@ -374,19 +444,22 @@ class TableReading:
         progress: Progress | None,
     ) -> None:
         self._recording, self._requests, self._columns = recording, requests, columns
-        self._names, self._progress = recording.names, progress
+        self._progress = progress
         self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
-        places = self._names or [own.column.place for own in columns.values()]
+        self._keys = {topic: recording.keys_of(own.column) for topic, own in columns.items()}
+        places = [own.column.place for own in columns.values()]
+        keys = [place for each in self._keys.values() for place, _ in each]
         statuses = {k for own in columns.values() if (k := own.status) is not None}
         self._unit_place = recording.unit_place
         units = set() if self._unit_place is None else {self._unit_place} - statuses
-        self._wanted = [*places, *statuses, *units]
+        table = recording.table
+        ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
+        self._steps = KeySteps(ends)
+        self._wanted = list(dict.fromkeys([*places, *keys, *statuses, *units, *self._steps.places]))
         self._converted: set[str] = set()
         self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
-        self._number_of = {
-            own.column.name: k for k, own in enumerate(columns.values()) if own.column.name is not None
-        }
+        self._names = {own.column.name for own in columns.values()}
         self._admissions = {
             topic: SourceAdmission(own.column.heading, own.timeout, '', recording.note)
             for topic, own in columns.items()
@@ -418,6 +491,8 @@ class TableReading:
             at = np.flatnonzero(source)
             if at.size:
                 time_ns, source, place = part.time_ns[at], source[at], at + row
+                if self._steps.places:
+                    self._take_steps(rows, time_ns, at)
                 has_whole_lines = has_whole_lines or bool((source == every).any())
                 whole.add(time_ns, np.full(at.size, _ALL_LINES), place)
                 if not has_whole_lines:
@@ -426,10 +501,22 @@ class TableReading:
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
+        if (key := self._steps.place) is not None:
+            heading, texts = recording.table.names[key], list(self._steps.texts[key])
+            raise BagError(
+                f"log '{recording.path}': column '{heading}' has {listed(texts)} one after the other, at the"
+                f' same times: choose one beside each input, as in where: {{{heading}: {texts[0]}}}'
+            )
         course = (whole if has_whole_lines else order).course()
         # Lines with a time for each signal are in no order but that of each.
         course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
         return course, has_whole_lines
+
+    def _take_steps(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
+        """Note where the times of rows with a number step back, and which texts change there."""
+        own = np.flatnonzero(rows.is_timed)[at].tolist()
+        texts = {place: texts_of(rows.columns[self._wanted.index(place)]) for place in self._steps.places}
+        self._steps.add(time_ns, {place: [each[k].strip() for k in own] for place, each in texts.items()})
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other."""
@@ -479,11 +566,7 @@ class TableReading:
     def _of_rows(self, rows: Rows) -> Part:
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
-        names = texts_of(rows.columns[0]) if self._number_of else []
-        if self._admissions:
-            for name in {*names} - self._number_of.keys():
-                self._number_of[name] = self._number_of.get(first_name(name), -1)
-        numbered = np.fromiter(map(self._number_of.get, names, itertools.repeat(-1)), np.int64, len(names))
+        coded: dict[int, tuple[dict[str, int], IntArray]] = {}
         for topic, own in self._columns.items():
             if not rows.clock.times(own.column.place):
                 part.numbers[topic] = np.empty(0, np.int64), np.empty(0)
@@ -491,18 +574,18 @@ class TableReading:
             cells, where = rows.columns[self._wanted.index(own.column.place)], None
             status = own.status
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
-            if own.column.name is not None:
-                named = numbered == self._number_of[own.column.name]
-                cells, where = some_cells(cells, named), np.flatnonzero(named)
-                marks = some_cells(marks, named) if marks else marks
+            if self._keys[topic]:
+                chosen = self._chosen(rows, topic, coded)
+                cells, where = some_cells(cells, chosen), np.flatnonzero(chosen)
+                marks = some_cells(marks, chosen) if marks else marks
             if topic in self._admissions and where is not None:
                 where = where[self._are_admitted(topic, cells, rows, where)]
-                named = np.isin(np.arange(named.size), where)
-                cells = some_cells(rows.columns[self._wanted.index(own.column.place)], named)
+                chosen = np.isin(np.arange(chosen.size), where)
+                cells = some_cells(rows.columns[self._wanted.index(own.column.place)], chosen)
             found = self._recording.table.numbers(cells)
             if own.column.name is not None and self._unit_place is not None:
                 texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
-                self._convert(found, some_cells(texts, named), own.column)
+                self._convert(found, some_cells(texts, chosen), own.column)
             if status is not None:
                 self._leave_out(found, marks, self._least_good[status])
             self._take_words(topic, found.words)
@@ -527,6 +610,23 @@ class TableReading:
         admits = self._admissions[topic].admits
         own = zip(where.tolist(), seconds, valid, strict=True)
         return np.array([admits(sources[k], now, valid=good) for k, now, good in own], np.bool_)
+
+    def _chosen(self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]) -> BoolArray:
+        """Return which rows have the texts of a topic's keys; codes of texts are kept by their column."""
+        chosen = np.ones(rows.time_ns.size, np.bool_)
+        for place, text in self._keys[topic]:
+            if place not in coded:
+                texts = texts_of(rows.columns[self._wanted.index(place)])
+                number = {text: k for k, text in enumerate(dict.fromkeys(texts))}
+                coded[place] = number, np.fromiter(map(number.__getitem__, texts), np.int64, len(texts))
+            number, codes = coded[place]
+            same = [k for cell, k in number.items() if is_same_key(cell, text)]
+            if topic in self._admissions:
+                # Another sender stands in under the name that the first one has.
+                others = {cell: k for cell, k in number.items() if cell not in self._names}
+                same += [k for cell, k in others.items() if first_name(cell) == text]
+            chosen &= np.isin(codes, same)
+        return chosen
 
     def _convert(self, found: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers of a name whose lines have another unit than its first; leave out the others."""

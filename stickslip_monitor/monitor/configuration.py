@@ -143,6 +143,7 @@ def _with_law(bearing: Bearing, own: Mapping[str, Any]) -> Bearing:
 
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
+_WHERE = '.where.'
 _TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _Input = TypeVar('_Input', bound=InputConfig)
@@ -183,6 +184,7 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
     Traceback (most recent call last):
     stickslip_monitor.errors.ConfigurationError: aft.mass = -1.0 must be a finite number ... kg
     """
+    values = _with_lists_of_where(values)
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
     notes = _retired(values, names)
@@ -193,6 +195,18 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
     clips = filled(parameters.ClipConfig, 'clips.', node)
     faults = tuple(section.fault for section in sections if section.fault)
     return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes), faults=faults)
+
+
+def _with_lists_of_where(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters with each ``where: {COLUMN: TEXT}``, whose columns have any name, as one list."""
+    found = {key: value for key, value in values.items() if _WHERE not in key}
+    for key in (key for key in values if _WHERE in key):
+        (name, _, column), text = key.partition(_WHERE), values[key]
+        if isinstance(text, bool) or not isinstance(text, str | int | float):
+            raise refused(key, text, 'the text of a column, in quotation marks if need be')
+        own = found.setdefault(f'{name}{_WHERE[:-1]}', [])
+        found[f'{name}{_WHERE[:-1]}'] = [*own, column, str(text)]
+    return found
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -455,6 +469,7 @@ class _Section:
             'load.type': speed.type,
             'load.field': speed.field_text,
             'load.column': speed.column,
+            'load.where': speed.where,
             'load.scale': 0.0,
             'load.offset': 0.0 if table[1] else own['load.constant'],
             'load.timeout': own['speed.timeout'],
@@ -479,6 +494,9 @@ class _Section:
                 f"parameter '{name}.topic' is missing: give the topic that carries the {quantity},"
                 f' {name}.column for a log{remedy}'
             )
+        if len(own[f'{quantity}.where']) % 2:
+            rule = 'pairs of a column of a log and its text, as in {shaft: port}'
+            raise refused(f'{name}.where', own[f'{quantity}.where'], rule)
         if topic:
             check_topic(f'{name}.topic =', topic)
         if not _TYPE.fullmatch(own[f'{quantity}.type']):

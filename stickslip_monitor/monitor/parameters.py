@@ -131,6 +131,12 @@ class InputConfig:
         'Heading of its column in a log, the name in a log of one value a line, or its number as'
         " '#3'; found by unit and name where empty.",
     )
+    where: tuple[str, ...] = parameter(
+        (),
+        'The lines of a log that count, where several shafts or ships share it, by text of other columns:'
+        ' {shaft: port}.',
+        kind='str[]',
+    )
     field: FieldPath = ('data',)
     factor: float = 1.0
     deadband: float = 0.0
@@ -140,6 +146,11 @@ class InputConfig:
     def stands_ns(self) -> int:
         """How long a value counts [ns]."""
         return max(self.timeout_ns, self.hold_ns)
+
+    @property
+    def where_texts(self) -> dict[str, str]:
+        """The text by column of the lines that count."""
+        return dict(zip(self.where[::2], self.where[1::2], strict=True))
 
 
 @dataclass(frozen=True, slots=True)

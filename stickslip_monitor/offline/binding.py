@@ -41,7 +41,7 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
 
 def _by_columns(log: TableRecording, config: MonitorConfig) -> Bound:
     """Let columns stand for the topics of a configuration."""
-    binding = ColumnBinding(log.path, log.all_columns, log.interval, log.is_sent)
+    binding = ColumnBinding(log)
     bound = binding.bind(config)
     for text in binding.said:
         log.note(text)

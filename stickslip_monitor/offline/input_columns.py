@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
+from stickslip_logs.recordings.table_recording import TableRecording, listed
 from stickslip_logs.tables.dialect import parse_heading
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.parameters import (
@@ -26,7 +26,6 @@ from stickslip_monitor.physics.bearing import TURNING_UNITS
 _TIMEOUT_LINES = 3.0
 # Of ten years, to which any time of a log can be added [ns].
 _LONGEST_NS = 10 * 31_557_600 * 10**9
-_MOST_NAMED = 10
 # In the unit of an input, but named as another quantity: never guessed.
 _OTHERS = {
     # C663 is a turbocharger in the ISO 19848 names of DNV.
@@ -75,23 +74,15 @@ class Bound:
 
 
 class ColumnBinding:
-    """Finds the columns of the inputs of a configuration.
-
-    ``is_sent`` is whether their numbers are as sensors sent them, over a bus.
+    """Finds the columns of a log that are the inputs of a configuration.
 
     Attributes:
         columns: By the topic that each stands for.
         said: What was guessed.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        columns: Sequence[LogColumn],
-        interval: Callable[[LogColumn], float],
-        is_sent: bool = False,
-    ) -> None:
-        self._path, self._all, self._interval, self._is_sent = path, columns, interval, is_sent
+    def __init__(self, log: TableRecording) -> None:
+        self._log, self._path, self._all = log, log.path, log.all_columns
         self.columns: dict[str, SourceColumn] = {}
         self.said: list[str] = []
 
@@ -103,7 +94,8 @@ class ColumnBinding:
         found: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
         for bearing, quantity, source in wanted:
             try:
-                found.append((bearing, quantity, source, self._found(bearing, quantity, source)))
+                column = self._rows_of(bearing, quantity, source, self._found(bearing, quantity, source))
+                found.append((bearing, quantity, source, column))
             except BagError as error:
                 absent[bearing.name, quantity] = str(error)
         for bearing, quantity, source, column in found:
@@ -114,7 +106,7 @@ class ColumnBinding:
                     f' {len(topics)} have different topics: write {bearing.name}.{quantity}.column'
                 )
                 continue
-            every = self._interval(column)
+            every = self._log.interval(column)
             own = self._bound(bearing, quantity, source, column, every)
             changed.setdefault(bearing.name, {})[quantity] = own
         for each in config.bearings:
@@ -145,23 +137,40 @@ class ColumnBinding:
             # Of columns of one heading only the place tells.
             is_one = len({column.heading for column in found}) == 1
             names = [f'#{column.place + 1}' if is_one else column.heading for column in found]
-            listed = ', '.join(f"'{name}'" for name in names[:_MOST_NAMED])
             raise BagError(
-                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed}; write {parameter}"
+                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed(names)};"
+                f' write {parameter}'
             )
         headings = [column.heading for column in self._all]
-        listed = ', '.join(f"'{heading}'" for heading in headings[:_MOST_NAMED])
-        more = f' and {len(headings) - _MOST_NAMED} more' if len(headings) > _MOST_NAMED else ''
         if source.column:
             near = did_you_mean(source.column, headings)
             raise BagError(
                 f"log '{self._path}' has no column '{source.column}' ({parameter}): it has"
-                f' {listed}{more}{near}'
+                f' {listed(headings)}{near}'
             )
         remedy = f', or {bearing.name}.load.constant or .over_speed' if quantity == 'load' else ''
         raise BagError(
             f"log '{self._path}': no column is to be known as the {quantity} of {bearing.name} by"
-            f' its unit or its name: it has {listed}{more}; write {parameter}{remedy}'
+            f' its unit or its name: it has {listed(headings)}; write {parameter}{remedy}'
+        )
+
+    def _rows_of(
+        self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn
+    ) -> LogColumn:
+        """Return the column with the rows that count.
+
+        Raises:
+            BagError: Its rows are of several things, or those that are chosen are not there.
+        """
+        column = self._log.chosen(column, source.where_texts)
+        if (key := self._log.key_of(column)) is None:
+            return column
+        heading, texts = key
+        others = ''.join(f', {name}: {text}' for name, text in source.where_texts.items())
+        raise BagError(
+            f"log '{self._path}': the lines of '{column.heading}' are of several things, told apart by column"
+            f" '{heading}' ({listed(texts)}): write {bearing.name}.{quantity}.where:"
+            f' {{{heading}: {texts[0]}{others}}}, and a bearing for each'
         )
 
     def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
@@ -214,7 +223,7 @@ class ColumnBinding:
         is_geared = quantity == 'speed' and bool(_GEARED & {*parse_heading(column.heading).name.split()})
         # What came over a bus is what the sensor sent, the scale of an engine's speed is its gear, and
         # what is written beside a named column is meant for it.
-        is_scaled = unit is not None and not (self._is_sent or is_geared or source.column)
+        is_scaled = unit is not None and not (self._log.is_sent or is_geared or source.column)
         sent = SourceColumn(column)
         if unit is not None:
             ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
@@ -222,7 +231,7 @@ class ColumnBinding:
             scaled = (source.scale, source.offset) if is_scaled else (1.0, 0.0)
             sent = SourceColumn(column, ratio, *scaled, kept=NO_VALUES)
         timeout_ns = max(min(round(_TIMEOUT_LINES * every * 1e9), _LONGEST_NS), source.timeout_ns)
-        sent = replace(sent, timeout=timeout_ns * 1e-9 if self._is_sent else None)
+        sent = replace(sent, timeout=timeout_ns * 1e-9 if self._log.is_sent else None)
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'

@@ -17,7 +17,7 @@ from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.cli import main
-from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
 from stickslip_monitor.monitor.parameters import InputConfig
 from stickslip_monitor.offline.binding import bind
 
@@ -277,3 +277,32 @@ def test_a_third_of_implausible_speeds_is_no_quiet_voyage(every: int, code: int,
     rows = ''.join(f'{t},{4000 if t % every == 0 else 136},1000\n' for t in range(1, 121))
     (tmp_path / 'voyage.csv').write_text(f'time,speed [rpm],load [N]\n{rows}')
     assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) == code
+
+
+def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
+    """Mixed to one speed, stick-slip of one shaft is hidden by the other."""
+    text = 'time,shaft,rpm,load [N]\n' + ''.join(
+        f'{t},{shaft},{rpm},{load}\n'
+        for t in range(9)
+        for shaft, rpm, load in (('port', 30, 900), ('stbd', 60, 800))
+    )
+    recording = opened(tmp_path, text)
+    absent = bind(recording, load_config(CONFIG)).absent
+    assert list(absent) == [('aft_stern', 'speed'), ('aft_stern', 'load')]
+    assert (
+        "told apart by column 'shaft' ('port', 'stbd'): write aft_stern.speed.where: {shaft: port}"
+        in (absent['aft_stern', 'speed'])
+    )
+    document = load_yaml(CONFIG)
+    own = document['/**']['ros__parameters']
+    bearing = own.pop('aft_stern')
+    own['bearings'] = ['port', 'stbd']
+    for name in own['bearings']:
+        inputs = {key: bearing[key] | {'where': {'shaft': name}} for key in ('speed', 'load')}
+        own[name] = bearing | inputs
+    (tmp_path / 'ship.yaml').write_text(json.dumps(document))
+    bound = bind(recording, load_config(tmp_path / 'ship.yaml'))
+    assert bound.absent == {}
+    topics = [source.topic for each in bound.config.bearings for source in each.inputs.values()]
+    found = recording.read([Request(topic, 'data') for topic in topics])
+    assert [series.value.tolist() for series in found.values()] == [[n] * 9 for n in (30, 900, 60, 800)]
