@@ -46,8 +46,11 @@ GROUPS = (
     (
         'water_temperature',
         'Water temperature',
-        'With `friction.at_temperature` the water that friction was measured in counts, too:'
-        ' [physics.md](physics.md#another-load-or-temperature).',
+        'With `friction.at_temperature` friction goes by the water of now:'
+        ' [physics.md](physics.md#another-load-or-temperature). It is a number (`constant`) or measured: what'
+        ' all inputs have is below. Until a value has come the constant counts, or the water of the'
+        ' measurement; after the timeout the last value. Both are said, and no bearing is then better than'
+        ' WARN.',
     ),
     (
         'tolerance',
@@ -57,9 +60,10 @@ GROUPS = (
     ),
     (
         INPUT,
-        'Inputs: speed, load and level',
-        'The same for `speed`, `load` and, where vibration is measured, `level` (what it adds is'
-        ' in [the rule](rule.md#measured-vibration)). Where they differ, in this order.',
+        'Inputs: speed, load, level and water temperature',
+        'The same for `speed`, `load` and, where they are measured, `level` (vibration: what it adds is'
+        ' in [the rule](rule.md#measured-vibration)) and `water_temperature`. Where they differ, in this'
+        ' order.',
     ),
     ('level', 'Level of measured vibration', ''),
     ('alarm', 'Alarm', ''),

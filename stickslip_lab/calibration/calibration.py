@@ -462,7 +462,8 @@ class EvidenceSource:
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     """Speed and load of a recording between two jumps of the clock, as reference points."""
-    speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load)
+    water = None if scan.config.water_temperature is None else scan.water
+    speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
     begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
     return tuple(
         course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b]) for a, b in pairwise(begins) if b > a

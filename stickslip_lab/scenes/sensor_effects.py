@@ -21,10 +21,10 @@ import numpy as np
 
 from stickslip_lab.scenes.effects import Change, SceneRun, channel_effect, effect, require_header, unit_of
 from stickslip_lab.scenes.settings import Settings, check_points, read_sample_mask, read_windows
-from stickslip_lab.scenes.telemetry import Channel, Memory, Signal, Term, TimeBlock
+from stickslip_lab.scenes.telemetry import CHANNELS, Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
+from stickslip_monitor.monitor.signals import QUANTITIES
 
 # Time constants and windows that a sensor's grid can resolve and hold [s].
 _SHORTEST, _LONGEST = 1e-3, 600.0
@@ -116,7 +116,7 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     return add
 
 
-@channel_effect('sensor', INPUTS, 'bias', 'drift', 'unit', section='the error')
+@channel_effect('sensor', CHANNELS, 'bias', 'drift', 'unit', section='the error')
 def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Add an error that is constant or drifts."""
     unit, factor = unit_of(settings, channel)
@@ -129,7 +129,7 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return add
 
 
-@channel_effect('sensor', INPUTS, 'standard_deviation', 'unit', section='the noise')
+@channel_effect('sensor', CHANNELS, 'standard_deviation', 'unit', section='the noise')
 def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Add white normal noise."""
     unit, factor = unit_of(settings, channel)
@@ -142,7 +142,7 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return add
 
 
-@channel_effect('sensor', INPUTS, 'size', 'unit', 'windows', 'share', section='the spikes')
+@channel_effect('sensor', CHANNELS, 'size', 'unit', 'windows', 'share', section='the spikes')
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Put single samples off by a size, up or down."""
     unit, factor = unit_of(settings, channel)
@@ -158,7 +158,7 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return add
 
 
-@channel_effect('sensor', INPUTS, 'step', 'unit', section='the step')
+@channel_effect('sensor', CHANNELS, 'step', 'unit', section='the step')
 def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Round to the nearest multiple of a step."""
     unit, factor = unit_of(settings, channel)
@@ -170,7 +170,7 @@ def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return round_off
 
 
-@channel_effect('sensor', INPUTS, 'windows', section='when it is stuck')
+@channel_effect('sensor', CHANNELS, 'windows', section='when it is stuck')
 def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Repeats in a window the last value before it, or else the first within."""
     held = read_windows(settings, run.duration)
@@ -190,7 +190,7 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return hold
 
 
-@channel_effect('sensor', INPUTS, 'windows', 'share', section='when it sends NaN')
+@channel_effect('sensor', CHANNELS, 'windows', 'share', section='when it sends NaN')
 def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Send NaN in the place of some samples."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
@@ -205,7 +205,7 @@ def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 _MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 
 
-@channel_effect('recording', INPUTS, 'standard_deviation', section='the jitter')
+@channel_effect('recording', CHANNELS, 'standard_deviation', section='the jitter')
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Scatters the stamps; none comes to lie before 1970."""
     deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=_MOST_JITTER)
@@ -219,7 +219,7 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return shift
 
 
-@channel_effect('recording', INPUTS, 'jumps')
+@channel_effect('recording', CHANNELS, 'jumps')
 def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Shifts all stamps after each jump."""
     jumps = _clock_jumps(settings, run.duration)
@@ -253,7 +253,7 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
     return jumps
 
 
-@channel_effect('recording', INPUTS, 'delay', 'windows', 'share', section='which messages are late')
+@channel_effect('recording', CHANNELS, 'delay', 'windows', 'share', section='which messages are late')
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Delays some messages."""
     require_header(channel, 'none of its messages can be out of order')
@@ -269,7 +269,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return hold_up
 
 
-@channel_effect('recording', INPUTS, 'windows', 'share', section='which messages come twice')
+@channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages come twice')
 def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Record some messages twice."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
@@ -280,7 +280,7 @@ def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Chan
     return repeat
 
 
-@channel_effect('recording', INPUTS, 'windows', 'share', section='which messages are lost')
+@channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages are lost')
 def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Loses some messages."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
@@ -291,7 +291,7 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return lose
 
 
-@channel_effect('recording', INPUTS, 'value', 'unit', 'rate', section='what it sends')
+@channel_effect('recording', CHANNELS, 'value', 'unit', 'rate', section='what it sends')
 def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Send a constant value on the same topic, between the regular instants of its rate."""
     unit, factor = unit_of(settings, channel)

@@ -22,7 +22,7 @@ from stickslip_logs.recordings.writer import NUMBER_FIELDS, STAMP_END, STAMPED_F
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
 from stickslip_monitor.physics.friction import speed_scales
@@ -164,6 +164,8 @@ class Messages(NamedTuple):
     raw: FloatArray  # the numbers in them, shape (n,)
 
 
+CHANNELS = INPUTS[: LEVEL + 1]
+"""The inputs that a scene may record."""
 _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 
 
@@ -176,7 +178,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:
         own = _telemetry_section(telemetry, bearing.name, [b.name for b in config.bearings])
-        for quantity in QUANTITIES if 'level' not in own else INPUTS:
+        for quantity in QUANTITIES if 'level' not in own else CHANNELS:
             if quantity not in bearing.inputs:
                 raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
             sampling = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
@@ -191,10 +193,10 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 def _telemetry_section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
     """Return the telemetry of one bearing: its own section, or the common one."""
     names = set(telemetry) if isinstance(telemetry, dict) else set()
-    if names.isdisjoint(bearings) or not names.isdisjoint(INPUTS):
-        return Settings('telemetry', telemetry, INPUTS)
+    if names.isdisjoint(bearings) or not names.isdisjoint(CHANNELS):
+        return Settings('telemetry', telemetry, CHANNELS)
     rates = 'the rates of its speed and load'
-    return Settings('telemetry', telemetry, bearings).section(bearing, INPUTS, rates)
+    return Settings('telemetry', telemetry, bearings).section(bearing, CHANNELS, rates)
 
 
 def _check_input(name: str, settings: InputConfig) -> None:

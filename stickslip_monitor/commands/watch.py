@@ -118,6 +118,8 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
                     if quantity == 'load' and any(f'{name}.{key}' in parameters for key in ASSUMED_LOADS):
                         continue
                     parameters.setdefault(f'{name}.{quantity}.topic', f'{name}/{quantity}')
+                if f'{name}.water_temperature.from' in section:
+                    parameters.setdefault(f'{name}.water_temperature.topic', f'{name}/water_temperature')
         config = build_config(parameters, is_live=True)
         links = build_links(section, config)
         return (config if with_node else _labelled(config, links)), links
@@ -136,15 +138,20 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
             )
         # A constant load comes with the speed.
         places = {Input.SPEED, Input.SPEED if bearing.load.is_assumed else Input.LOAD}
+        if bearing.water_temperature is not None:
+            places.add(Input.WATER_TEMPERATURE)
         for place in sorted(places):
             if (bearing.name, place) not in labels:
                 raise ConfigurationError(
                     f"{SECTION}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
                     ' every input comes from a bus'
                 )
-        speed = replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])
-        load = replace(bearing.load, topic=labels[bearing.name, max(places)])
-        bearings.append(replace(bearing, speed=speed, load=load))
+        own: dict[str, Any] = {'speed': replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])}
+        own['load'] = replace(bearing.load, topic=labels[bearing.name, Input(max(places & {0, 1}))])
+        if bearing.water_temperature is not None:
+            topic = labels[bearing.name, Input.WATER_TEMPERATURE]
+            own['water_temperature'] = replace(bearing.water_temperature, topic=topic)
+        bearings.append(replace(bearing, **own))
     return replace(config, bearings=tuple(bearings))
 
 

@@ -22,14 +22,23 @@ from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameter import REQUIRED
 from stickslip_monitor.monitor.parameter_file import LINKS
-from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig, filled, parameter, rows
+from stickslip_monitor.monitor.parameters import (
+    BearingConfig,
+    InputConfig,
+    MonitorConfig,
+    filled,
+    parameter,
+    rows,
+)
 from stickslip_monitor.monitor.session import Log, Moment, Session, Sink, Store
-from stickslip_monitor.monitor.signals import QUANTITIES, Input
+from stickslip_monitor.monitor.signals import Input
 
 SECTION = LINKS
 SIGNALK, NMEA = 'signalk', 'nmea'
-UNITS = {Input.SPEED: 'Hz', Input.LOAD: 'N'}
+UNITS = {Input.SPEED: 'Hz', Input.LOAD: 'N', Input.WATER_TEMPERATURE: 'K'}
 """Of the inputs, as Signal K has them."""
+BUS_INPUTS = tuple(place.name.lower() for place in UNITS)
+"""The names of the inputs that a bus may bring."""
 _PATH = re.compile(r'[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)+')
 _PORTS = {'udp': 'udp://127.0.0.1:10110', 'tcp': 'tcp://127.0.0.1:10110', 'serial': 'serial:///'}
 _NOTHING_SENT = 'false without signalk.prefix: nothing is sent that somebody could act on'
@@ -145,7 +154,7 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
     inputs = tuple(
         _build_input(bearing, Input[quantity.upper()], f'{bearing.name}.{quantity}', values)
         for bearing in config.bearings
-        for quantity in QUANTITIES
+        for quantity in BUS_INPUTS
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
     )
     if not (settings['signalk.url'] or settings['nmea.listen'] or settings['nmea.alerts'] or inputs):
@@ -156,7 +165,7 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
 
 def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
     names = [p.name for p in LINK_PARAMETERS]
-    names += [f'{b}.{q}.{p.name}' for b in bearings for q in QUANTITIES for p in INPUT_PARAMETERS]
+    names += [f'{b}.{q}.{p.name}' for b in bearings for q in BUS_INPUTS for p in INPUT_PARAMETERS]
     for key, value in values.items():
         if key not in names:
             hint = did_you_mean(key, names)
@@ -237,15 +246,22 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
     _require_value(not assumed, name, settings['from'], 'left out, as the load is a constant')
-    source = bearing.inputs[place.name.lower()]
+    source = bearing.inputs.get(place.name.lower())
+    if source is None:
+        raise ConfigurationError(
+            f"parameter '{name}.topic' is missing: {SECTION} brings a {place.name.lower()}"
+        )
     times = {'timeout': source.stands_ns * 1e-9, 'hold': source.hold_ns * 1e-9}
     item = filled(BusInput, '', settings, bearing=bearing.name, place=place, **times)
     if item.bus == SIGNALK:
-        _check_unit(bearing, load, name, UNITS[place], 'Signal K')
+        _check_unit(source, name, UNITS[place], 'Signal K')
         _require_value(
             _PATH.fullmatch(settings['path']), f'{name}.path', settings['path'], 'a Signal K path, without *'
         )
         return item
+    is_spoken = place is not Input.WATER_TEMPERATURE
+    rule = f'{SIGNALK}: NMEA brings speed and load only'
+    _require_value(is_spoken, f'{name}.from', settings['from'], rule)
     sentence, kinds, kind = ('XDR', 'N', 'N, a force') if load else ('RPM', 'SE', _SHAFT)
     for fits, key, rule in (
         (settings['sentence'] == sentence, 'sentence', sentence),
@@ -253,13 +269,13 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
         (settings['name'] or not load, 'name', 'given: the name of the transducer'),
     ):
         _require_value(fits, f'{name}.{key}', settings[key], rule)
-    _check_unit(bearing, load, name, 'N' if load else 'rpm', sentence)
+    _check_unit(source, name, 'N' if load else 'rpm', sentence)
     return item
 
 
-def _check_unit(bearing: BearingConfig, load: bool, name: str, unit: str, who: str) -> None:
+def _check_unit(source: InputConfig, name: str, unit: str, who: str) -> None:
     """Check that the monitor expects the unit of the bus: numbers are passed on as received."""
-    unit_read = (bearing.load if load else bearing.speed).unit
+    unit_read = source.unit
     if unit_read != unit:
         raise ConfigurationError(f"{name}.unit = '{unit_read}' must be {unit}, in which {who} gives it")
 

@@ -234,14 +234,22 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
 def _input_record(state: BearingState, name: str) -> dict[str, Any]:
     bearing, place = state.bearing, INPUTS.index(name)
     known, counts = state.inputs.get(name, InputState()), bearing.counts[place]
-    is_level = place == Input.LEVEL
     return {
-        'lost': bearing.unknown is Unknown.LOST if is_level else name in bearing.lost(),
+        'lost': _is_lost(bearing, place),
         'age': number(known.age),
         'rate': number(known.rate),
         'fault': known.fault,
         'counts': {each.name.lower(): int(counts[each]) for each in Status},
     }
+
+
+def _is_lost(bearing: BearingMonitor, place: int) -> bool:
+    """Return whether an input has come and is lost, or one without which there is no verdict is missing."""
+    if place == Input.LEVEL:
+        return bearing.unknown is Unknown.LOST
+    if place == Input.WATER_TEMPERATURE:
+        return bearing.is_lost(place) and bearing.state.came[place] != NEVER
+    return INPUTS[place] in bearing.lost()
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:

@@ -344,7 +344,8 @@ class _Section:
             bearing, belief = self._believed(bearing, tolerance, {'speed': speed, 'load': load})
         except PhysicsError as error:
             raise ConfigurationError(f'{name}: {error}') from error
-        return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level)
+        water = self._water({'speed': speed, 'load': load} | ({} if level is None else {'level': level}))
+        return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level, water)
 
     def _believed(
         self, bearing: Bearing, tolerance: Tolerance, inputs: Mapping[str, InputConfig]
@@ -382,16 +383,17 @@ class _Section:
         """Return the load and the water at which friction was measured; ``None`` where neither matters."""
         own = self._own
         exponent, water = own['friction.load_exponent'], own['water_temperature.constant']
+        source = self._water_key()
         for given, key, needed, what in (
             (exponent > 0.0, 'friction.load_exponent', 'friction.at_load', 'load'),
-            (not math.isnan(water), 'water_temperature.constant', 'friction.at_temperature', 'temperature'),
+            (bool(source), source, 'friction.at_temperature', 'temperature'),
         ):
             if given and math.isnan(own[needed]):
                 raise ConfigurationError(
                     f"parameter '{self.name}.{needed}' is missing: {self._shown(key)} needs the {what}"
                     ' at which friction was measured'
                 )
-        if exponent == 0.0 and math.isnan(water):
+        if exponent == 0.0 and not source:
             return None
         at_salinity, salinity = own['friction.at_salinity'], own['water_temperature.salinity']
         lubrication = Lubrication(
@@ -401,7 +403,16 @@ class _Section:
             salinity if math.isnan(at_salinity) else at_salinity,
             salinity,
         )
-        return lubrication if math.isnan(water) else lubrication.at(water)
+        if not source:
+            return lubrication
+        # Until a temperature has come friction is taken as measured.
+        return lubrication.at(own['friction.at_temperature'] if math.isnan(water) else water)
+
+    def _water_key(self) -> str:
+        """Return the parameter by which the water has a temperature; empty for none."""
+        own = self._own
+        keys = ('water_temperature.topic', 'water_temperature.column', 'water_temperature.constant')
+        return next((key for key in keys if own[key] and own[key] == own[key]), '')
 
     def unused(self, config: BearingConfig) -> Iterator[str]:
         """Yield a sentence on each parameter of friction and probability that is not used.
@@ -414,7 +425,7 @@ class _Section:
         of_load = ('friction.at_load',)
         of_water = 'friction.at_temperature', 'friction.at_salinity', 'water_temperature.salinity'
         without_load = self._own['friction.load_exponent'] == 0.0
-        without_water = math.isnan(self._own['water_temperature.constant'])
+        without_water = not self._water_key()
         for row in parameters.BEARING_PARAMETERS:
             if row.is_default(self._own[row.name]):
                 continue
@@ -422,7 +433,7 @@ class _Section:
             if row.name in of_load and without_load:
                 yield f'{shown} without friction.load_exponent: friction depends on speed alone'
             elif row.name in of_water and without_water:
-                yield f'{shown} without water_temperature.constant: the water has no temperature'
+                yield f'{shown} without water_temperature.constant or .topic: the water has no temperature'
             elif row.name in lubrication:
                 continue
             elif row.name.startswith('friction.') and row.name not in ('friction.law', *taken):
@@ -518,16 +529,35 @@ class _Section:
                     f' {own.topic} {own.field_text}: it must be a number of its own'
                 )
 
+    def _is_measured(self, name: str, what: str, beside: Sequence[str] = ()) -> bool:
+        """Return whether an input that may be left out is measured; parameters ``beside`` may go without.
+
+        Raises:
+            ConfigurationError: It has no topic, and another of its parameters is given.
+        """
+        own = self._own
+        if own[f'{name}.topic'] or own[f'{name}.column']:
+            return True
+        for row in parameters.INPUT_PARAMETERS[name]:
+            if row.name not in beside and not row.is_default(own[row.name]):
+                raise ConfigurationError(
+                    f"parameter '{self.name}.{name}.topic' is missing, and {self._shown(row.name)} is"
+                    f' given: name the topic of {what}'
+                )
+        return False
+
+    def _water(self, others: Mapping[str, InputConfig]) -> parameters.WaterConfig | None:
+        """Return the input of the water's temperature; ``None`` where nothing measures it."""
+        beside = 'water_temperature.constant', 'water_temperature.salinity'
+        if not self._is_measured('water_temperature', 'the temperature of the water', beside):
+            return None
+        water = self._input(parameters.WaterConfig, 'water_temperature', 1.0)
+        self._require_other_field('water_temperature', water, others)
+        return water
+
     def _level(self, others: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
         """Return the input of measured vibration; ``None`` where there is none."""
-        own = self._own
-        if not own['level.topic'] and not own['level.column']:
-            for row in parameters.INPUT_PARAMETERS['level']:
-                if not row.is_default(own[row.name]):
-                    raise ConfigurationError(
-                        f"parameter '{self.name}.level.topic' is missing, and {self._shown(row.name)} is"
-                        ' given: name the topic of the measured vibration'
-                    )
+        if not self._is_measured('level', 'the measured vibration'):
             return None
         level = self._input(parameters.LevelConfig, 'level', 1.0)
         threshold = self._shown('level.threshold', level.unit)

@@ -434,11 +434,11 @@ class InputWatch:
 
     def __init__(self, bearings: Mapping[str, BearingMonitor], graph: Graph) -> None:
         self._bearings, self._graph = bearings, graph
-        self._tracks = {
-            name: tuple(
-                _Track(SourceWatch(least_gap(bearing.config, place)))
-                for place in range(len(bearing.config.inputs))
-            )
+        self._tracks: dict[str, dict[int, _Track]] = {
+            name: {
+                place: _Track(SourceWatch(least_gap(bearing.config, place)))
+                for place in bearing.config.places
+            }
             for name, bearing in bearings.items()
         }
         self._fitness = {name: FitnessWatch() for name in bearings}
@@ -464,7 +464,7 @@ class InputWatch:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
             # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
             source = self._bearings[bearing].config.inputs[INPUTS[place]]
-            if place != LEVEL and not source.is_assumed:
+            if place < LEVEL and not source.is_assumed:
                 si = si_value(live, place, value)
                 track.source.see(now_ns, si)
                 # What stands until the next change is known to come slowly.
@@ -493,14 +493,14 @@ class InputWatch:
 
     def mixed(self, bearing: str, now_ns: int) -> str:
         """:func:`mixed_sentence` on a bearing as it is now."""
-        standing = (track.source.standing(now_ns) for track in self._tracks[bearing])
+        standing = (track.source.standing(now_ns) for track in self._tracks[bearing].values())
         return mixed_sentence(self._bearings[bearing].config, standing)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """Return the inputs of a bearing by quantity."""
         return {
-            name: InputState(_age(track, now_ns), track.rate(), track.reported)
-            for name, track in zip(INPUTS, self._tracks[bearing], strict=False)
+            INPUTS[place]: InputState(_age(track, now_ns), track.rate(), track.reported)
+            for place, track in self._tracks[bearing].items()
         }
 
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
@@ -536,7 +536,7 @@ class InputWatch:
         found = []
         for name, tracks in self._tracks.items():
             self._judge_fitness(name)
-            for place, track in enumerate(tracks):
+            for place, track in tracks.items():
                 track.look(now_ns, self._bearings[name].counts[place].copy())
                 fault = input_fault(self._facts(name, place, now_ns, without_clock=without_clock))
                 text, is_over = track.take_fault(fault)
@@ -576,7 +576,7 @@ class InputWatch:
             other_names=self._graph.other_names(source.topic),
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
             source='' if odd is None else fault_text(odd, source),
-            unfit='' if place == LEVEL else self._fitness[bearing].clause(place),
+            unfit='' if place >= LEVEL else self._fitness[bearing].clause(place),
             quantity=INPUTS[place],
         )
 

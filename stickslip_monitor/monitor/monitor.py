@@ -49,7 +49,7 @@ class BearingMonitor(Standing):
     """One bearing, sample by sample: its standing now.
 
     Attributes:
-        counts: Samples by :class:`Input` and :class:`Status`, shape (3, 7).
+        counts: Samples by :class:`Input` and :class:`Status`, shape (4, 7).
     """
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
@@ -62,7 +62,8 @@ class BearingMonitor(Standing):
     def await_inputs(self) -> None:
         """Wait for the inputs as at a first start, after a time without listening."""
         self.state.now = self.state.began = NEVER
-        self.state.came = [NEVER, NEVER, NEVER]
+        self.state.came = [NEVER] * len(Input)
+        rule.use_configured_water(self.state, self.settings.live)
         self._held.clear()
 
     def retune(self, config: BearingConfig) -> None:
@@ -73,13 +74,16 @@ class BearingMonitor(Standing):
         old, self.config = self.settings.live, config
         self.settings = settings_of(config)
         new = self.settings.live
-        for place in range(len(config.inputs)):
+        rule.use_configured_water(self.state, new)
+        for place in config.places:
             if (old.scale[place], old.offset[place]) != (new.scale[place], new.offset[place]):
                 self._rescale(place, old)
 
     def _rescale(self, place: int, old: RuleNumbers) -> None:
         """Convert what is remembered of an input from the old settings into those of now."""
         state, new = self.state, self.settings.live
+        if place == Input.WATER_TEMPERATURE:
+            return  # the next value has the new scale
         if place == Input.LEVEL:
             # Decibels of a number that has an offset cannot be converted: learn them anew.
             state.background, state.vibrating = math.nan, UNKNOWN
@@ -105,6 +109,8 @@ class BearingMonitor(Standing):
         """Return whether an input is lost at the latest time, or has not been received yet."""
         if place == Input.LEVEL:
             return self.unknown in (Unknown.NOTHING, Unknown.LOST)
+        if place == Input.WATER_TEMPERATURE:
+            return bool(self.water_doubt)
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
 
     def copy(self) -> BearingMonitor:
@@ -128,9 +134,10 @@ class BearingMonitor(Standing):
 
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
         """Take one sample of an :class:`Input`; see :class:`Sample`."""
-        if place == Input.LEVEL and self.config.level is None:
+        if place >= Input.LEVEL and place not in self.config.places:
+            name = INPUTS[place]
             raise ConfigurationError(
-                f"parameter '{self.config.name}.level.topic' is missing: no level is configured"
+                f"parameter '{self.config.name}.{name}.topic' is missing: no {name} is configured"
             )
         update = self._update(place, time_ns, float(number), time_ns if arrival_ns is None else arrival_ns)
         status = update.status
@@ -160,7 +167,7 @@ class BearingMonitor(Standing):
         code, time, si = rule.arrive(state, c, place, time_ns, arrival_ns, number)
         status = _STATUS[code]
         stands = code == rule.REPEATED and rule.may_stand(c, place)
-        if place == Input.LEVEL or not (status.valid or stands):
+        if place >= Input.LEVEL or not (status.valid or stands):
             return Update(status)
         events = []
         if state.lost > lost:
@@ -172,7 +179,7 @@ class BearingMonitor(Standing):
         ):
             return Update(status, None, events)
         chances = state.can, state.will, state.runs
-        verdict = self.judge([*state.value, *chances], self.measured)
+        verdict = self.judge([*state.value, state.water, *chances], self.measured)
         onset = state.onsets > onsets
         if onset or rule.condition(state) != before:
             events.append(self.event(before, state.now, onset=onset))

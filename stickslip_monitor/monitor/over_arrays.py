@@ -82,7 +82,7 @@ def run(
     places, stamps, arrivals, values = samples
     first, begin, end = span
     statuses, now = noted
-    (time_ns, until_ns, speed, load, sample, rung, sticking, vibration), chances = points
+    (time_ns, until_ns, speed, load, water, sample, rung, sticking, vibration), chances = points
     s, c = states[0], numbers[0]
     count = 0
     for k in range(begin, end):
@@ -95,7 +95,7 @@ def run(
             note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
             count = keep(states, changes, kept, count, note)
             before = condition(s)
-        if status == ACCEPTED and place != LEVEL:
+        if status == ACCEPTED and place < LEVEL:
             point = take(s, c, model, place, time, si)
         elif status == REPEATED and may_stand(c, place):
             point = stand(s, c, model, place)
@@ -103,7 +103,8 @@ def run(
         if not point:
             continue
         time_ns[made], until_ns[made] = s.now - s.shift, standing_until(s, c) - s.shift
-        speed[made], load[made], sample[made] = s.value[SPEED], s.value[LOAD], first + k
+        speed[made], load[made], water[made] = s.value[SPEED], s.value[LOAD], s.water
+        sample[made] = first + k
         rung[made], sticking[made], vibration[made] = condition(s), s.sticking > 0, measured_now(s, c)
         if c.has_belief:
             chances[made][0], chances[made][1], chances[made][2] = s.can, s.will, s.runs
@@ -135,6 +136,7 @@ _POINT: dict[str, Any] = {
     'until_ns': np.int64,
     'speed': np.float64,
     'load': np.float64,
+    'water': np.float64,
     'sample': np.int64,
     'rung': np.int8,
     'sticking': np.bool_,
@@ -158,6 +160,7 @@ class Scan:
     until_ns: IntArray  # how long each counts: to the next or to the loss of an input, (n,)
     speed: FloatArray  # of the surface at each point, shape (n,) [m/s]
     load: FloatArray  # at each point, shape (n,) [N]
+    water: FloatArray  # by which friction went at each, shape (n,) [C]; nan where it goes by none
     chances: FloatArray  # the first three of BELIEFS at each, (n, 3); without a belief (n, 0)
     rung: NDArray[np.int8]  # of the alarm after each, index into LADDER, shape (n,)
     sticking: BoolArray  # whether stick-slip is predicted after each, shape (n,)
@@ -167,8 +170,9 @@ class Scan:
     at: list[int]  # which sample of the recording brought each of them, k
     now_ns: IntArray  # the monitor's time at each sample of the stream, shape (m,)
     status: NDArray[np.int8]  # what became of each of them, a Status, shape (m,)
-    counts: IntArray  # samples by Input and Status, shape (3, 7)
+    counts: IntArray  # samples by Input and Status, shape (4, 7)
     unknown: Unknown | None  # why the level says nothing at the end, where there is one
+    water_doubt: str  # why the temperature of the water is in doubt at the end; empty where it is not
 
     @property
     def stretch(self) -> IntArray:
@@ -186,7 +190,8 @@ class Scan:
         """Return the models' assessments of some of the points."""
         own, table = self.config, self.settings.boundaries
         speed, load, chances = self.speed[rows], self.load[rows], self.chances[rows].T
-        return assess(own.bearing, speed, load, own.belief, table, chances)
+        water = None if own.water_temperature is None else self.water[rows]
+        return assess(own.bearing, speed, load, own.belief, table, chances, water)
 
 
 def joined(parts: Sequence[Scan]) -> Scan:
@@ -228,6 +233,7 @@ class BearingScan:
         self.config = config
         self.settings = settings_of(config)
         self.state = State()
+        rule.use_configured_water(self.state, self.settings.live)
         self._long = long
         # The points of a block, in the same place for all of them, behind the one that was held back.
         self._points: dict[str, NDArray[Any]] = {}
@@ -268,6 +274,7 @@ class BearingScan:
         self._hold(made, made - out)
         self._taken += size
         status, now_ns = noted
+        now = Standing(self.config, self.settings, self.state)
         return Scan(
             self.config,
             self.settings,
@@ -277,7 +284,8 @@ class BearingScan:
             now_ns=now_ns,
             status=status,
             counts=counts_of(stream.inputs, status),
-            unknown=Standing(self.config, self.settings, self.state).unknown,
+            unknown=now.unknown,
+            water_doubt=now.water_doubt,
         )
 
     def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
@@ -290,11 +298,11 @@ class BearingScan:
         self._taken += size
 
     def _point(self, count: int) -> FloatArray | None:
-        """Return the latest of so many points: speed, load and chances."""
+        """Return the latest of so many points: speed, load, temperature of the water, and chances."""
         if not count:
             return None
-        speed, load, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'chances'))
-        return np.array([speed, load, *chances])
+        *point, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'water', 'chances'))
+        return np.array([*point, *chances])
 
     def _hold(self, made: int, held: int) -> None:
         """Keep the last point for the next block, or none."""

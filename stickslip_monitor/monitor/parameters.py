@@ -17,6 +17,7 @@ from stickslip_logs.fields import FieldPath
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.signals import INPUTS, Input
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.lubrication import MAX_SALINITY, MAX_TEMPERATURE, MIN_TEMPERATURE, SEA
@@ -239,6 +240,22 @@ class LevelConfig(InputConfig):
     )
 
 
+@dataclass(frozen=True, slots=True)
+class WaterConfig(InputConfig):
+    """Source of the temperature of the water at the bearing, or the constant that stands for it."""
+
+    constant: float = parameter(
+        math.nan,
+        'Temperature of the water at the bearing where nothing measures it, and until a value has come.',
+        'C',
+        within=(MIN_TEMPERATURE, MAX_TEMPERATURE),
+        live=True,
+    )
+    salinity: float = parameter(
+        SEA, 'Salinity of the water at the bearing; 0: fresh.', 'g/kg', within=(0.0, MAX_SALINITY)
+    )
+
+
 def _probability(default: float, text: str) -> Any:
     return parameter(default, text, within=(0.0, 1.0))
 
@@ -324,12 +341,18 @@ class BearingConfig:
     tolerance: Tolerance = EXACT
     belief: Belief | None = field(default=None, compare=False)
     level: LevelConfig | None = None
+    water_temperature: WaterConfig | None = None
 
     @property
     def inputs(self) -> dict[str, InputConfig]:
-        """The inputs that there are, by name: speed, load and, where measured, level."""
-        found = {'speed': self.speed, 'load': self.load}
-        return found if self.level is None else {**found, 'level': self.level}
+        """The inputs that there are, by name: speed, load and what is measured beside."""
+        every: dict[str, InputConfig | None] = {name: getattr(self, name) for name in INPUTS}
+        return {name: source for name, source in every.items() if source is not None}
+
+    @property
+    def places(self) -> tuple[Input, ...]:
+        """Which of all inputs the :attr:`inputs` are, in their order."""
+        return tuple(Input[name.upper()] for name in self.inputs)
 
     @property
     def alarms_by_chance(self) -> bool:
@@ -483,27 +506,8 @@ LUBRICATION_PARAMETERS = (
         0.0,
         MAX_SALINITY,
     ),
-    Parameter(
-        'water_temperature.constant',
-        'float',
-        math.nan,
-        'Temperature of the water at the bearing, as it is now.',
-        'C',
-        MIN_TEMPERATURE,
-        MAX_TEMPERATURE,
-        live=True,
-    ),
-    Parameter(
-        'water_temperature.salinity',
-        'float',
-        SEA,
-        'Salinity of the water at the bearing; 0: fresh.',
-        'g/kg',
-        0.0,
-        MAX_SALINITY,
-    ),
 )
-"""The load and the water at which friction was measured, and the water of now."""
+"""The load and the water at which friction was measured."""
 _UNCERTAIN = {
     'damping': 'the damping',
     'static': 'the static coefficient',
@@ -555,6 +559,17 @@ INPUT_PARAMETERS = {
         },
         unit={'choices': LEVEL_UNITS, 'default': 'm/s^2'},
         maximum={'default': 1e12, 'maximum': 1e12},
+    ),
+    'water_temperature': rows(
+        WaterConfig,
+        'water_temperature.',
+        topic={
+            'default': '',
+            'text': 'Topic that carries the temperature of the water at the bearing; empty for none.',
+        },
+        unit={'choices': ('C', 'K'), 'default': 'C'},
+        timeout={'default': 600.0},
+        maximum={'default': MAX_TEMPERATURE, 'unit': 'C', 'maximum': MAX_TEMPERATURE},
     ),
 }
 """The parameters of each input."""

@@ -20,7 +20,7 @@ from typing import TypeAlias, TypeVar
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS
-from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEED, RuleNumbers, State
+from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEED, WATER, RuleNumbers, State
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
@@ -33,7 +33,7 @@ from stickslip_monitor.monitor.vibration_rule import (
     take_level,
 )
 from stickslip_monitor.physics.boundary_table import averaged_at, boundary_at, lower_end_at, place_at
-from stickslip_monitor.physics.lubrication import scale_at
+from stickslip_monitor.physics.lubrication import scale_at, viscosity
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
 
@@ -113,7 +113,7 @@ def arrive(
     # Without a stamp of its own a message is new, in the order in which it came.
     stamped = came != NEVER and stamp != arrival
     if stamped and stamp == s.stamp[place]:
-        if judged == place and si == (s.level if place == LEVEL else s.value[place]):
+        if judged == place and si == latest_value(s, place):
             if may_stand(c, place):
                 advance(s, c, max(s.now, time))
             return REPEATED, 0, si
@@ -121,12 +121,8 @@ def arrive(
     elif stamped and stamp < s.stamp[place] and time - came < patience(s, c, place):
         return OUT_OF_ORDER, 0, si
     s.stamp[place] = stamp
-    if place == LEVEL:
-        gap = time - came if came != NEVER else -1
-        s.came[LEVEL] = time
-        if gap > 0:
-            keep_pace(s, c, LEVEL, gap)
-        take_level(s, c, si, gap if gap <= age_limit(s, c, LEVEL) else -1)
+    if place >= LEVEL:
+        take_beside(s, c, place, time, si)
         return ACCEPTED, time, si
     if s.came[SPEED] == NEVER and s.came[LOAD] == NEVER:
         # The first value may come before the time from which inputs are waited for.
@@ -134,6 +130,31 @@ def arrive(
         s.now = min(s.now, time)
     advance(s, c, max(s.now, time))
     return ACCEPTED, time, si
+
+
+def latest_value(s: State, place: int) -> float:
+    """Return the latest value of an input."""
+    if place == WATER:
+        return s.water
+    return s.level if place == LEVEL else s.value[place]
+
+
+def take_beside(s: State, c: RuleNumbers, place: int, time: int, si: float) -> None:
+    """Take a valid level, or a temperature of the water, which came at a time [ns]."""
+    gap = time - s.came[place] if s.came[place] != NEVER else -1
+    s.came[place] = time
+    if gap > 0:
+        keep_pace(s, c, place, gap)
+    if place == LEVEL:
+        take_level(s, c, si, gap if gap <= age_limit(s, c, LEVEL) else -1)
+    else:
+        s.water, s.viscosity_ratio = si, viscosity(si, c.salinity) / c.viscosity_then
+
+
+def use_configured_water(s: State, c: RuleNumbers) -> None:
+    """Let friction go by the configured water, until a temperature has come."""
+    if s.came[WATER] == NEVER:
+        s.water, s.viscosity_ratio = c.water, c.viscosity_ratio
 
 
 def patience(s: State, c: RuleNumbers, place: int) -> int:
@@ -168,7 +189,7 @@ def own_time(s: State, place: int, stamp: int, arrival: int) -> int:
             # Set between two runs: the wait for inputs is as long as it was.
             s.began += time - s.now
             s.now = time
-        for each in range(LEVEL + 1):
+        for each in range(WATER + 1):
             s.stamp[each] = NEVER
     elif 0 <= arrival - stamp <= NEAR:
         time = stamp + s.shift
@@ -194,7 +215,7 @@ def take(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: floa
 
 def may_stand(c: RuleNumbers, place: int) -> bool:
     """Return whether a repeated value of an input counts: its source sends changes only."""
-    return bool(place != LEVEL and c.hold[place] > 0)
+    return bool(place < LEVEL and c.hold[place] > 0)
 
 
 def stand(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
@@ -289,13 +310,13 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     fresh = spend(s, c, until)
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
-    s.rate = growth_rate(c, model[0], s.value[SPEED], s.value[LOAD])
-    s.median_rate = growth_rate(c, model[0], speed, load)
+    s.rate = growth_rate(s, c, model[0], s.value[SPEED], s.value[LOAD])
+    s.median_rate = growth_rate(s, c, model[0], speed, load)
     if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
         # Of fewer than three speeds there is no median that could bear a growth out.
         s.median_rate = min(s.median_rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
-    scale = scale_of(c, load)
+    scale = scale_of(s, c, load)
     place = place_at(c.table_first, c.table_step, load / scale)
     lower = scale * lower_end_at(model[1][2], c.table_step, place)
     limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place, scale)
@@ -354,12 +375,12 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
     return True
 
 
-def scale_of(c: RuleNumbers, load: float) -> float:
+def scale_of(s: State, c: RuleNumbers, load: float) -> float:
     """``s`` of :mod:`stickslip_monitor.physics.lubrication` at a load [N].
 
     What the model knows is that of friction as measured, at the speed and the load over ``s``.
     """
-    return scale_at(c.at_load, c.load_exponent, c.viscosity_ratio, load)
+    return scale_at(c.at_load, c.load_exponent, s.viscosity_ratio, load)
 
 
 def reach(
@@ -379,7 +400,7 @@ def reach(
     if c.has_belief:
         # What is known of the averaged fold is known of the one that decides.
         share = averaged / limit if 0.0 < averaged < limit else 1.0
-        lagging = scale_of(c, s.load_mean)
+        lagging = scale_of(s, c, s.load_mean)
         s.can, s.will = chances(belief, size / lagging, s.load_mean / lagging, share)
         s.runs = runs_after(s.runs, s.can, s.will)
     if not c.by_chance:
@@ -411,11 +432,11 @@ def median_point(s: State) -> tuple[float, float]:
     return speed, middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
 
 
-def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float) -> float:
+def growth_rate(s: State, c: RuleNumbers, law: Numbers, speed: float, load: float) -> float:
     """Growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s]; at rest it dies out."""
     drive = 0.0
     if speed != 0.0 and load > 0.0:
-        scale = scale_of(c, load)
+        scale = scale_of(s, c, load)
         drive = -load / scale * friction_slope(law, speed / scale) * c.lean
     return (drive - c.damping) * c.per_mass
 

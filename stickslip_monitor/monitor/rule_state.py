@@ -19,13 +19,13 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS, BearingConfig
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.signals import INPUTS, Input
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
-from stickslip_monitor.physics.lubrication import Lubrication, as_measured
+from stickslip_monitor.physics.lubrication import MIN_TEMPERATURE, Lubrication, as_measured, viscosity
 from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law
 
-SPEED, LOAD, LEVEL = map(int, Input)  # older numba takes no enumeration as an index
+SPEED, LOAD, LEVEL, WATER = map(int, Input)  # older numba takes no enumeration as an index
 NEVER = -(2**62)
 """Stands for a time that has not been [ns]."""
 # See docs/rule.md, "Why these numbers".
@@ -35,6 +35,8 @@ DOUBT = 600 * 10**9
 """For so long after a short vibration, half as long after a start, no short one is used; a level
 that has not moved for so long is stuck [ns]."""
 _LARGEST = 1e15
+_ZERO_CELSIUS = 273.15
+"""0 C in kelvin, the unit of Signal K."""
 
 
 def _part(
@@ -68,10 +70,10 @@ class State:
     """The memory of a bearing as Python numbers, and lists where there are several."""
 
     # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
-    stamp: list[int] = _time('newest time stamp of each input', 3)
-    came: list[int] = _time('from when the age of each is counted', 3)
-    gap: list[int] = _span('time between two values of each input; long ones fade', 3)
-    pace: list[int] = _span('usual time between two: the shorter of the last', 3)
+    stamp: list[int] = _time('newest time stamp of each input', 4)
+    came: list[int] = _time('from when the age of each is counted', 4)
+    gap: list[int] = _span('time between two values of each input; long ones fade', 4)
+    pace: list[int] = _span('usual time between two: the shorter of the last', 4)
     value: list[float] = _number('SI', 'latest speed [m/s] and load [N]', 2)
     before: list[float] = _number('SI', 'the values before these', 2)
     earlier: list[float] = _number('SI', 'the values before those', 2)
@@ -118,6 +120,9 @@ class State:
     doubt: int = _span('for how long yet what is short is not used', start_at=DOUBT // 2)
     heard: int = _flag('1 once the level has vibrated in this episode')
     unseen: int = _time('since when stick-slip is predicted and not measured')
+    # The water by which friction goes.
+    water: float = _number('C', 'its temperature: the latest, or as configured until one has come')
+    viscosity_ratio: float = _number('', 'its viscosity over that at the measurement', start_at=1.0)
 
     def copy(self) -> State:
         """Copy the memory."""
@@ -149,6 +154,7 @@ class State:
         """
         afresh = _AFRESH if 'odd' in record else ()
         known = [each for each in fields(cls) if each.name not in afresh]
+        known = [each for each in known if each.name in record or each.name not in _OF_WATER]
         state = cls(**{each.name: _checked(each, record.get(each.name)) for each in known})
         if afresh:
             state.borne = state.growth
@@ -163,11 +169,16 @@ _AFRESH = (
 """What begins afresh after 0.2.0, which did not have it or meant something else by it."""
 
 
+_OF_WATER = 'water', 'viscosity_ratio'
+_EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
+"""What has one number for each input, and up to 0.3.0 none for the temperature of the water."""
+
+
 def _type_of(owner: type) -> np.dtype[Any]:
     """Return the numbers of a class as a record type."""
     parts = []
     for each in fields(owner):
-        size = each.metadata.get('size', 3 if 'list' in str(each.type) else 0)
+        size = each.metadata.get('size', len(Input) if 'list' in str(each.type) else 0)
         kind = 'f8' if 'float' in str(each.type) else 'i8'
         parts.append((each.name, kind, (size,)) if size else (each.name, kind))
     return np.dtype(parts)
@@ -186,6 +197,8 @@ STATE_TYPE = _type_of(State)
 def _checked(part: Any, found: Any) -> Any:
     """Check what was kept of a part of the memory, and return it."""
     size, kept = part.metadata['size'], found if isinstance(found, list) else [found]
+    if part.name in _EVERY_INPUT and isinstance(found, list) and len(found) == size - 1:
+        kept = [*found, part.default_factory()[-1]]
     if len(kept) != max(size, 1) or isinstance(found, list) != bool(size):
         raise ValueError(f'{part.name} = {found!r} must be {size or "a"} number{"s"[:size]}')
     whole, (least, most) = 'int' in part.type, part.metadata['range']
@@ -244,6 +257,9 @@ class RuleNumbers:
     at_load: float
     load_exponent: float
     viscosity_ratio: float
+    water: float
+    viscosity_then: float
+    salinity: float
     has_load_table: int
     load_speed: list[float] = field(metadata={'size': MAX_LOAD_POINTS})
     load_there: list[float] = field(metadata={'size': MAX_LOAD_POINTS})
@@ -277,15 +293,17 @@ def settings_of(config: BearingConfig) -> RuleSettings:
     """Return the settings of a bearing; tabulate its boundaries, once for each bearing."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
     table, own = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
-    inputs = [config.speed, config.load, config.speed if level is None else level]
+    # What is not measured has numbers of no matter.
+    inputs = [config.inputs.get(name, config.speed) for name in INPUTS]
     in_db = level is not None and level.unit == 'dB'
     margin = 1.0 + alarm.caution_margin
     live = RuleNumbers(
         **{
             name: [getattr(each, name) for each in inputs]
-            for name in ('scale', 'offset', 'factor', 'deadband', 'maximum')
+            for name in ('scale', 'factor', 'deadband', 'maximum')
         },
-        minimum=[-math.inf, config.load.minimum, -math.inf if in_db else 0.0],
+        offset=[each.offset - (_ZERO_CELSIUS if each.unit == 'K' else 0.0) for each in inputs],
+        minimum=[-math.inf, config.load.minimum, -math.inf if in_db else 0.0, MIN_TEMPERATURE],
         timeout=[each.stands_ns for each in inputs],
         hold=[each.hold_ns for each in inputs],
         on_delay=alarm.on_delay_ns,
@@ -314,6 +332,9 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         at_load=own.load,
         load_exponent=own.load_exponent,
         viscosity_ratio=own.viscosity_ratio,
+        water=own.water_temperature,
+        viscosity_then=float(viscosity(own.temperature, own.salinity)),
+        salinity=own.water_salinity,
         has_load_table=int(bool(config.load.table[0])),
         load_speed=_padded(config.load.table[0], math.inf),
         load_there=_padded(config.load.table[1], math.nan),

@@ -18,13 +18,15 @@ class Input(IntEnum):
     SPEED = 0
     LOAD = 1
     LEVEL = 2
+    WATER_TEMPERATURE = 3
 
 
 INPUTS = tuple(each.name.lower() for each in Input)
 """The names of the inputs, in order."""
 QUANTITIES = INPUTS[: Input.LEVEL]
 """What makes an operating point."""
-LEVEL = Input.LEVEL
+LEVEL, WATER = Input.LEVEL, Input.WATER_TEMPERATURE
+"""What may be measured beside: from the level on."""
 
 
 @dataclass(frozen=True, slots=True)

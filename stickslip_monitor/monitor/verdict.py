@@ -14,7 +14,7 @@ from functools import cached_property, partial
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, RuleSettings, State
+from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, WATER, RuleSettings, State
 from stickslip_monitor.monitor.severity import (
     CONDITIONS,
     LADDER,
@@ -35,7 +35,8 @@ UNSEEN = 60.0
 def size_cycle(config: BearingConfig, s: State) -> None:
     """Work out the amplitude of the exact cycle, into the memory ``s``."""
     speed, load = rule.median_point(s)
-    amplitude = exact_amplitude(config.bearing, float(speed), float(load))
+    bearing = config.bearing if config.water_temperature is None else config.bearing.at_temperature(s.water)
+    amplitude = exact_amplitude(bearing, float(speed), float(load))
     s.amplitude, s.sized = s.amplitude if math.isnan(amplitude) else amplitude, s.now
 
 
@@ -148,6 +149,20 @@ class Standing:
             return Unknown.LOUD
         return Unknown.SHORT if rule.measured_now(s, c) == UNKNOWN else None
 
+    @property
+    def water_doubt(self) -> str:
+        """Reason why the water may have another temperature, as a clause; empty where it is measured."""
+        source, came = self.config.water_temperature, self.state.came[WATER]
+        if source is None:
+            return ''
+        if came == NEVER:
+            is_known = not math.isnan(source.constant)
+            return f'not measured yet, {"as configured" if is_known else "as where friction was measured"}'
+        age = self.state.now - came
+        if self.state.now == NEVER or age <= rule.age_limit(self.state, self.settings.live, WATER):
+            return ''
+        return f'not measured for {about(age * 1e-9)}'
+
     def lost(self, now: int | None = None) -> dict[str, float]:
         """Return the inputs lost at a time [ns], the latest as a rule, with their ages [s]."""
         s, found = self.state, dict[str, float]()
@@ -166,10 +181,16 @@ class Standing:
         return describe(self, self.lost() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
-        """Take the operating point that the memory has just come to: speed, load, and any probabilities."""
-        speed, load, *chances = point
+        """Take the operating point that the memory has just come to.
+
+        Args:
+            point: Speed, load, temperature of the water, and any probabilities.
+            measured: Verdict of the measured vibration there.
+        """
+        speed, load, water, *chances = point
         bearing, table = self.config.bearing, self.settings.boundaries
-        judge = partial(assess, bearing, speed, load, self.config.belief, table, chances)
+        own_water = None if self.config.water_temperature is None else water
+        judge = partial(assess, bearing, speed, load, self.config.belief, table, chances, own_water)
         own = self.config.name, self.state.now - self.state.shift
         self.verdict = Verdict(*own, judge, speed, load, chances, measured, self.sticking)
         return self.verdict
@@ -239,7 +260,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         what = f'Amplitude back below the limit. {what}'
     assumed = f' ({config.load.origin})' if config.load.is_assumed else ''
-    load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(config)}'
+    load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(b, point)}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
     text = f'{config.name}: {what}{_way_out(given)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
@@ -256,11 +277,13 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     return text + _belief_text(b, point) + _doubt_text(b)
 
 
-def _water_text(config: BearingConfig) -> str:
-    """Write the temperature of the water, where friction goes by it."""
-    own = config.bearing.lubrication
+def _water_text(b: Standing, point: Assessment) -> str:
+    """Write the temperature of the water, where friction goes by it, and why it is in doubt."""
+    own = b.config.bearing.lubrication
     water = math.nan if own is None else own.water_temperature
-    return '' if math.isnan(water) else f', water at {rounded(water)} C'
+    water = water if point.temperature is None else float(point.temperature)
+    doubt = f' ({b.water_doubt})' if b.water_doubt else ''
+    return '' if math.isnan(water) else f', water at {rounded(water)} C{doubt}'
 
 
 _OVER = {

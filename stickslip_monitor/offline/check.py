@@ -206,7 +206,7 @@ class _BearingCheck:
         self._scan: BearingScan | None = None
         self._held = HeldValues(config)
         self._outliner = Outliner(config) if outlined else None
-        self._inputs = [InputCheck(config, k, text) for k, text in enumerate(absent)]
+        self._inputs = [InputCheck(config, k, text) for k, text in zip(config.places, absent, strict=True)]
         self._plausibility, self._fitness = Plausibility(config), FitnessWatch()
         self._extremes = Extremes()
         self._events: list[Event] = []
@@ -216,7 +216,7 @@ class _BearingCheck:
     def take(self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None) -> Heard:
         """Take the next part, up to a time, of a recording that begins at a time [ns]."""
         series = [_NOTHING if request is None else part[request] for request in self.requests]
-        stream, repeats = self._held.fill(merged(series), end_ns)
+        stream, repeats = self._held.fill(merged(series, self.config.places), end_ns)
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns, long=self._long)
         scan = self._scan.take(stream)
@@ -238,7 +238,8 @@ class _BearingCheck:
         """Add up the verdicts that are known with a part, a point behind."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
-        self._fitness.take_points(scan.time_ns, scan.speed, scan.load)
+        if not self.config.load.is_assumed:
+            self._fitness.take_points(scan.time_ns, scan.speed, scan.load)
         self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).stability_limit)
         self._extremes.take(scan)
         if scan.measured is not None:
@@ -260,6 +261,8 @@ class _BearingCheck:
             asked[quantity] += filter(None, [self._fitness.clause(place)])
         if self._end.unknown is not None:
             asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
+        if self._end.water_doubt:
+            asked['water_temperature'] = [f'is in doubt at the end: {self._end.water_doubt}']
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
         return BearingReport(
             self.config.name,
@@ -290,10 +293,10 @@ def requests_of(config: BearingConfig) -> tuple[Request, ...]:
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
-def merged(series: Sequence[Series]) -> Stream:
-    """The samples of a bearing's inputs in the order of the recording."""
+def merged(series: Sequence[Series], places: Sequence[int]) -> Stream:
+    """Return the samples of a bearing's inputs in the order of the recording."""
     order = np.argsort(np.concatenate([each.sequence for each in series]), kind='stable')
-    inputs = np.repeat(np.arange(len(series), dtype=np.int8), [e.sequence.size for e in series])
+    inputs = np.repeat(np.array(places, np.int8), [e.sequence.size for e in series])
     stamp_ns, value, arrival_ns = (
         np.concatenate([getattr(each, name) for each in series])[order]
         for name in ('stamp_ns', 'value', 'log_time_ns')

@@ -53,6 +53,7 @@ _ROW = np.dtype(
         ('until_ns', np.int64),  # how long it counts
         ('speed', np.float64),  # of the surface [m/s]
         ('load', np.float64),  # [N]
+        ('water', np.float64),  # its temperature [C]
         ('sticking', np.bool_),
         ('opens', np.bool_),  # whether the line is interrupted before it
         ('scores', np.float64, 5),  # whose extremes stay; nan for none
@@ -106,7 +107,7 @@ class Outliner:
         rows = np.empty(time.size, _ROW)
         rows['number'] = self._count + np.arange(time.size)
         rows['time_ns'], rows['until_ns'] = time, scan.until_ns
-        rows['speed'], rows['load'] = points.speed, points.load
+        rows['speed'], rows['load'], rows['water'] = points.speed, points.load, scan.water
         rows['sticking'], rows['opens'] = scan.sticking, opens
         rows['scores'] = np.stack([np.abs(points.speed), points.load, *margins, amplitude], -1)
         return rows
@@ -131,7 +132,8 @@ class Outliner:
         """The outline of what was taken; of few points all of them."""
         config = self._config
         rows = self._thinned(self._rows)
-        known = assess(config.bearing, rows['speed'], rows['load'], config.belief)
+        water = None if config.water_temperature is None else rows['water']
+        known = assess(config.bearing, rows['speed'], rows['load'], config.belief, temperature=water)
         return Outline(rows['time_ns'], self._until(rows), known, rows['sticking'], self._events)
 
     def _until(self, rows: NDArray[np.void]) -> IntArray:
@@ -265,6 +267,8 @@ class Extremes:
         size, top = np.abs(scan.speed), self._heaviest(scan)
         # Beyond the highest boundaries a point is stable; but an exact fold that is not known has no end.
         limit = COVER * np.fmax.reduce((top.hopf_speed, top.fold_speed, top.exact_fold_speed))
+        if scan.config.water_temperature is not None:
+            limit = np.full(1, np.inf)  # in other water a lighter point may have higher boundaries
         rows = np.flatnonzero(size <= np.where(np.isnan(top.exact_fold_speed), np.inf, limit))
         codes = scan.assessed(rows).regime_code if rows.size else _NO_CODES
         lasting = scan.until_ns - scan.time_ns
@@ -296,6 +300,10 @@ class Extremes:
 
         At rest nothing slides: its margin of -1 would be the worst of every voyage.
         """
+        if scan.config.water_temperature is not None:
+            if size.any():
+                self._take(scan, np.flatnonzero(size), *_MARGINS)
+            return
         rows = np.flatnonzero(size <= self._slow(top))
         rows = rows[size[rows] > 0.0]
         if rows.size:

@@ -240,7 +240,8 @@ class ColumnBinding:
         said = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
         if unit is None and column.has_unit:
             stated = column.unit or parse_heading(column.heading).unit
-            said += f": is that right? Its heading says '{stated}'"
+            if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
+                said += f": is that right? Its heading says '{stated}'"
         if (source.scale, source.offset) != (1.0, 0.0):
             said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
             said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''

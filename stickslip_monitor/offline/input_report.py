@@ -221,7 +221,7 @@ class InputCheck:
             own = (scan.status == Status.ACCEPTED) & (stream.inputs == self._place)
             value, arrival_ns = stream.value[own], stream.arrival_ns[own]
         # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
-        if self._place != LEVEL and not self._source.is_assumed:
+        if self._place < LEVEL and not self._source.is_assumed:
             si = self._si(value)
             self._sources += self._watch.see_column(arrival_ns, si)
             # What stands until the next change is known to come slowly.

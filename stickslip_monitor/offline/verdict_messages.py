@@ -305,9 +305,10 @@ class _Follower:
     def _assessed(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
         """The assessments of some points, whose numbers are worked out together."""
         if points:
-            speed, load, *chances = np.array(points).T
+            speed, load, water, *chances = np.array(points).T
             own, table = self._config, self._bearing.settings.boundaries
-            together = assess(own.bearing, speed, load, own.belief, table, chances)
+            temperature = None if own.water_temperature is None else water
+            together = assess(own.bearing, speed, load, own.belief, table, chances, temperature)
             for name in (*POINT_NUMBERS, 'stability_margin'):
                 getattr(together, name)  # worked out now, for all
             yield from (together.at(k) for k in range(len(points)))

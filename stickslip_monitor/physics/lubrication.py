@@ -197,11 +197,13 @@ def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Func
     return decorate
 
 
-def reference_point(bearing: Lubricated, speed: Any, load: Any) -> tuple[Any, Any, Any]:
-    """``V/s``, ``N/s`` and ``s`` at speeds [m/s] and loads [N]."""
+def reference_point(
+    bearing: Lubricated, speed: Any, load: Any, temperature: Any = None
+) -> tuple[Any, Any, Any]:
+    """``V/s``, ``N/s`` and ``s`` at speeds [m/s], loads [N] and temperatures [C], by default that of now."""
     if bearing.lubrication is None:
         return speed, load, 1.0
-    s = bearing.lubrication.scale(load if np.ndim(load) else float(load))
+    s = bearing.lubrication.scale(load if np.ndim(load) else float(load), temperature)
     with np.errstate(all='ignore'):
         return np.divide(speed, s), np.divide(load, s), s
 

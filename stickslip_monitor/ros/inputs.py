@@ -139,7 +139,7 @@ class Inputs:
         self._clock, self._simulated, self._tap = clock, simulated, tap
         lanes: dict[tuple[str, str], Lane] = {}
         for bearing in config.bearings:
-            for place, source in enumerate(bearing.inputs.values()):
+            for place, source in zip(bearing.places, bearing.inputs.values(), strict=True):
                 key = source.topic, source.type
                 lane = lanes[key] = lanes.get(key) or Lane(node, *key)
                 lane.readings.append((bearing.name, place, number_reader(source.field, lane.note_names)))

@@ -159,7 +159,7 @@ class Running:
         elif not self._late:
             now = now._replace(time_ns=arrival_ns)
         update = self._session.take(name, place, time_ns, value, now, latest=self._latest)
-        if update.status.valid and place != LEVEL:
+        if update.status.valid and place < LEVEL:
             self._watchdog.note(name)
 
     def _let_time_pass(self, now: Moment) -> None:

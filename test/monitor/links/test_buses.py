@@ -13,7 +13,9 @@ from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import BusInput, BusInputs
+from stickslip_monitor.links.buses import BusInput, BusInputs, LiveMonitor
+from stickslip_monitor.links.signalk import SignalKInputs
+from stickslip_monitor.monitor.session import NoLog, Sink
 from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -83,6 +85,29 @@ def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(f
     config, made = load_watch(files.write(links, **TOPICS), '/stickslip_monitor')
     assert config.bearings[0].speed.topic == '/s'
     assert list(made.labels) == [('aft', Input.SPEED)]
+
+
+WATERED = {'friction': BEARING['friction'] | {'at_temperature': 15.0}, 'water_temperature': {'unit': 'K'}}
+WATER = {'aft.water_temperature': {'from': 'signalk', 'path': 'environment.water.temperature'}}
+
+
+def test_the_temperature_of_the_water_comes_over_signal_k(files: Files) -> None:
+    config, links = load_watch(files.write(SIGNALK | WATER, **WATERED), None)
+    (water,) = (item for item in links.inputs if item.place is Input.WATER_TEMPERATURE)
+    assert (water.label, water.timeout) == ('Signal K environment.water.temperature', 600.0)
+    assert config.bearings[0].inputs['water_temperature'].topic == water.label
+    inputs = SignalKInputs(links.of('signalk'), print)
+    inputs.greet({'self': 'vessels.a', 'timestamp': '2026-11-21T22:00:00.000Z'}, 0.0)
+    values = [{'path': 'environment.water.temperature', 'value': 278.15}]
+    update = {'$source': 'x', 'timestamp': '2026-11-21T22:00:00.000Z', 'values': values}
+    ((_, place, number, stamp_ns),) = inputs.take({'context': 'vessels.a', 'updates': [update]}, 0.0)
+    session = LiveMonitor(config, Sink(), NoLog())
+    session.begin()
+    for own, value in ((Input.LOAD, 1e3), (place, number), (Input.SPEED, 2.0)):
+        session.take('aft', own, value)
+    bearing = session._session.monitor.bearings['aft']
+    assert stamp_ns is not None
+    assert 'water at 5 C, ' in bearing.text()
 
 
 SPEED = 'aft.speed'
@@ -156,6 +181,32 @@ def test_a_token_goes_unencrypted_to_this_machine_only(files: Files, host: str, 
         ({'nmea.talker': 'II'}, TOPICS, True, 'uses no bus: give'),
         (None, {}, False, "has no section '/stickslip_links:'"),
         ({k: v for k, v in SIGNALK.items() if k != 'aft.load'}, {}, False, "'aft.load' is missing"),
+        (
+            SIGNALK,
+            WATERED | {'water_temperature': {'topic': '/w'}},
+            False,
+            "'aft.water_temperature' is missing",
+        ),
+        (
+            SIGNALK | WATER,
+            WATERED | {'water_temperature': {'unit': 'C'}},
+            False,
+            "unit = 'C' must be K, in which",
+        ),
+        (
+            SIGNALK | WATER,
+            TOPICS | {'load': {'unit': 'N', 'topic': '/l'}},
+            True,
+            "'aft.water_temperature.topic' is missing",
+        ),
+        (
+            SIGNALK
+            | NMEA
+            | {'aft.speed': SIGNALK['aft.speed'], 'aft.water_temperature': dict(NMEA['aft.load'])},
+            WATERED,
+            False,
+            "aft.water_temperature.from = 'nmea' must be signalk",
+        ),
         (SIGNALK, {}, True, "parameter 'aft.speed.topic' is missing"),
     ],
 )

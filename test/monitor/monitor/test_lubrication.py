@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sending import configured
+from sending import Ship, configured
+from shared import CONFIG
 
 from stickslip_monitor import Assessments, Monitor, Sample, Stream, assess, fold_speed
+from stickslip_monitor.cli import main
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.configuration import questions
 from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.physics.lubrication import viscosity
 
 RPM = math.pi * 0.1 / 60.0
@@ -127,7 +132,7 @@ def test_what_is_missing_or_out_of_range_is_refused(given: dict[str, float], tex
     ('given', 'text'),
     [
         ({'friction__at_load': 1000.0}, 'without friction.load_exponent'),
-        ({'friction__at_temperature': 15.0}, 'without water_temperature.constant'),
+        ({'friction__at_temperature': 15.0}, 'without water_temperature.constant or .topic'),
     ],
 )
 def test_what_has_no_effect_is_noted(given: dict[str, float], text: str) -> None:
@@ -167,3 +172,119 @@ def test_blades_are_asked_about_where_they_meet_the_lining() -> None:
     assert '3.18 Hz' in clause
     assert '47.7 rpm of 4' in clause
     assert not any('blades' in text for text in questions(configured().bearings[0], 1000.0)['load'])
+
+
+WATERED: dict[str, Any] = {**MEASURED, 'water_temperature__topic': '/water'}
+
+
+def _with_water(stream: Stream, celsius: Any, every: int = 60) -> Stream:
+    """A voyage with a temperature of the water before every so many of its samples."""
+    rows = np.arange(0, stream.time_ns.size, every)
+    values = np.broadcast_to(np.asarray(celsius, float), rows.shape)
+    time = np.insert(stream.time_ns, rows, stream.time_ns[rows])
+    inputs = np.insert(stream.inputs, rows, Input.WATER_TEMPERATURE)
+    return Stream(time, inputs, np.insert(stream.value, rows, values))
+
+
+def _told_of(config: Any, stream: Stream, *, long: bool) -> tuple[Any, list[Any]]:
+    scan = BearingScan(config, 0, long=long).finish(stream, None)
+    return scan, [(e.time_ns, e.before, e.after, e.text) for e in scan.events]
+
+
+@pytest.mark.parametrize('more', [{}, {'tolerance__decay': 0.1, 'tolerance__damping': 0.2}])
+def test_a_measured_temperature_is_the_same_one_configured(more: dict[str, Any]) -> None:
+    """Sample by sample, over a recording, and compiled; in kelvin, too."""
+    (constant,) = configured(**HERE, **more).bearings
+    expected, told = _told_of(constant, _voyage(), long=False)
+    assert len(told) > 4
+    for own, number in ((WATERED, 5.0), (WATERED | {'water_temperature__unit': 'K'}, 278.15)):
+        (config,) = configured(**own, **more).bearings
+        stream = _with_water(_voyage(), number)
+        for long in (False, True):
+            scan, found = _told_of(config, stream, long=long)
+            assert found == told
+            np.testing.assert_allclose(scan.water, 5.0, rtol=1e-12)
+            for name in ('speed', 'load', 'rung', 'sticking'):
+                assert getattr(scan, name).tolist() == getattr(expected, name).tolist()
+            points, others = scan.assessment, expected.assessment
+            np.testing.assert_allclose(points.fold_margin, others.fold_margin, rtol=1e-6, equal_nan=True)
+        monitor = Monitor(configured(**own, **more))
+        rows = zip(stream.inputs.tolist(), stream.time_ns.tolist(), stream.value.tolist(), strict=True)
+        events = [e for row in rows for e in monitor.bearings['aft'].update(*row).events]
+        assert [(e.time_ns, e.before, e.after, e.text) for e in events] == told
+        counts = monitor.bearings['aft'].counts
+        assert counts.sum(axis=1).tolist() == [3600, 3600, 0, 120]
+
+
+def test_water_that_warms_up_moves_the_boundaries_with_it() -> None:
+    """Each point has the boundaries of its own water; compiled and interpreted are one."""
+    (config,) = configured(**WATERED).bearings
+    stream = _with_water(_voyage(), np.linspace(0.0, 30.0, 120))
+    scan, told = _told_of(config, stream, long=False)
+    other, again = _told_of(config, stream, long=True)
+    assert (told, scan.water.tolist()) == (again, other.water.tolist())
+    assert (scan.water[0], scan.water[-1]) == (0.0, 30.0)
+    for k in (0, 1800, 3599):
+        bearing = config.bearing.at_temperature(float(scan.water[k]))
+        expected = fold_speed(bearing, LOAD)
+        assert scan.assessment.fold_speed[k] == pytest.approx(expected, rel=1e-6)
+    # The rule goes by it, too: colder water alone changes what is told.
+    cold = _told_of(config, _with_water(_voyage(), 0.0), long=False)[1]
+    assert [event[0] for event in cold] != [event[0] for event in told]
+
+
+@pytest.mark.parametrize(
+    ('more', 'text'),
+    [
+        ({}, 'water at 15 C (not measured yet, as where friction was measured)'),
+        ({'water_temperature__constant': 5.0}, 'water at 5 C (not measured yet, as configured)'),
+    ],
+)
+def test_water_that_is_not_measured_is_no_all_clear(more: dict[str, Any], text: str) -> None:
+    ship = Ship(configured(**WATERED, **more, water_temperature__timeout=60.0))
+    assert text in ship.sail(10.0, 200.0)['text']
+    ship.take('aft', Input.WATER_TEMPERATURE, 12.0)
+    record = ship.sail(10.0, 200.0)
+    assert 'water at 12 C, ' in record['text']
+    assert (record['severity'], record['inputs']['water_temperature']['lost']) == ('OK', False)
+    record = ship.sail(90.0, 200.0)
+    assert 'water at 12 C (not measured for ' in record['text']
+    assert (record['severity'], record['inputs']['water_temperature']['lost']) == ('WARN', True)
+    assert 'No messages on /water.' in record['text']
+    ship.take('aft', Input.WATER_TEMPERATURE, 99.0)  # no water of a stern tube
+    assert 'water at 12 C' in ship.sail(5.0, 200.0)['text']
+    ship.take('aft', Input.WATER_TEMPERATURE, 13.0)
+    record = ship.sail(10.0, 200.0)
+    assert 'water at 13 C, ' in record['text']
+    assert record['severity'] == 'OK'
+
+
+@pytest.mark.parametrize(
+    ('given', 'text'),
+    [
+        ({'water_temperature__topic': '/water'}, "parameter 'aft.friction.at_temperature' is missing"),
+        (MEASURED | {'water_temperature__scale': 2.0}, "parameter 'aft.water_temperature.topic' is missing"),
+        (MEASURED | {'water_temperature__topic': '/shaft/speed'}, 'is read from the same field as the speed'),
+        (MEASURED | {'water_temperature__unit': 'F'}, 'must be one of C, K'),
+    ],
+)
+def test_what_a_measured_temperature_needs(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigurationError, match=text):
+        configured(**given)
+
+
+def test_a_column_of_a_log_may_have_the_temperature(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, log = tmp_path / 'ship.yaml', tmp_path / 'a.csv'
+    text = CONFIG.read_text('utf-8')
+    water = "decay: 10.0, at_temperature: 15.0}\n      water_temperature: {column: 'SST [C]', timeout: 100.0}"
+    config.write_text(text.replace('decay: 10.0}', water), 'utf-8')
+    rows = ''.join(f'{t},{136 - 0.05 * t:.2f},1000,{5 + 0.01 * t if t < 300 else ""}\n' for t in range(600))
+    log.write_text('time,speed [rpm],load [N],SST [C]\n' + rows, 'utf-8')
+    main(['check', str(log), '--config', str(config), '--json', '--report', str(tmp_path / 'r.html')])
+    document = json.loads(capsys.readouterr().out)
+    (bearing,) = document['bearings'].values()
+    water = bearing['inputs']['water_temperature']
+    assert (water['messages'], water['used'], water['values']) == (300, 300, '5 to 7.99 C')
+    assert any('is in doubt at the end: not measured for 5' in text for text in water['questions'])

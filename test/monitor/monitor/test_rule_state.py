@@ -35,11 +35,11 @@ def test_it_survives_json_a_copy_and_a_row() -> None:
     assert state.copy().count is not state.count
 
 
-def test_it_is_below_64_numbers() -> None:
-    assert STATE_TYPE.itemsize < 64 * 8
+def test_it_is_below_72_numbers() -> None:
+    assert STATE_TYPE.itemsize < 72 * 8
 
 
-ODD = ('text', True, 2**63, -(2**63), math.inf, [], [1, 2, 3, 4], {}, 1e300, -1e300)
+ODD = ('text', True, 2**63, -(2**63), math.inf, [], [1] * 6, {}, 1e300, -1e300)
 
 
 @pytest.mark.parametrize('name', [each.name for each in fields(State)])
@@ -79,9 +79,18 @@ def test_the_memory_of_0_2_0_is_taken_over() -> None:
     state = State.of_record(old)
     assert (state.sticking, state.raised) == (_STICKING['sticking'], _STICKING['raised'])
     assert state.value == _STICKING['value']
-    assert (state.shift, state.heard, len(state.came)) == (0, 0, 3)
+    assert (state.shift, state.heard, len(state.came)) == (0, 0, 4)
     with pytest.raises(ValueError, match=r'^raised = 99 must be'):
         State.of_record(old | {'raised': 99})
+
+
+def test_the_memory_from_before_the_water_was_measured_is_taken_over() -> None:
+    old = {key: own for key, own in _STICKING.items() if key not in ('water', 'viscosity_ratio')}
+    old |= {key: old[key][:3] for key in ('stamp', 'came', 'gap', 'pace')}
+    state, whole = State.of_record(old), State.of_record(_STICKING)
+    assert (state.came, state.gap, state.viscosity_ratio) == (whole.came, whole.gap, 1.0)
+    with pytest.raises(ValueError, match=r'^came = '):
+        State.of_record(old | {'came': [0, 0]})
 
 
 _STICKING = _sticking()

@@ -80,6 +80,7 @@ def _scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
         time_ns=np.zeros(speed.size, np.int64),
         until_ns=1 << np.arange(speed.size) % 40,
         sticking=np.zeros(speed.size, bool),
+        config=SimpleNamespace(water_temperature=None),
         assessed=lambda rows: assess(bearing, speed[rows], load[rows], table=known_table(bearing)),
     )
 

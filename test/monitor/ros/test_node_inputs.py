@@ -256,6 +256,28 @@ def test_an_assumed_load_and_a_speed_by_its_name(host: Any, load: dict[str, Any]
     assert 'load in kN from' not in monitor.output
 
 
+def test_the_water_is_measured_and_its_silence_told(host: Any) -> None:
+    values = {'friction.at_temperature': 15.0, 'water_temperature.topic': 'water'}
+    monitor = host(kit.parameters(values | {'water_temperature.timeout': 1.0}))
+    peer, diagnostics = monitor.peer, monitor.diagnostics()
+    speed, load, water = (monitor.talk(topic) for topic in ('shaft/speed', 'aft/load', 'water'))
+
+    def told(text: str) -> Any:
+        def check() -> bool:
+            load(1000.0)
+            speed(200.0)
+            peer.spin(0.05)
+            return text in kit.status(diagnostics).get('message', '')
+
+        return check
+
+    peer.until(told('water at 15 C (not measured yet, as where friction was measured)'), 'no temperature')
+    water(5.0)
+    peer.until(told('water at 5 C (not measured for'), 'its silence')
+    assert kit.status(diagnostics)['water_temperature samples accepted'] == '1'
+    assert 'water_temperature in C from' in monitor.output
+
+
 def test_messages_of_others_on_the_topic_are_no_fault_and_a_name_that_none_has_is_told(host: Any) -> None:
     """As on ``/joint_states``, where each controller publishes its own joints."""
     from sensor_msgs.msg import JointState
