@@ -17,8 +17,8 @@ from stickslip_monitor.commands.dashboard import watched
 from stickslip_monitor.dashboard.access import Access
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.dashboard.server import Server
+from stickslip_monitor.monitor.bearing_monitor import Monitor
 from stickslip_monitor.monitor.bearing_records import BearingState, bearing_record
-from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.signals import Input

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from stickslip_monitor.errors import StickslipError
     from stickslip_monitor.monitor.assessment import Assessment, Assessments, Outcome, Regime, assess
+    from stickslip_monitor.monitor.bearing_monitor import Monitor
     from stickslip_monitor.monitor.configuration import build_config
-    from stickslip_monitor.monitor.monitor import Monitor
     from stickslip_monitor.monitor.parameters import MonitorConfig
     from stickslip_monitor.monitor.signals import Sample, Stream
     from stickslip_monitor.physics.averaging import (
@@ -73,7 +73,7 @@ __version__ = '0.4.0.dev0'
 _HOMES = (
     *('errors', 'physics.bearing', 'physics.friction', 'physics.averaging', 'physics.cycles'),
     *('monitor.signals', 'monitor.parameters', 'monitor.configuration', 'monitor.assessment'),
-    'monitor.monitor',
+    'monitor.bearing_monitor',
 )
 
 

@@ -23,9 +23,9 @@ from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.bearing_monitor import Update
 from stickslip_monitor.monitor.bearing_records import BearingState, bearing_record
 from stickslip_monitor.monitor.input_faults import Graph
-from stickslip_monitor.monitor.monitor import Update
 from stickslip_monitor.monitor.rule_state import State, settings_of
 from stickslip_monitor.monitor.session import Moment, Session, Sink
 from stickslip_monitor.monitor.severity import CONDITIONS, Condition

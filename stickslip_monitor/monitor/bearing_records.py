@@ -15,8 +15,8 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.assessment import Assessment, Assessments
+from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.input_faults import InputState
-from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severity, Unknown

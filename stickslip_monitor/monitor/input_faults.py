@@ -17,8 +17,8 @@ import numpy as np
 
 from stickslip_logs.fields import ByName
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
-from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
 from stickslip_monitor.monitor.severity import Unknown, WordEnum

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple, Protocol
 from stickslip_monitor.errors import AlarmStateError, cause
 from stickslip_monitor.monitor import alarm_records
 from stickslip_monitor.monitor.alarm_list import MONITOR, Action, AlarmChange, Annunciator
+from stickslip_monitor.monitor.bearing_monitor import Monitor, Update
 from stickslip_monitor.monitor.bearing_records import UNRELIABLE, BearingState, bearing_record
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
-from stickslip_monitor.monitor.monitor import Monitor, Update
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.severity import Condition, Severity

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.monitor.monitor import repeat_step
+from stickslip_monitor.monitor.bearing_monitor import repeat_step
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import judge_value, si_value
 from stickslip_monitor.monitor.rule_state import settings_of

@@ -28,6 +28,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import REGIMES, Assessment, Assessments, assess
+from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.bearing_records import (
     POINT_NUMBERS,
     BearingState,
@@ -39,7 +40,6 @@ from stickslip_monitor.monitor.bearing_records import (
     topic_words,
 )
 from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
-from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, counts_of
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value

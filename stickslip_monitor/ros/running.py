@@ -20,8 +20,8 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ROS_SERVICE, ActionRequest, parse_request
+from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.bearing_records import CLOCKS
-from stickslip_monitor.monitor.monitor import BearingMonitor
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.ros.inputs import ROS_FAULTS, Inputs, Number

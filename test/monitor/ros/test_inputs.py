@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from stickslip_logs.fields import parse_field
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError
+from stickslip_monitor.monitor.bearing_monitor import Monitor
 from stickslip_monitor.monitor.bearing_records import event_record
-from stickslip_monitor.monitor.monitor import Monitor
 from stickslip_monitor.monitor.session import Moment
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')

@@ -11,7 +11,7 @@ from shared import REFERENCE
 
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.monitor import BearingMonitor
+from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.verdict import OrderKind, SpeedOrder, order
