@@ -59,8 +59,10 @@ UNITS = (
     Unit('voltage', 'V', 1.0, 'v'),
     Unit('ratio', 'dB', 1.0, 'db'),
 )
+# Between the parts of a unit, as in 'm s^-1' and 'm⋅s-1'.
+_JOINERS = dict.fromkeys(map(ord, '^·⋅'))
 _BY_NAME = {unit.name: unit for unit in UNITS}
-_BY_SPELLING = {text: unit for unit in UNITS for text in unit.spellings.split()}
+_BY_SPELLING = {text.translate(_JOINERS): unit for unit in UNITS for text in unit.spellings.split()}
 _BESIDE_QUANTITY = {(unit.quantity, text): unit for unit in UNITS for text in unit.beside_quantity.split()}
 
 
@@ -114,6 +116,6 @@ def find_unit(text: str, quantity: str = '') -> Unit | None:
     >>> find_unit('[U/min]').name
     'rpm'
     """
-    plain = ''.join(text.strip(' []()').split())
+    plain = ''.join(text.strip(' []()').translate(_JOINERS).split())
     found = _BY_SPELLING.get(plain) or _BY_SPELLING.get(plain.lower())
     return found or _BESIDE_QUANTITY.get((quantity, plain))

@@ -4,20 +4,18 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 import os
 import stat
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from stickslip_logs.files import DRAFT, KINDS, hold, near_name, open_file, read_file, sweep
-from stickslip_monitor.errors import OutputError, StickslipError
+from stickslip_monitor.errors import OutputError
 
 __all__ = [
     'PICTURES',
-    'TableRow',
     'check_replaceable',
     'hold',
     'holds_mark',
@@ -27,7 +25,6 @@ __all__ = [
     'printable',
     'read_file',
     'read_json',
-    'read_table',
     'replace_file',
     'sweep',
     'write_whole',
@@ -54,49 +51,6 @@ def read_json(path: str | Path, most: int) -> Any:
         return json.loads(read_file(path, most).decode('utf-8'))
     except RecursionError as error:
         raise ValueError('it is nested too deeply') from error
-
-
-class TableRow(NamedTuple):
-    """A line of a table: its number in the file, and its cells."""
-
-    line: int
-    cells: list[str]
-
-
-def read_table(path: str | Path, most: int, error: type[StickslipError]) -> tuple[list[TableRow], str]:
-    """Read a table in UTF-8 as spreadsheets write it.
-
-    Cells are separated by comma, semicolon or tab, whichever the first line has most of; blank
-    lines and lines that start with ``#`` are skipped.
-
-    Args:
-        path: The file.
-        most: The largest size that is read [bytes].
-        error: What is raised where it is none.
-
-    Returns:
-        The rows, the headings first, and what separates their cells.
-    """
-    try:
-        text = read_file(path, most).decode('utf-8-sig')
-    except OSError as found:
-        raise error(f'{path}: {found.strerror or found}') from found
-    except UnicodeDecodeError as found:
-        raise error(f'{path} is not a text file in UTF-8: {found.reason}') from found
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith('#')
-    ]
-    delimiter = max(',;\t', key=lines[0][1].count) if lines else ','
-    rows = []
-    for number, line in lines:
-        try:
-            (cells,) = csv.reader([line], delimiter=delimiter, strict=True)
-        except (csv.Error, ValueError) as found:
-            raise error(f'{path}, line {number}: {found}') from found
-        rows.append(TableRow(number, [cell.strip() for cell in cells]))
-    return rows, delimiter
 
 
 def is_same(one: str | Path, other: str | Path) -> bool:

@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_lab.scenes.truth import TruthRecord
+from stickslip_logs.tables.whole_table import read_table
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.files import read_table
 
 BIN_NS = 10**9
 TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9
@@ -58,18 +58,18 @@ class VibrationReport:
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
     """Read an operator's reports on some bearings.
 
-    Cells are separated by comma, semicolon or tab; blank lines and lines that start with ``#``
-    are skipped. The first other line has the headings ``bearing, start, end, state`` and, as one
-    likes, ``tolerance [s]`` and ``trust``. Times are ISO 8601 with a zone.
+    The table is read as a log is: what stands above its headings is skipped, and these may be a comment.
+    They are ``bearing, start, end, state`` and, as one likes, ``tolerance [s]`` and ``trust``. Times are ISO
+    8601 with a zone.
 
     Raises:
         CalibrationError: A line breaks a rule; the text names file, line, value and rule.
     """
-    rows, _ = read_table(path, _LARGEST, CalibrationError)
+    rows, _ = read_table(path, _LARGEST, CalibrationError, lambda cells: {*_names_of(cells)} >= {*_COLUMNS})
     if len(rows) < 2:
         raise CalibrationError(f'{path} has no reports: give headings and a line for each report')
     headings, body = rows[0].cells, rows[1:]
-    names = [re.sub(r'\s*[\[(].*', '', text).strip().lower() for text in headings]
+    names = _names_of(headings)
     missing = [name for name in _COLUMNS if name not in names]
     if missing:
         raise CalibrationError(
@@ -83,6 +83,11 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
             raise CalibrationError(f'{where}: it has {len(cells)} cells and there are {len(names)} headings')
         reports.append(_parse_report(where, dict(zip(names, cells, strict=True)), bearings))
     return in_order(reports)
+
+
+def _names_of(headings: Sequence[str]) -> list[str]:
+    """Return headings in small letters, without their units."""
+    return [re.sub(r'\s*[\[(].*', '', text).strip().lower() for text in headings]
 
 
 def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_logs.tables.dialect import parse_heading, unit_of
+from stickslip_logs.tables.whole_table import TableRow, read_table
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
-from stickslip_monitor.files import TableRow, read_table
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
 
 NAMES = {
@@ -68,10 +68,9 @@ def read_curve(
 ) -> FrictionCurve:
     """Read a curve.
 
-    Cells are separated by comma, semicolon or tab; with the latter two the decimal sign may be a
-    comma. Blank lines and lines that start with ``#`` are skipped. The first other line has the
-    headings, which may have a unit, ``speed [rpm]``, or the line after it has the units. Weights
-    are those of squared residuals, ``1/std^2``.
+    The table is read as a log is: by its delimiter, the headings below what stands above them, which may be
+    a comment, and the units in these or in a line of their own. Between commas the decimal sign is a point.
+    Weights are those of squared residuals, ``1/std^2``.
 
     Args:
         path: The file.
@@ -117,7 +116,12 @@ def read_curve(
 
 def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
     """Return the rows, the headings with their units first, and what separates their cells."""
-    rows, delimiter = read_table(path, _LARGEST, FitError)
+
+    def is_heading(cells: list[str]) -> bool:
+        found = {_find_quantity(_split_heading(cell)[0]) for cell in cells}
+        return found >= {'speed', 'coefficient'}
+
+    rows, delimiter = read_table(path, _LARGEST, FitError, is_heading)
     if len(rows) > _MOST_POINTS:
         raise FitError(
             f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
@@ -127,10 +131,6 @@ def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
         raise FitError(f'{path} is empty: it must have a line of headings and the points')
     if len(rows) == 1:
         raise FitError(f'{path} has headings (line {rows[0].line}) but no points')
-    if len(rows[1].cells) == len(rows[0].cells) and any(map(_speed_unit, rows[1].cells)):
-        rows[:2] = [
-            TableRow(rows[0].line, [f'{a} [{b}]' for a, b in zip(rows[0].cells, rows[1].cells, strict=True)])
-        ]
     return rows, delimiter
 
 
@@ -164,7 +164,7 @@ def _find_quantity(words: Iterable[str]) -> str:
 
 def _speed_unit(text: str) -> str | None:
     """Return a unit of speed as this program writes it; None for any other text."""
-    unit = unit_of(re.sub(r'[\s^·⋅]', '', text))
+    unit = unit_of(text)
     return unit if unit in _LINEAR or unit in SPEED_UNITS else None
 
 

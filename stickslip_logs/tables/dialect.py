@@ -28,6 +28,7 @@ _RUN = 4
 _DELIMITERS = '\t;|, '
 _OF_BLANKS = 0.9
 _MOST_SHOWN = 60
+_LONGEST_UNIT = 16
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 # Of a standard's package of JSON, the rows that this program reads.
 _JQ = (
@@ -166,7 +167,7 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     Raises:
         BagError: It is no table, or not to be told from several.
     """
-    encoding = _encoding(extent.head)
+    encoding = encoding_of(extent.head)
     text = extent.head.decode(encoding, 'replace').replace('\0', '')
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
@@ -188,7 +189,7 @@ def sniff(path: Path, extent: Extent) -> Dialect:
 def _table(
     path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
 ) -> Dialect:
-    width = _usual_width(rows)
+    width = usual_width(rows)
     decimal = _decimal_sign(path, [row for row in rows if len(row) == width], delimiter)
     first = _first_data(rows, decimal, width)
     if first is None:
@@ -234,7 +235,8 @@ def _table(
     )
 
 
-def _encoding(head: bytes) -> str:
+def encoding_of(head: bytes) -> str:
+    """Return the encoding of a text by its first bytes."""
     for mark, encoding in _MARKS:
         if head.startswith(mark):
             return encoding
@@ -261,7 +263,7 @@ def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
     best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
     for delimiter in _DELIMITERS:
         rows = _split(lines, delimiter)
-        width = _usual_width(rows)
+        width = usual_width(rows)
         if width < 2:
             continue
         usual = [row for row in rows if len(row) == width]
@@ -275,9 +277,29 @@ def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
     return best[1:]
 
 
-def _usual_width(rows: Sequence[Cells]) -> int:
+def usual_width(rows: Sequence[Cells]) -> int:
+    """Return how many cells most rows have; 0 where none has two."""
     counts = Counter(len(row) for row in rows if len(row) > 1 and not row[0].startswith('#'))
     return counts.most_common(1)[0][0] if counts else 0
+
+
+def find_delimiter(lines: Sequence[str]) -> str:
+    """Return what separates the cells of a text; a comma where no line has two."""
+    return _best(lines)[0]
+
+
+def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
+    """Return the row of headings above the first numbers of some rows, if there is one."""
+    decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
+    first = _first_data(rows, decimal, width)
+    return _headings(rows[:first], width)[0] if first else []
+
+
+def is_row_of_units(row: Cells) -> bool:
+    """Return whether some cells are units, some of which may be lacking or unknown."""
+    return any(unit_of(cell) for cell in row) and all(
+        len(cell.strip()) < _LONGEST_UNIT and parse_number(cell) is None for cell in row
+    )
 
 
 def _is_sound(cell: str) -> bool:
@@ -413,7 +435,7 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
     """Of some rows of words that with units, which may be empty, and that with headings."""
     for k in reversed(range(len(named))):
         row = named[k]
-        is_units = any(unit_of(cell) for cell in row) and all(len(cell.strip()) < 16 for cell in row)
+        is_units = is_row_of_units(row)
         beside = [other for other in (*named[:k][-1:], named[-1]) if other is not row]
         if is_units and beside and len(beside[0]) == len(row):
             return row, beside[0]

@@ -39,7 +39,8 @@ PACKED = tuple(_UNPACK)
 # byte order mark, which joined files have in the middle. Elsewhere a control character is a damaged cell.
 _FRAMES = '\x02\x03\x04\x1a\ufeff'
 _FRAME_BYTES = b'\0', b'\x02', b'\x03', b'\x04', b'\x1a', BOM_UTF8, b'\xff\xfe', b'\xfe\xff'
-_BROKEN = (EOFError, OSError, zlib.error, lzma.LZMAError, zstandard.ZstdError)
+BROKEN = (EOFError, OSError, zlib.error, lzma.LZMAError, zstandard.ZstdError)
+"""Errors of a file that cannot be read or unpacked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,7 @@ def unpacked_begin(path: Path) -> bytes:
     try:
         with opened(path) as file:
             return file.read(_BEGIN)
-    except _BROKEN:
+    except BROKEN:
         return b''
 
 
@@ -101,7 +102,7 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
                 last = piece[-2:]
                 if not is_whole and size > _HEAD:
                     break
-    except _BROKEN as error:
+    except BROKEN as error:
         problem = str(error) or type(error).__name__
         if not size:
             raise BagError(f"log '{path}' cannot be read: {problem}") from None
@@ -119,7 +120,7 @@ def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator
     """
     with opened(path) as raw:
         text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
-        with contextlib.suppress(*_BROKEN):
+        with contextlib.suppress(*BROKEN):
             lines = iter(lambda: text.readline(_LONGEST_LINE), '')
             yield from lines if is_plain else map(_without_marks, lines)
 

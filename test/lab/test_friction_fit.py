@@ -467,7 +467,7 @@ def test_a_unit_of_the_coefficient_that_is_none(write: Write) -> None:
         ('speed (rpm) x1000,mu\n1,2\n', ", line 1, column 'speed (rpm) x1000': whether the numbers"),
         ('speed [kn],mu\n1,2\n', ", line 1, column 'speed [kn]': unit 'kn' must be one of rpm"),
         ('speed [rpm],mu\n1,2\n', ": speeds in rpm need the journal's diameter"),
-        (b'\xff\xfe\x00', ' is not a text file in UTF-8'),
+        (b'\xff\xfe\x00', ' has headings (line 1) but no points'),
     ],
 )
 def test_a_file_that_breaks_a_rule_is_refused(write: Write, content: str | bytes, words: str) -> None:

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A small table of any kind read as a whole: its headings with their units, and its rows by their lines."""
+
+from __future__ import annotations
+
+import csv
+import errno
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from stickslip_logs.errors import StickslipError
+from stickslip_logs.tables.dialect import (
+    encoding_of,
+    find_delimiter,
+    headings_above,
+    is_row_of_units,
+    usual_width,
+)
+from stickslip_logs.tables.text_file import BROKEN, lines_of, opened
+
+
+class TableRow(NamedTuple):
+    """A row of a table: its line in the file, and its cells."""
+
+    line: int
+    cells: list[str]
+
+
+def read_table(
+    path: str | Path,
+    most: int,
+    error: type[StickslipError],
+    is_heading: Callable[[list[str]], bool] = lambda cells: False,
+) -> tuple[list[TableRow], str]:
+    """Read a table as test benches and spreadsheets write it.
+
+    Encoding and delimiter are found as those of a log. Blank lines and comments are skipped, and what stands
+    above the headings, which may be a comment, too; the units of a row below the headings stand behind them.
+
+    Args:
+        path: The file, packed or not.
+        most: The largest size that is read [bytes].
+        error: Type of the error that is raised.
+        is_heading: Whether some cells are headings of such a table; else they are those above the numbers, or
+            in the first line.
+
+    Returns:
+        The rows, the headings first, and what separates their cells.
+    """
+    try:
+        with opened(Path(path)) as file:
+            data = file.read(most + 1)
+        if len(data) > most:
+            raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
+    except BROKEN as found:
+        raise error(f'{path}: {getattr(found, "strerror", None) or found}') from None
+    lines = lines_of(data.decode(encoding_of(data), 'replace'))
+    delimiter = find_delimiter(lines)
+    rows, damaged = list[TableRow](), dict[int, Exception]()
+    for number, line in enumerate(lines, start=1):
+        try:
+            (cells,) = (
+                csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
+                if line.strip()
+                else ([],)
+            )
+        except (csv.Error, ValueError) as found:
+            cells, damaged[number] = [line], found
+        rows.append(TableRow(number, [cell.strip() for cell in cells]))
+    rows = [row for row in rows if any(row.cells)]
+    at = _find_headings(rows, is_heading)
+    below = [row for row in rows[at + 1 :] if not row.cells[0].startswith('#')]
+    for row in below:
+        if row.line in damaged:
+            raise error(f'{path}, line {row.line}: {damaged[row.line]}')
+    if at < 0 or at >= len(rows):
+        return below, delimiter
+    names = _without_mark(rows[at].cells)
+    if below and is_row_of_units(below[0].cells) and len(below[0].cells) == len(names):
+        units = below.pop(0).cells
+        names = [f'{name} [{unit}]' if unit else name for name, unit in zip(names, units, strict=True)]
+    return [TableRow(rows[at].line, names), *below], delimiter
+
+
+def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], bool]) -> int:
+    """Return the number of the row of headings; -1 for none."""
+    for k, row in enumerate(rows):
+        if is_heading(_without_mark(row.cells)):
+            return k
+    cells = [row.cells for row in rows]
+    above = headings_above(cells, usual_width(cells))
+    found = next(
+        (k for k, own in enumerate(cells) if above and _without_mark(own)[: len(above)] == above), -1
+    )
+    return found if found >= 0 else next((k for k, own in enumerate(cells) if own[0][:1] != '#'), -1)
+
+
+def _without_mark(cells: list[str]) -> list[str]:
+    """Return cells without the mark of a comment, which blanks may part from the first."""
+    bare = [cells[0].lstrip('# '), *cells[1:]]
+    return bare if bare[0] or cells[0] == '' else bare[1:]
