@@ -315,8 +315,8 @@ def run_tutorial(page: str, folder: Path) -> str:
 
 
 SCHEMAS: dict[str, tuple[tuple[RecordField, ...], tuple[str, ...]]] = {
-    'warning-2': (WARNING, ('properties',)),
-    'bearings-3': (BEARING, ('properties', 'bearings', 'items', 'properties')),
+    'warning-3': (WARNING, ('properties',)),
+    'bearings-4': (BEARING, ('properties', 'bearings', 'items', 'properties')),
 }
 """Of each schema that is made of the fields these, and where their properties stand in it."""
 

@@ -57,7 +57,7 @@ class Reference:
     Attributes:
         bearing: The bearing.
         log_load: Loads with a fold, ascending, shape (n,) [ln N].
-        log_fold: Fold speed there, the higher of the averaged and the exact one [ln m/s].
+        log_fold: Fold speed there, the one that decides [ln m/s].
         log_hopf: Hopf speed there; far below where there is none [ln m/s].
     """
 
@@ -73,7 +73,7 @@ class Reference:
         self.log_load = table.first + table.step * np.arange(1, len(table.pieces[0]) + 1)
         load = np.exp(self.log_load)
         with np.errstate(all='ignore'):
-            fold = np.fmax(averaging.fold_speed(bearing, load), table.exact(load))
+            fold = table.fold(load)
             hopf = np.asarray(averaging.hopf_speed(bearing, load))
         known = np.isfinite(fold) & (fold > 0.0)
         self.log_load = self.log_load[known]

@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.configuration import asked
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.verdict import warns
 
-SCHEMA = 'stickslip_monitor/assessment/1'
+SCHEMA = 'stickslip_monitor/assessment/2'
 _ROWS = [(title, item.name, unit) for item in record_fields.ASSESSED for title, unit in item.shown]
 _NAMES = [name for _, name, _ in _ROWS]
 

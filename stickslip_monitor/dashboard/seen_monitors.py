@@ -113,11 +113,11 @@ class Watched:
         return {'name': self.key, **view_fields, 'status': self.record}
 
     def _is_off_map(self, record: Mapping[str, Any]) -> bool:
-        """Return whether a record has the fold at its load elsewhere than the map has it."""
-        if record['fold_speed'] is None or record['load'] is None or not self.view.curves:
+        """Return whether a record has the averaged fold at its load elsewhere than the map has it."""
+        if record['fold_speed_kbm'] is None or record['load'] is None or not self.view.curves:
             return False
         speed, load = (np.array(self.view.curves[name], dtype=float) for name in ('speed', 'fold'))
-        mapped = np.interp(record['fold_speed'], speed, load, math.nan, math.nan)
+        mapped = np.interp(record['fold_speed_kbm'], speed, load, math.nan, math.nan)
         return bool(abs(mapped - record['load']) > _OTHER_MAP * mapped)
 
     def widen(self) -> bool:

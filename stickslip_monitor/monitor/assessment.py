@@ -22,11 +22,10 @@ from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
+from stickslip_monitor.physics.folds import deciding_fold
 from stickslip_monitor.physics.lubrication import as_measured, load_over_speed
 from stickslip_monitor.physics.probability import Belief
 
-TABLE_ERROR = 1e-6
-"""So near a tabulated averaged fold it is solved: more than a smooth law's table is off."""
 COVER = 1.01
 """So far beyond all boundaries none of eight laws has a cycle (nor at 1.0001): more than a table's error."""
 # Points from which on a table of the exact fold pays.
@@ -84,7 +83,7 @@ BELIEFS = tuple(item.name for item in record_fields.NUMBERS if item.needs == rec
 """What tolerances or a calibration add to an assessment; ``nan`` without them."""
 
 
-_STORED = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed', 'exact_fold_speed')
+_STORED = ('speed', 'load', 'outcome_code', 'hopf_speed', 'fold_speed', 'fold_speed_kbm')
 _Number = TypeVar('_Number', float, FloatArray)
 
 
@@ -108,10 +107,8 @@ class _Assessed(Generic[_Number]):
     load: _Number  # as given [N]
     outcome_code: NDArray[np.int8]  # index into OUTCOMES; a plain number of one point
     hopf_speed: _Number  # highest unstable speed at this load [m/s]; nan without one
-    fold_speed: _Number  # highest speed with a cycle, by first-order KBM averaging [m/s]; nan without
-    exact_fold_speed: _Number
-    """Highest speed at which the lining sticks in the exact model, which does not average [m/s]; a
-    vibration that never sticks ends at about the averaged fold."""
+    fold_speed: _Number  # which decides: above it no vibration lasts [m/s]; nan without one
+    fold_speed_kbm: _Number  # by first-order KBM averaging [m/s]; nan without one
     bearing: Bearing = field(repr=False)
     belief: Belief | None = field(default=None, repr=False)
     temperature: _Number | None = None  # of the water [C]; None: that of the bearing
@@ -158,7 +155,7 @@ class _Assessed(Generic[_Number]):
                 result[rows] = solve(reference, size[rows], load[rows])
             return result
 
-        found = self._each(solved, *point, self.outcome_code, self.fold_speed / self.scale)
+        found = self._each(solved, *point, self.outcome_code, self.fold_speed_kbm / self.scale)
         return found * self.scale
 
     def _load_of(self, boundary: Callable[[Bearing, ArrayLike], Any]) -> _Number:
@@ -171,11 +168,6 @@ class _Assessed(Generic[_Number]):
         return load + 0.0 * self.load
 
     @property
-    def stability_limit(self) -> _Number:
-        """The higher of the two fold speeds [m/s]; ``nan`` without either."""
-        return self._each(np.fmax, self.fold_speed, self.exact_fold_speed)
-
-    @property
     def lower_end(self) -> _Number:
         """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none."""
         reference, _, load = self._reference
@@ -183,12 +175,13 @@ class _Assessed(Generic[_Number]):
 
     @property
     def fold_share(self) -> _Number:
-        """The averaged fold as a share of the one that decides, which may be the exact model's."""
+        """The averaged fold as a share of the one that decides; 1 without either."""
 
-        def share(fold: FloatArray, limit: FloatArray) -> FloatArray:
-            return np.divide(fold, limit, out=np.ones(fold.shape), where=fold < limit)
+        def share(kbm: FloatArray, fold: FloatArray) -> FloatArray:
+            known = (kbm > 0.0) & (kbm < np.inf) & (fold > 0.0) & (fold < np.inf)
+            return np.divide(kbm, fold, out=np.ones(fold.shape), where=known)
 
-        return self._each(share, self.fold_speed, self.stability_limit)
+        return self._each(share, self.fold_speed_kbm, self.fold_speed)
 
     @cached_property
     def hopf_margin(self) -> _Number:
@@ -197,30 +190,18 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def fold_margin(self) -> _Number:
-        """The same of the averaged fold."""
+        """``|V|/V_F - 1`` [-] of the fold that decides, as :attr:`hopf_margin`."""
         return self._margin(self.fold_speed)
 
     @cached_property
-    def exact_fold_margin(self) -> _Number:
-        """The same of the exact fold."""
-        return self._margin(self.exact_fold_speed)
+    def fold_margin_kbm(self) -> _Number:
+        """The margin to the averaged fold [-], which decides nothing."""
+        return self._margin(self.fold_speed_kbm)
 
     @property
-    def any_fold_margin(self) -> _Number:
-        """The fold margin, or that of the exact fold where averaging has none, as of a Coulomb law."""
-
-        def known(fold: FloatArray, own: FloatArray, exact: FloatArray) -> FloatArray:
-            return np.where(np.isnan(fold), exact, own)
-
-        return self._each(known, self.fold_speed, self.fold_margin, self.exact_fold_margin)
-
-    @cached_property
     def stability_margin(self) -> _Number:
-        """The smaller of the two fold margins [-], which decides.
-
-        It is not negative only where neither the averaged nor the exact model has a cycle.
-        """
-        return self._margin(self.stability_limit)
+        """The fold margin by its name in version 0.3 [-]."""
+        return self.fold_margin
 
     @cached_property
     def hopf_load(self) -> _Number:
@@ -260,10 +241,10 @@ class _Assessed(Generic[_Number]):
     @cached_property
     def amplitude_exact(self) -> _Number:
         """Amplitude of the exact stick-slip cycle [m]; ``nan`` for none."""
-        end = np.fmax(self.hopf_speed, self.stability_limit)
+        end = np.fmax(self.hopf_speed, self.fold_speed)
         # Beyond every boundary none is looked for, which takes as long. All at once, as many cycles are
         # followed together.
-        near = np.isnan(self.exact_fold_speed) | (np.abs(self.speed) <= COVER * end)
+        near = np.isnan(self.fold_speed) | (np.abs(self.speed) <= COVER * end)
         bearing, speed, load = self._reference
         return exact_amplitude(bearing, np.where(near, speed, np.nan), load) * self.scale
 
@@ -410,7 +391,7 @@ def assess(
     chances: Iterable[Any] = (),
     temperature: ArrayLike | None = None,
 ) -> Assessment | Assessments:
-    """Assess operating points of a bearing by first-order KBM averaging and the exact fold.
+    """Assess operating points of a bearing by its Hopf speed and its exact fold.
 
     Steady sliding is unstable where ``-N mu'(V) > c``, up to the Hopf speed; from there to the fold
     it is bistable (Krylov and Bogoliubov; docs/physics.md has the equations).
@@ -430,7 +411,7 @@ def assess(
 
     >>> point = assess(bearing, 0.18, 1000.0)
     >>> print(point.regime, round(point.hopf_speed, 7), round(point.fold_speed, 7))
-    bistable 0.1609438 0.2132256
+    bistable 0.1609438 0.2131982
     >>> round(point.fold_margin, 3)
     -0.156
     >>> assess(bearing, [0.1, 0.18, 0.3], 1000.0).regime.tolist()
@@ -456,7 +437,7 @@ def assess(
 def _judge(
     bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
-    """Outcome, Hopf speed and both fold speeds of flat arrays."""
+    """Return outcome, Hopf speed, the fold that decides and the averaged one, of flat arrays."""
     law = bearing.friction
     solver = averaging.averaged(law)
     size = np.abs(speed)
@@ -464,22 +445,20 @@ def _judge(
     # Speed and load come in turns as a rule, so that a load is met twice.
     first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
     # What is no closed form costs milliseconds a load.
-    read = table is not None and solver is not closed_form
-    if read and table is not None:
-        hopf, fold = solver.hopf_speed(law, q[first]), table.averaged(load[first])
+    if table is not None and solver is not closed_form:
+        hopf, kbm = solver.hopf_speed(law, q[first]), table.fold_kbm(load[first])
     else:
-        hopf, fold = solver.boundaries(law, q[first])
-    exact = exact_fold_speed(bearing, load[first]) if table is None else table.exact(load[first])
+        hopf, kbm = solver.boundaries(law, q[first])
+    if table is None:
+        fold = deciding_fold(bearing, load[first], exact_fold_speed(bearing, load[first]), kbm)
+    else:
+        fold = table.fold(load[first])
     times = np.diff(np.append(first, load.size))
-    hopf, fold, exact = (np.repeat(limit, times) for limit in (hopf, fold, exact))
-    if read:
-        near = np.flatnonzero(np.abs(size - fold) <= TABLE_ERROR * fold)
-        fold[near] = solver.boundaries(law, q[near])[1]
-    code = np.where((fold != fold) & (exact != exact), NO_BOUNDARY, NO_CYCLE)
+    hopf, kbm, fold = (np.repeat(limit, times) for limit in (hopf, kbm, fold))
+    code = np.where(fold != fold, NO_BOUNDARY, NO_CYCLE)
     # A law with several ranges of speed is quiet between them, as averaging finds.
-    cycle = solver.has_cycle(law, size, q, fold) | ((size < exact) & ~(size < fold))
-    below = (code == NO_CYCLE) & (size < np.fmax(fold, exact))
-    code = np.where(below, BELOW, code)
+    cycle = (size < fold) & (solver.has_cycle(law, size, q, kbm) | ~(size < kbm))
+    code = np.where((code == NO_CYCLE) & (size < fold), BELOW, code)
     code = np.where(cycle, BISTABLE, code)
     code = np.where(solver.is_unstable(law, size, q, hopf), STICK_SLIP, code)
     # 0, or nan where an input is not finite.
@@ -487,4 +466,4 @@ def _judge(
     code = np.where(load <= 0.0, NO_CONTACT, code)
     code = np.where(size == 0.0, AT_REST, code)
     code = np.where(missing == 0.0, code, NOT_FINITE)
-    return code, hopf + missing, fold + missing, exact + missing
+    return code, hopf + missing, fold + missing, kbm + missing

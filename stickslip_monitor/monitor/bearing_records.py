@@ -23,8 +23,8 @@ from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severi
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.verdict import Event, Verdict, order
 
-WARNING_SCHEMA = 'stickslip_monitor/warning/2'
-BEARINGS_SCHEMA = 'stickslip_monitor/bearings/3'
+WARNING_SCHEMA = 'stickslip_monitor/warning/3'
+BEARINGS_SCHEMA = 'stickslip_monitor/bearings/4'
 POINT_NUMBERS = tuple(item.name for item in record_fields.NUMBERS)
 """The numbers of an operating point in every record, in SI units."""
 WITHOUT_CYCLE = {item.name: 0.0 for item in record_fields.NUMBERS if item.is_zero_without_cycle}
@@ -78,14 +78,8 @@ def verdict_value(name: str, verdict: Verdict) -> float | str:
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
     """Work out a number of one point or many as its topic says it, only where it is wanted."""
-    value = _number_of(points, name)
-    return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
-
-
-def _number_of(points: Assessment | Assessments, name: str) -> FloatArray:
-    """Return a number of points as it is published: any fold's margin is better than none."""
     value = np.asarray(getattr(points, name))
-    return np.asarray(points.any_fold_margin) if name == 'fold_margin' and np.isinf(value).any() else value
+    return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
 
 def number(value: float) -> float | None:
@@ -100,7 +94,7 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(float(_number_of(point, name))) for name in POINT_NUMBERS},
+        **{name: number(float(getattr(point, name))) for name in POINT_NUMBERS},
     }
 
 

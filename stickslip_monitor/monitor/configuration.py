@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.parameters import (
 )
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import TURNING_UNITS, Bearing
-from stickslip_monitor.physics.cycles import exact_fold_speed
+from stickslip_monitor.physics.cycles import end_of_vibration
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
 from stickslip_monitor.physics.lubrication import Lubrication, as_measured, reference_point
 from stickslip_monitor.physics.probability import Belief, Tolerance
@@ -762,8 +762,6 @@ def _last_fall(law: Tabulated) -> float:
 
 
 def fold_of(config: BearingConfig, load: float) -> float:
-    """Fold speed, exact where averaging has none [m/s]; inf where there is none, which asks nothing."""
-    fold = float(fold_speed(config.bearing, load)) if load > 0.0 else math.nan
-    if math.isnan(fold) and load > 0.0:
-        fold = float(exact_fold_speed(config.bearing, load))
+    """Return the fold that decides [m/s]; inf where there is none, which asks nothing."""
+    fold = float(end_of_vibration(config.bearing, load)) if load > 0.0 else math.nan
     return fold if math.isfinite(fold) else math.inf

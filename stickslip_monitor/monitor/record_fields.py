@@ -85,7 +85,7 @@ _OPERATING_POINT = (
         'fold_speed',
         'fold speed of the surface at this load',
         'm/s',
-        'by averaging, null without one',
+        'which decides: above it no vibration lasts; null without one',
         key='fold speed [m/s]',
         metric='fold_speed_meters_per_second',
         shown=(('fold speed', 'rpm'),),
@@ -115,16 +115,14 @@ _OPERATING_POINT = (
         topic=FLOAT64,
     ),
     RecordField(
-        'exact_fold_speed',
-        'fold speed of the exact model',
+        'fold_speed_kbm',
+        'fold speed by averaging (KBM)',
         'm/s',
-        shown=(('end of sticking (exact cycle)', 'rpm'),),
+        'null without one',
+        shown=(('fold speed (KBM)', 'rpm'),),
     ),
     RecordField(
-        'exact_fold_margin',
-        'margin to that fold',
-        note='alarms go by the smaller of the two margins',
-        shown=(('margin to the end of sticking', '%'),),
+        'fold_margin_kbm', 'margin to that fold', note='decides nothing', shown=(('fold margin (KBM)', '%'),)
     ),
     RecordField(
         'hopf_load',

@@ -32,7 +32,7 @@ from stickslip_monitor.monitor.vibration_rule import (
     measured,
     take_level,
 )
-from stickslip_monitor.physics.boundary_table import averaged_at, boundary_at, lower_end_at, place_at
+from stickslip_monitor.physics.boundary_table import boundary_at, place_at
 from stickslip_monitor.physics.lubrication import scale_at, viscosity
 from stickslip_monitor.physics.probability import chances, runs_after
 from stickslip_monitor.physics.scalar_law import friction_slope
@@ -318,7 +318,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     sliding = speed != 0.0 and load > 0.0
     scale = scale_of(s, c, load)
     place = place_at(c.table_first, c.table_step, load / scale)
-    lower = scale * lower_end_at(model[1][2], c.table_step, place)
+    lower = scale * boundary_at(model[1][2], c.table_growth[2], place)
     limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place, scale)
     below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
     if below:
@@ -391,15 +391,15 @@ def reach(
     ``place`` is where its load over the ``scale`` lies in the table of the boundaries.
 
     Returns:
-        The greater fold; then whether the point is so near that caution is asked for, is within
+        The fold; then whether the point is so near that caution is asked for, is within
         the range in which it is kept, is in the bistable range, and whether a cycle exists.
     """
     _, table, belief = model
-    averaged = scale * averaged_at(table[0], c.table_step, place)
-    limit = max(averaged, scale * boundary_at(table[1], c.table_step, place))
+    limit = scale * boundary_at(table[0], c.table_growth[0], place)
     if c.has_belief:
         # What is known of the averaged fold is known of the one that decides.
-        share = averaged / limit if 0.0 < averaged < limit else 1.0
+        kbm = scale * boundary_at(table[1], c.table_growth[1], place)
+        share = kbm / limit if 0.0 < kbm < math.inf and 0.0 < limit < math.inf else 1.0
         lagging = scale_of(s, c, s.load_mean)
         s.can, s.will = chances(belief, size / lagging, s.load_mean / lagging, share)
         s.runs = runs_after(s.runs, s.can, s.will)

@@ -254,6 +254,7 @@ class RuleNumbers:
     hysteresis: float
     table_first: float
     table_step: float
+    table_growth: list[float] = field(metadata={'size': 3})
     at_load: float
     load_exponent: float
     viscosity_ratio: float
@@ -329,6 +330,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         hysteresis=0.0 if level is None else level.hysteresis,
         table_first=table.first,
         table_step=table.step,
+        table_growth=table.growth.tolist(),
         at_load=own.load,
         load_exponent=own.load_exponent,
         viscosity_ratio=own.viscosity_ratio,

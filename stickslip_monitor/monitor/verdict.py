@@ -266,11 +266,11 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
     if point.outcome is Outcome.BELOW:
-        ends = (_speed_text(config, point, v) for v in (point.lower_end, point.stability_limit))
+        ends = (_speed_text(config, point, v) for v in (point.lower_end, point.fold_speed))
         return f'{text}. {point.outcome.sentence} Stay below {" or go above ".join(ends)}.'
     if b.sticking and math.isfinite(point.amplitude_exact):
         text += f', amplitude {rounded(point.amplitude_exact * 1e3)} mm'
-    margin = point.stability_margin
+    margin = point.fold_margin
     text += f', {abs(margin) * 100.0:.0f} % {"below" if margin < 0.0 else "above"} the fold.'
     if b.state.raised & (1 << rule.VIBRATION) and condition is not Condition.VIBRATION:
         text += f' {Condition.VIBRATION.sentence}'
@@ -331,7 +331,7 @@ def _measured_text(point: Assessment) -> str:
     """Stick-slip that is measured: how it stands to what the model says."""
     if point.outcome is Outcome.STICK_SLIP:
         return 'Stick-slip predicted, and vibration is measured.'
-    if point.stability_margin < 0.0:
+    if point.fold_margin < 0.0:
         return 'Stick-slip: vibration is measured, and in the bistable range it goes on by itself.'
     return (
         'Stick-slip: vibration is measured, close outside the region in which the model expects'
@@ -362,7 +362,7 @@ def _belief_text(b: Standing, point: Assessment) -> str:
         return ''
     scale = float(point.scale)
     low, high = (scale * config.belief.fold_speed(float(point.load) / scale, p) for p in (0.05, 0.95))
-    # By averaging; the fold that decides may be the exact model's.
+    # A belief is about the averaged fold, the share leads to the one that decides.
     rpm = config.bearing.speed.factor('rpm') * point.fold_share
     return (
         f' Stick-slip is possible with {point.probability_can:.0%}: fold'
@@ -475,7 +475,7 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
     """Return the speed above which caution, the mildest condition, clears at this load [m/s]."""
     alarm, belief = b.config.alarm, b.config.belief
     if belief is None or not b.config.alarms_by_chance or not math.isfinite(point.probability_can):
-        return float(point.stability_limit) * (1.0 + alarm.caution_margin + alarm.hysteresis)
+        return float(point.fold_speed) * (1.0 + alarm.caution_margin + alarm.hysteresis)
     if not 0.0 < alarm.caution_probability < 1.0:
         return math.nan
     scale = float(point.scale)
@@ -491,4 +491,4 @@ def warns(config: BearingConfig, point: Assessment) -> bool:
         return bool(point.probability_can > config.alarm.caution_probability)
     if point.outcome is Outcome.BELOW:
         return bool(abs(point.speed) * (1.0 + config.alarm.caution_margin) > point.lower_end)
-    return bool(point.stability_margin < config.alarm.caution_margin)
+    return bool(point.fold_margin < config.alarm.caution_margin)

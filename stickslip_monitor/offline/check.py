@@ -43,7 +43,7 @@ from stickslip_monitor.offline.input_report import (
     bound_to,
 )
 
-SCHEMA = 'stickslip_monitor/check/2'
+SCHEMA = 'stickslip_monitor/check/3'
 _NONE = np.empty(0, np.int64)
 _NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())
 _SILENCE = Stream(_NONE, np.empty(0, np.int8), np.empty(0))
@@ -240,7 +240,7 @@ class _BearingCheck:
         self._evaluations += scan.time_ns.size
         if not self.config.load.is_assumed:
             self._fitness.take_points(scan.time_ns, scan.speed, scan.load)
-        self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).stability_limit)
+        self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).fold_speed)
         self._extremes.take(scan)
         if scan.measured is not None:
             self._measured_ns += lasting_ns(scan.measured, scan.until_ns - scan.time_ns, len(MEASURED))

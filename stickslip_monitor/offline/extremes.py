@@ -265,11 +265,11 @@ class Extremes:
         if not scan.time_ns.size:
             return
         size, top = np.abs(scan.speed), self._heaviest(scan)
-        # Beyond the highest boundaries a point is stable; but an exact fold that is not known has no end.
-        limit = COVER * np.fmax.reduce((top.hopf_speed, top.fold_speed, top.exact_fold_speed))
+        # Beyond the highest boundaries a point is stable; but a fold that is not known has no end.
+        limit = COVER * np.fmax(top.hopf_speed, top.fold_speed)
         if scan.config.water_temperature is not None:
             limit = np.full(1, np.inf)  # in other water a lighter point may have higher boundaries
-        rows = np.flatnonzero(size <= np.where(np.isnan(top.exact_fold_speed), np.inf, limit))
+        rows = np.flatnonzero(size <= np.where(np.isnan(top.fold_speed), np.inf, limit))
         codes = scan.assessed(rows).regime_code if rows.size else _NO_CODES
         lasting = scan.until_ns - scan.time_ns
         own = lasting_ns(codes, lasting[rows], len(REGIMES))
@@ -284,15 +284,15 @@ class Extremes:
     def _heaviest(self, scan: Scan) -> Assessments:
         """A point at least as heavy as some, that known or one of these, if not much heavier.
 
-        No boundary of these is higher than its boundaries. They rise with the load but for the exact fold,
+        No boundary of these is higher than its boundaries. They rise with the load but for the fold,
         which may fall again: here it is the highest of any load up to this.
         """
         most = scan.load.max()
         if self._top is None or not most <= self._top.load[0] <= _HEAVIER * most:
             top = scan.assessed(np.array([scan.load.argmax()]))
             table = known_table(as_measured(top.bearing))
-            highest: Any = top.scale * table.highest_exact(top.load / top.scale)
-            self._top = replace(top, exact_fold_speed=highest)
+            highest: Any = top.scale * table.highest_fold(top.load / top.scale)
+            self._top = replace(top, fold_speed=highest)
         return self._top
 
     def _take_margins(self, scan: Scan, size: FloatArray, top: Assessments) -> None:
@@ -314,7 +314,7 @@ class Extremes:
     def _slow(self, top: Assessments) -> FloatArray:
         """The highest speed at which a margin may be lower than is known; nan without a boundary [m/s]."""
         known = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
-        ends = zip(known, (top.hopf_speed, top.stability_limit), strict=True)
+        ends = zip(known, (top.hopf_speed, top.fold_speed), strict=True)
         slow: FloatArray = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
         return slow
 
@@ -323,8 +323,7 @@ class Extremes:
         points = scan.assessed(rows)
         for name in names:
             sign = -1 if name == 'amplitude' else 1
-            taken = {'amplitude': 'amplitude_exact', 'fold_margin': 'any_fold_margin'}
-            values = getattr(points, taken.get(name, name))
+            values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
             badness = np.where(np.isfinite(values), sign * values, np.inf)
             least = sign * self.found[name].value if name in self.found else math.inf
             if badness.min(initial=math.inf) < least:

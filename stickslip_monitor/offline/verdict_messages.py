@@ -309,7 +309,7 @@ class _Follower:
             own, table = self._config, self._bearing.settings.boundaries
             temperature = None if own.water_temperature is None else water
             together = assess(own.bearing, speed, load, own.belief, table, chances, temperature)
-            for name in (*POINT_NUMBERS, 'stability_margin'):
+            for name in POINT_NUMBERS:
                 getattr(together, name)  # worked out now, for all
             yield from (together.at(k) for k in range(len(points)))
 

@@ -211,6 +211,13 @@ def peak_curve(law: FrictionLaw) -> PeakCurve:
     return PeakCurve(speeds, peak, place, doubt)
 
 
+@lru_cache(maxsize=32)
+def cusp_curve(law: FrictionLaw) -> FloatArray:
+    """Return ``rho`` at the sliding limit at the speeds of :func:`peak_curve` [s/m]."""
+    curve = peak_curve(law)
+    return np.where(curve.place == 1.0, curve.peak, cusp_slope(law, np.clip(curve.speeds, SLOWEST, FASTEST)))
+
+
 def _off_line(speeds: FloatArray, peak: FloatArray) -> FloatArray:
     """How far each inner point of a curve lies from the line between its neighbours."""
     share = (speeds[1:-1] - speeds[:-2]) / (speeds[2:] - speeds[:-2])

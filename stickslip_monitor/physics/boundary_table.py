@@ -2,8 +2,8 @@
 """The boundaries of a bearing over its load, tabulated once for a rule that must not solve.
 
 Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
-exists. Above the last one the exact fold is in proportion to the load, as Coulomb's law has it, the
-limit of every law for large loads, and the averaged one grows by the power of the load by which it
+exists. Above the last one the end of sticking is in proportion to the load, as Coulomb's law has it, the
+limit of every law for large loads, and what averaging gives grows by the power of the load by which it
 does there. A smooth law is a cubic spline, right to 1e-7, near
 the onset of one with an exponent to 2e-4, and by lines to 2e-6 where its exact fold is not in
 proportion to the last loads; one in pieces (a measured table) is interpolated
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.folds import fold_curve
+from stickslip_monitor.physics.folds import deciding_fold, fold_curve
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
@@ -42,29 +42,37 @@ class BoundaryTable:
     Attributes:
         first: ``ln N`` of the first point; ``inf`` where no load has a boundary.
         step: Distance of two points in ``ln N``.
-        pieces: Of the averaged fold, the exact fold and the lower end of stick-slip the
+        pieces: Of the fold that decides, the averaged (KBM) fold and the lower end of stick-slip the
             coefficients of the polynomials in the share of a step, lowest order first, shape
             (3, points - 1, 4) [m/s].
+        growth: Of the logarithm of each in a step beyond the last point, shape (3,).
     """
 
     first: float
     step: float
     pieces: FloatArray
+    growth: FloatArray
 
-    def averaged(self, load: FloatArray) -> FloatArray:
-        """The averaged fold at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
+    def fold(self, load: FloatArray) -> FloatArray:
+        """Return the fold that decides at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
         return self._read(0, load)
 
-    def exact(self, load: FloatArray) -> FloatArray:
-        """The exact fold, as the averaged one."""
+    def fold_kbm(self, load: FloatArray) -> FloatArray:
+        """Return the averaged fold, as :meth:`fold`."""
         return self._read(1, load)
 
-    def highest_exact(self, load: FloatArray) -> FloatArray:
-        """The highest exact fold at any load up to each, shape (n,); ``nan`` where its own is [m/s]."""
+    def highest_fold(self, load: FloatArray) -> FloatArray:
+        """Return the highest fold at any load up to each, shape (n,); ``nan`` where its own is [m/s]."""
         with np.errstate(all='ignore'):
-            known = np.exp(self.first + self.step * np.arange(len(self.pieces[1]) + 1))
-            highest = np.fmax.accumulate(np.append(0.0, self.exact(known)))
-            return np.maximum(self.exact(load), highest[np.searchsorted(known, load)])
+            known = np.exp(self.first + self.step * np.arange(len(self.pieces[0]) + 1))
+            highest = np.fmax.accumulate(np.append(0.0, self.fold(known)))
+            return np.maximum(self.fold(load), highest[np.searchsorted(known, load)])
+
+    def lower_end(self, load: ArrayLike) -> Any:
+        """Return the lower end of stick-slip at loads [N]; 0 for none [m/s]."""
+        shape, (n,) = flatten(load)
+        with np.errstate(all='ignore'):
+            return restore(np.nan_to_num(self._read(2, n)), shape)
 
     def _read(self, which: int, load: FloatArray) -> FloatArray:
         place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
@@ -75,36 +83,21 @@ class BoundaryTable:
         share = inside - k
         c0, c1, c2, c3 = pieces[k].T
         speed = c0 + share * (c1 + share * (c2 + share * c3))
-        grows = (averaged_growth(pieces[-1].tolist(), self.step), self.step, 0.0)[which]
-        speed = np.where(place > most, speed * np.exp((place - most) * grows), speed)
+        speed = np.where(place > most, speed * np.exp((place - most) * self.growth[which]), speed)
         return np.where((place >= 0.0) & (speed > 0.0), speed, np.nan)
-
-    def lower_end(self, load: ArrayLike) -> Any:
-        """The lower end of stick-slip at loads [N]; 0 for none [m/s]."""
-        shape, (n,) = flatten(load)
-        with np.errstate(all='ignore'):
-            return restore(np.nan_to_num(self._read(2, n)), shape)
 
 
 def place_at(first: float, step: float, load: float) -> float:
-    """Where a load [N] lies in a table: steps from its ``first`` point, negative below it."""
+    """Return where a load [N] lies in a table: steps from its ``first`` point, negative below it."""
     return (math.log(load) - first) / step if load > 0.0 else -1.0
 
 
-def lower_end_at(pieces: Any, step: float, place: float) -> float:
-    """The lower end of stick-slip at a place [m/s], args as of :func:`boundary_at`; 0 for none.
-
-    Beyond the last point it stays where it is.
-    """
-    return boundary_at(pieces, step, min(place, float(len(pieces))))
-
-
-def boundary_at(pieces: Any, step: float, place: float) -> float:
-    """One boundary [m/s]: 0 where there is none, ``inf`` where it has no end.
+def boundary_at(pieces: Any, growth: float, place: float) -> float:
+    """Return one boundary [m/s]: 0 where there is none, ``inf`` where it has no end.
 
     Args:
         pieces: Coefficients, (points - 1) rows of four.
-        step: Distance of two points in ``ln N``.
+        growth: Of its logarithm in a step beyond the last point.
         place: Where the load lies, by :func:`place_at`.
     """
     if place < 0.0:
@@ -114,32 +107,23 @@ def boundary_at(pieces: Any, step: float, place: float) -> float:
     share = min(place, float(most)) - k
     row = pieces[k]
     speed: float = row[0] + share * (row[1] + share * (row[2] + share * row[3]))
-    return speed if place <= most else speed * math.exp((place - most) * step)
+    return speed if place <= most else speed * math.exp((place - most) * growth)
 
 
-def averaged_at(pieces: Any, step: float, place: float) -> float:
-    """The averaged fold at a place [m/s], args and special values as of :func:`boundary_at`."""
-    most = float(len(pieces))
-    speed = boundary_at(pieces, step, min(place, most))
-    if place <= most:
-        return speed
-    return speed * math.exp((place - most) * averaged_growth(pieces[len(pieces) - 1], step))
-
-
-def averaged_growth(last: Any, step: float) -> float:
-    """Growth of the logarithm of the averaged fold in a step from the last point of a table on.
+def _averaged_growth(last: FloatArray, step: float) -> float:
+    """Return the growth of the logarithm of the averaged fold in a step from the last of its pieces on.
 
     Two thirds of the logarithm of the load where friction falls at slow speeds only, nothing where it
     rises beyond. Up to 8 times the last load that has the fold to 0.5 %, and to 40 % where it rises.
     """
-    speed = last[0] + last[1] + last[2] + last[3]
+    speed = float(last.sum())
     if not 0.0 < speed < math.inf:
         return 0.0
-    return min(max((last[1] + 2.0 * last[2] + 3.0 * last[3]) / speed, 0.0), step)
+    return min(max(float(last[1] + 2.0 * last[2] + 3.0 * last[3]) / speed, 0.0), step)
 
 
 def boundary_table(bearing: Bearing) -> BoundaryTable:
-    """The averaged and the exact fold of a bearing over the load, and its lower end.
+    """Tabulate the fold that decides, the averaged one and the lower end of stick-slip over the load.
 
     They are those of friction as measured, at reference points (:mod:`.lubrication`).
     """
@@ -150,7 +134,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
         endless = np.zeros((3, _ENDLESS, 4))
         endless[:2, :, 0] = np.inf
-        return BoundaryTable(math.log(_LEAST), math.log(2.0), endless)
+        return BoundaryTable(math.log(_LEAST), math.log(2.0), endless, np.zeros(3))
     curve = fold_curve(bearing)
     if curve is None:
         return _NONE
@@ -170,14 +154,16 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.exact[0, 0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
-    pieces = [_smooth(column) if curve.smooth else _linear(column) for column in (averaged, exact)]
-    pieces.append(_linear(curve.lower_end(load)))
-    return BoundaryTable(onset, float(grid[1]), np.stack(pieces))
+    fold, join = deciding_fold(bearing, load, exact, averaged), _smooth if curve.smooth else _linear
+    kbm, step = join(averaged), float(grid[1])
+    pieces = np.stack([_linear(fold) if ends else join(fold), kbm, _linear(curve.lower_end(load))])
+    growth = _averaged_growth(kbm[-1], step)
+    return BoundaryTable(onset, step, pieces, np.array([step if exact[-1] > 0.0 else growth, growth, 0.0]))
 
 
-_NONE = BoundaryTable(math.inf, 1.0, np.zeros((3, 1, 4)))
+_NONE = BoundaryTable(math.inf, 1.0, np.zeros((3, 1, 4)), np.zeros(3))
 known_table = lru_cache(maxsize=64)(boundary_table)
-"""The two folds of a bearing, tabulated once."""
+"""The boundaries of a bearing, tabulated once."""
 
 
 def _linear(speed: FloatArray) -> FloatArray:

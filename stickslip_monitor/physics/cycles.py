@@ -31,9 +31,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, flatten, mapped, restore
-from stickslip_monitor.physics.averaging import averaged
+from stickslip_monitor.physics.averaging import averaged, fold_speed
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.folds import exact_fold
+from stickslip_monitor.physics.folds import deciding_fold, exact_fold
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.lubrication import at_points, gives_speed
 from stickslip_monitor.physics.numerics import root_on_bracket
@@ -296,6 +296,30 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
         return out
 
     return mapped(folds, load)
+
+
+@gives_speed
+def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
+    """Return the fold that decides [m/s]: above this speed no vibration of the lining lasts.
+
+    The exact fold or, where a vibration that never sticks lives on beyond it, the averaged one.
+
+    Args:
+        bearing: The bearing.
+        load: Load ``N`` [N].
+
+    Returns:
+        ``nan`` where no speed has a cycle, ``inf`` where every high speed has one.
+
+    >>> float(bearing.speed.from_surface(end_of_vibration(bearing, 1000.0), 'rpm').round(4))
+    40.7179
+    """
+
+    def ends(n: FloatArray) -> FloatArray:
+        exact, kbm = (np.asarray(fold(bearing, n)) for fold in (exact_fold_speed, fold_speed))
+        return deciding_fold(bearing, n, exact, kbm)
+
+    return mapped(ends, load)
 
 
 @lru_cache(maxsize=64)

@@ -27,7 +27,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import averaging, closed_form
-from stickslip_monitor.physics.averaging_by_scan import peak_curve
+from stickslip_monitor.physics.averaging_by_scan import cusp_curve, peak_curve
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import speed_scales
 from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
@@ -122,6 +122,9 @@ _FINE, _FINEST = 1e-11, 1e-13
 # Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
 # m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
 _ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
+# Ends of vibration and of sticking under averaging that are so far apart are those of different cycles: of
+# ten linings averaging has the end of the vibration to 1e-4 there, and the share of both only to 8e-3.
+_APART = 1.02
 # Share of the steepest fall from which a law falls most at rest: the bound is a rounding above it.
 _AS_STEEP = 1.0 - 1e-9
 
@@ -481,6 +484,42 @@ def _solved(
         live = live[~done & ~far & ~jumps]
     x[live] = np.nan
     return x, slope
+
+
+def deciding_fold(bearing: Bearing, load: FloatArray, exact: FloatArray, averaged: FloatArray) -> FloatArray:
+    """Return the end of vibration [m/s]: the last speeds at which the lining sticks, or vibrates without.
+
+    Where the averaged slope is highest below the sliding limit, a cycle lives on without sticking, up to the
+    averaged fold. Close to the end of sticking it does by the same share as under averaging, whose errors
+    in both ends are about the same.
+
+    Args:
+        bearing: The bearing.
+        load: ``N``, shape (n,) [N].
+        exact: The last speeds at which it sticks there, ``nan`` for none, shape (n,) [m/s].
+        averaged: The averaged folds there, ``nan`` for none, shape (n,) [m/s].
+    """
+    law, lasts = bearing.friction, np.ones(exact.size)
+    if averaging.averaged(law) is not closed_form and speed_scales(law):
+        curve, cusp = peak_curve(law), cusp_curve(law)
+        if np.any(cusp < curve.peak):
+            with np.errstate(all='ignore'):
+                ends = [
+                    _last_crossing(curve.speeds, height, bearing.damping / load)
+                    for height in (curve.peak, cusp)
+                ]
+                lasts = np.fmax(ends[0] / ends[1], 1.0)
+                lasts = np.where(lasts > _APART, np.fmax(averaged / exact, 1.0), lasts)
+    return np.where(np.isnan(exact), averaged, exact * lasts)
+
+
+def _last_crossing(speed: FloatArray, height: FloatArray, level: FloatArray) -> FloatArray:
+    """Return the last speeds at which a line through heights is at levels; ``nan`` beyond them [m/s]."""
+    above = np.maximum.accumulate(height[::-1])[::-1]
+    i = np.searchsorted(-above, -level, side='left') - 1
+    k = np.clip(i, 0, speed.size - 2)
+    found = speed[k] + (speed[k + 1] - speed[k]) * (height[k] - level) / (height[k] - height[k + 1])
+    return np.where((i >= 0) & (i < speed.size - 1), found, np.nan)
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:

@@ -369,6 +369,6 @@ def test_a_map_of_other_parameters_is_told(
     """The page was started with another file than the node: its own curve leads through (0.3, 250)."""
     curves = {'speed': [0.2, 0.4, 0.6], 'fold': [100.0, 400.0, None]}
     board = board_of(now, replace(VIEW, curves=curves))
-    board.monitors[0].take_record(status(fold_speed=fold, load=load))
+    board.monitors[0].take_record(status(fold_speed_kbm=fold, load=load))
     told = ['aft_stern: the map is that of --config, and test has other parameters.']
     assert board.monitor()['notices'] == told * foreign

@@ -167,13 +167,13 @@ def test_the_fold_that_decides_has_the_probability() -> None:
     # Here the exact model's fold is 45 % above that of averaging, and alarms go by the higher.
     config = configured(stiffness=2e4, tolerance__damping=0.1).bearing('aft')
     nominal = assess(config.bearing, 1.0, 1e5)
-    assert nominal.exact_fold_speed > 1.4 * nominal.fold_speed
-    for fold in (nominal.exact_fold_speed, np.array([nominal.exact_fold_speed])):
+    assert nominal.fold_speed > 1.4 * nominal.fold_speed_kbm
+    for fold in (nominal.fold_speed, np.array([nominal.fold_speed])):
         point = assess(config.bearing, fold, 1e5, config.belief)
         assert point.probability_can == pytest.approx(0.5, abs=1e-3)
         assert point.fold_margin_low < 0.0 < point.fold_margin_high
     assert config.belief is not None
-    assert config.belief.probabilities(nominal.fold_speed, 1e5)[0] == pytest.approx(0.5, abs=1e-3)
+    assert config.belief.probabilities(nominal.fold_speed_kbm, 1e5)[0] == pytest.approx(0.5, abs=1e-3)
 
 
 def test_tolerances_that_say_almost_nothing_leave_the_ladder() -> None:

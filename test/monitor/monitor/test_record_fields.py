@@ -45,7 +45,7 @@ def monitor() -> Monitor:
 def test_a_warning_keeps_its_schema_and_has_the_declared_fields(monitor: Monitor) -> None:
     (event,) = feed(monitor, 0.1, 'load', 1000.0).events
     record = event_record(event)
-    assert complaints('warning-2', record) == []
+    assert complaints('warning-3', record) == []
     assert list(record) == ['schema', *(item.name for item in WARNING if item.name != 'measured')]
 
 
@@ -53,7 +53,7 @@ def test_the_bearings_keep_their_schema_and_have_the_declared_fields(monitor: Mo
     inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=2.0)}
     for _ in range(2):
         state = BearingState(monitor.bearings['aft'], inputs)
-        assert complaints('bearings-3', json.loads(bearings_json([state], 5))) == []
+        assert complaints('bearings-4', json.loads(bearings_json([state], 5))) == []
         assert list(bearing_record(state)) == [*(item.name for item in BEARING), 'inputs']
         feed(monitor, 0.1, 'load', 1000.0)
 
@@ -61,8 +61,8 @@ def test_the_bearings_keep_their_schema_and_have_the_declared_fields(monitor: Mo
 @pytest.mark.parametrize(
     ('name', 'place', 'fields'),
     [
-        ('warning-2', ('properties',), WARNING),
-        ('bearings-3', ('properties', 'bearings', 'items', 'properties'), BEARING),
+        ('warning-3', ('properties',), WARNING),
+        ('bearings-4', ('properties', 'bearings', 'items', 'properties'), BEARING),
     ],
 )
 def test_the_installed_schemas_are_those_of_the_fields(

@@ -108,7 +108,7 @@ def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: F
     load = rng.uniform(-50.0, 1000.0, (5, 400)) * np.array([[1.0], [1.2], [5.0], [0.5], [0.9]])
     table, extremes = known_table(bearing), Extremes()
     # Most about the highest boundary of their part, some at rest.
-    limit = np.nan_to_num(assess(bearing, 0.1, load, table=table).stability_limit, posinf=0.0).max(1)
+    limit = np.nan_to_num(assess(bearing, 0.1, load, table=table).fold_speed, posinf=0.0).max(1)
     speed = rng.choice([-1.0, 0.0, 1.0, 1.0], load.shape) * rng.uniform(0.6, 1.1, load.shape)
     speed *= np.where(limit > 0.0, limit, 0.1)[:, None]
     for scan in map(partial(_scan, bearing), speed, load):
@@ -117,8 +117,7 @@ def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: F
         codes = scan.assessed(slice(None)).regime_code
         assert (extremes.lasting_ns - before).tolist() == _times(scan, codes)
     points = assess(bearing, speed, load, table=table)
-    fold = np.where(np.isnan(points.fold_speed), points.exact_fold_margin, points.fold_margin)
-    for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', fold)):
+    for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', points.fold_margin)):
         known = margins[(speed != 0.0) & np.isfinite(margins)]
         found = [extremes.found[name].value] if name in extremes.found else []
         assert found == ([known.min()] if known.size else [])

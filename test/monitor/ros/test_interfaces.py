@@ -40,7 +40,7 @@ def test_every_schema_is_named_on_the_page() -> None:
 def test_an_assessment_and_an_action_keep_their_schemas(monitor: Monitor) -> None:
     verdict = monitor.update(Sample('aft', 'load', 2, 1000.0)).verdict
     document = assess_command.to_json('aft', verdict.assessment)
-    assert complaints('assessment-1', document) == []
+    assert complaints('assessment-2', document) == []
     for action in Action:
         request = ActionRequest(action, 'Ada', reason='new oil')
         assert complaints('action-1', request_record(request)) == []

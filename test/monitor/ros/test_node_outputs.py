@@ -36,7 +36,7 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
     heard = changes()
     assert [(e['from'], e['to']) for e in heard] == [(a[1], b[1]) for a, b in expected]
     for event, (_, (rpm, to)) in zip(heard, expected, strict=True):
-        assert (event['schema'], event['bearing']) == ('stickslip_monitor/warning/2', 'aft')
+        assert (event['schema'], event['bearing']) == ('stickslip_monitor/warning/3', 'aft')
         assert (event['reason'], event['load'], event['input_age']) == (to, 1000.0, {})
         assert event['speed'] == pytest.approx(math.pi * 0.1 * rpm / 60.0, rel=1e-12)
         assert event['sticking'] is (to == 'stick_slip')
