@@ -78,7 +78,8 @@ class _Changes:
             return np.asarray(np.diff(column[:end]).reshape(blocks, _CHANGES))
 
         gap = rows(self.time)
-        slow = np.flatnonzero(gap.min(axis=1) >= MIN_SLOW)
+        # As a rule none of them is slow, which is known at once.
+        slow = np.flatnonzero(gap.min(axis=1) >= MIN_SLOW) if gap.max() >= MIN_SLOW else np.empty(0, np.int64)
         if slow.size:
             change = rows(self.value)
             slow = slow[_is_regular(gap[slow], np.abs(change[slow]))]

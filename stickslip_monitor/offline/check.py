@@ -324,7 +324,7 @@ class SampleSpan:
         if replaced and not self._begun:
             self.start_ns = self.end_ns = min(int(each.log_time_ns[0]) for each in known)
         self._begun = True
-        self.end_ns = max(self.end_ns, *(int(each.log_time_ns.max()) for each in known))
+        self.end_ns = max(self.end_ns, *(int(each.log_time_ns[-1]) for each in known))
 
     @property
     def length_ns(self) -> int:

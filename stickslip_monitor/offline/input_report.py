@@ -91,29 +91,35 @@ class Gaps:
             return
         first = int(not self._messages)
         step = np.diff(stamp_ns, prepend=stamp_ns[0] - 1 if first else self._stamp_ns)
-        self._take_intervals(stamp_ns, step[first:])
+        passed_ns = self._take_intervals(stamp_ns, step[first:])
         if log_time_ns is not stamp_ns:
             step = np.diff(log_time_ns, prepend=log_time_ns[0] - 1 if first else self._log_ns)
-        self._take_log(step, first)
+            passed_ns = _passed(step[first:])
+        self._log_passed_ns += passed_ns
+        self._take_log(step)
         self._messages += stamp_ns.size
         self._stamp_ns, self._log_ns = int(stamp_ns[-1]), int(log_time_ns[-1])
 
-    def _take_intervals(self, stamp_ns: IntArray, interval: IntArray) -> None:
+    def _take_intervals(self, stamp_ns: IntArray, interval: IntArray) -> int:
+        """Add up the intervals before some stamps; return the time that passed in them [ns]."""
         if self.usual != self.usual and (interval > 0).any():
             self.usual = float(np.median(interval[interval > 0])) * 1e-9
         long = np.flatnonzero(interval > self._limit_ns)
         lasting_ns = interval[long]
         self.count += long.size
         self._regular += interval.size - long.size
-        self._regular_ns += _passed(interval) - int(lasting_ns.sum())
-        self._long_ns += int(lasting_ns.sum())
+        passed_ns, long_ns = _passed(interval), int(lasting_ns.sum())
+        self._regular_ns += passed_ns - long_ns
+        self._long_ns += long_ns
+        if not long.size:
+            return passed_ns
         begins = stamp_ns[long + stamp_ns.size - interval.size] - lasting_ns
         order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
         found = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
         self.longest = sorted([*self.longest, *found], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
+        return passed_ns
 
-    def _take_log(self, step: IntArray, first: int) -> None:
-        self._log_passed_ns += _passed(step[first:])
+    def _take_log(self, step: IntArray) -> None:
         self._times += int(np.count_nonzero(step))
         runs = np.array([self._run, 1])
         if not step.all():
@@ -147,7 +153,7 @@ class Gaps:
 
 def _passed(interval: IntArray) -> int:
     """The time of some intervals, of which those back are none [ns]."""
-    return int(interval.sum() - interval[interval < 0].sum())
+    return int(np.maximum(interval, 0).sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +219,8 @@ class InputCheck:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns, series.log_time_ns)
         if series.value.size and not self._source.hold_ns:
-            self._equal += int(np.count_nonzero(series.value == np.append(self._latest, series.value[:-1])))
+            equal = np.count_nonzero(series.value[1:] == series.value[:-1])
+            self._equal += int(equal) + int(series.value[0] == self._latest)
             self._latest = float(series.value[-1])
         self._counts += scan.counts[self._place]
         value, arrival_ns = series.value, series.log_time_ns
