@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of a ship's buses as rows of one value: NMEA 0183 with times, Signal K deltas.
+"""Logs of a ship's buses as rows of one value: NMEA 0183 with times, Signal K deltas, NMEA 2000 of canboat.
 
-A value's name is what a configuration calls it: ``RPM S 1``, the name of a transducer, or a path
-of Signal K.
+A value's name is what a configuration calls it: ``RPM S 1``, the name of a transducer, a path of Signal K, or
+``127488.engine.0.Speed``, with the number of a PGN, its instance where it has one, and a field.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ NO_SENTENCE: tuple[()] = ()
 
 
 def bus_log_of(lines: Sequence[str]) -> str:
-    """Return ``nmea``, ``signalk`` or nothing, by the first lines of a file."""
+    """Return a key of :data:`BUS_LOGS` or nothing, by the first lines of a file."""
     first = [line for line in lines[:200] if line.strip()]
     if sum(bool(_SENTENCE.search(line)) for line in first) > 0.4 * len(first) > 0:
         return 'nmea'
-    return 'signalk' if sum('"updates"' in line for line in first) > 0.4 * len(first) > 0 else ''
+    marks = {'signalk': '"updates"', 'canboat': '"pgn"'}
+    counts = {kind: sum(mark in line for line in first) for kind, mark in marks.items()}
+    return next((kind for kind, count in counts.items() if count > 0.4 * len(first) > 0), '')
 
 
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
@@ -162,6 +164,39 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
             yield str(item.get('path')), unit
 
 
+def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
+    """Yield the numbers of messages as canboat's ``analyzer -json`` writes them; None for a damaged line."""
+    first = dict[str, str]()
+    for line in lines:
+        if not line.strip():
+            continue
+        try:
+            message = json.loads(line[line.index('{') :])
+            if 'pgn' not in message:  # canboat's first line says its version
+                yield NO_SENTENCE
+                continue
+            fields = {name: _plain_value(value) for name, value in message.get('fields', {}).items()}
+            place, when = [str(message['pgn'])], message['timestamp']
+            if not isinstance(when, str):
+                raise TypeError('a time is a text')
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            yield None
+            continue
+        place += ['engine'] if place[0] in _OF_ENGINES else []
+        instance = fields.pop('Instance', fields.pop('Engine Instance', None))
+        place += [] if instance is None else [str(_ENGINES.get(instance, instance))]
+        for name, value in fields.items():
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                path, source = '.'.join((*place, name)), str(message.get('src', ''))
+                unit = 'rpm' if (place[0], name) == ('127488', 'Speed') else ''
+                yield when, _name_of(path, source, first), repr(value), unit, source
+
+
+def _plain_value(value: Any) -> Any:
+    """Return the value of a field, which has its name beside it where canboat is asked for both."""
+    return value.get('value') if isinstance(value, dict) else value
+
+
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:
     """Return what a number of a source is called: that of the first by its name alone."""
     return name if first.setdefault(name, source) == source else f'{name}{_FROM}{source}'
@@ -179,7 +214,11 @@ def first_name(name: str) -> str:
 _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'
 # What Signal K gives the values of some paths in.
 _UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
+# PGNs of engines, and what canboat calls the first two of these.
+_OF_ENGINES = '127488', '127489'
+_ENGINES = {'Single Engine or Dual Engine Port': 0, 'Dual Engine Starboard': 1}
 BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | tuple[()] | None]]] = {
     'nmea': nmea_rows,
     'signalk': signalk_rows,
+    'canboat': canboat_rows,
 }

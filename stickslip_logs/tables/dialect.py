@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import csv
 import itertools
+import json
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -29,6 +31,8 @@ _DELIMITERS = '\t;|, '
 _OF_BLANKS = 0.9
 _MOST_SHOWN = 60
 _LONGEST_UNIT = 16
+# Columns of a command that a line of a terminal can take.
+_MOST_KEYS = 12
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 # Of a standard's package of JSON, the rows that this program reads.
 _JQ = (
@@ -179,11 +183,35 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     if kind := bus_log_of(kept):
         return _bus_log(path, encoding, kind, kept, last)
     if text.lstrip().startswith('{'):
-        raise BagError(f"log '{path}' is JSON: write it as CSV; a package of ISO 19848 with {_JQ}")
+        remedy = _command_for_lines(path, kept) or f'a package of ISO 19848 with {_JQ}'
+        raise BagError(f"log '{path}' is JSON: write it as CSV; {remedy}")
     delimiter, rows = _best(kept)
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")
     return _table(path, encoding, delimiter, rows, _split(last, delimiter))
+
+
+def _command_for_lines(path: Path, lines: Sequence[str]) -> str:
+    """Return the command that writes lines of JSON as CSV; empty for another text."""
+    try:
+        first, _ = (json.loads(line) for line in [line for line in lines if line.strip()][:2])
+    except (ValueError, RecursionError):
+        return ''
+    keys = list(_keys_of(first))[:_MOST_KEYS]
+    wanted = ','.join('.' + '.'.join(map(json.dumps, key)) for key in keys)
+    head, program, file = map(
+        shlex.quote, (','.join('.'.join(key) for key in keys), f'[{wanted}]|@csv', str(path))
+    )
+    return f'lines with (echo {head}; jq -r {program} {file}) > NEW.csv' if keys else ''
+
+
+def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the paths to the numbers and texts of a JSON object."""
+    for key, own in value.items() if isinstance(value, dict) else ():
+        if isinstance(own, dict):
+            yield from _keys_of(own, (*above, key))
+        elif isinstance(own, str | int | float):
+            yield *above, key
 
 
 def _table(

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lines of JSON: messages of NMEA 2000 by canboat, and those that a command has to convert first."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nasty_logs import ns, opened
+
+from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+
+TIMES = [datetime(2026, 5, 4, 6, 0, tzinfo=timezone.utc) + timedelta(milliseconds=100 * k) for k in range(20)]
+
+
+def message(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> str:
+    own = {
+        'timestamp': time,
+        'prio': 2,
+        'src': src,
+        'dst': 255,
+        'pgn': pgn,
+        'description': 'x',
+        'fields': fields,
+    }
+    return json.dumps(own) + '\n'
+
+
+def engine(k: int, form: str = '%Y-%m-%dT%H:%M:%S.%fZ', src: int = 17, **fields: Any) -> str:
+    own = {'Instance': 'Single Engine or Dual Engine Port', 'Speed': 1000.25 + k, **fields}
+    return message(TIMES[k].strftime(form), 127488, own, src)
+
+
+@pytest.mark.parametrize('form', ['%Y-%m-%dT%H:%M:%S.%fZ', '%Y-%m-%d-%H:%M:%S.%f'])
+@pytest.mark.parametrize('instance', ['Single Engine or Dual Engine Port', 0, {'value': 0, 'name': 'Single'}])
+def test_engine_speeds_of_canboat(form: str, instance: object, tmp_path: Path) -> None:
+    head = '{"version":"5.0.0","units":"std","showLookupValues":false}\n'
+    recording = opened(tmp_path, head + ''.join(engine(k, form, Instance=instance) for k in range(20)))
+    (topic,) = recording.topics
+    assert (topic, recording.topics[topic].type) == ('127488.engine.0.Speed', 'column in rpm')
+    (series,) = recording.read([Request(topic, 'data')]).values()
+    assert series.stamp_ns.tolist() == [ns(time) for time in TIMES]
+    assert series.value.tolist() == [1000.25 + k for k in range(20)]
+
+
+def test_other_fields_by_path_and_other_senders_by_name(tmp_path: Path) -> None:
+    lines = [engine(k) + engine(k, src=18, Instance='Dual Engine Starboard') for k in range(20)]
+    lines += [engine(k, src=99) for k in range(5)]
+    time = TIMES[3].strftime('%Y-%m-%dT%H:%M:%S.%fZ')
+    load = {'value': 40, 'name': 'x'}
+    lines += [
+        message(time, 127489, {'Instance': 1, 'Oil pressure': 300000, 'Status': ['a'], 'Engine Load': load}),
+        message(time, 130576, {'Port trim tab': 12, 'Name': 'x'}),
+        'rubbish {\n',
+    ]
+    recording = opened(tmp_path, ''.join(lines))
+    assert {*recording.topics} == {
+        '127488.engine.0.Speed',
+        '127488.engine.1.Speed',
+        '127488.engine.0.Speed from 99',
+        '127489.engine.1.Oil pressure',
+        '127489.engine.1.Engine Load',
+        '130576.Port trim tab',
+    }
+    (series,) = recording.read([Request('127489.engine.1.Engine Load', 'data')]).values()
+    assert series.value.tolist() == [40.0]
+    assert recording.losses == ('1 line damaged, or without a time was not used',)
+
+
+def test_lines_of_json_are_refused_with_a_command(tmp_path: Path) -> None:
+    """The command was run by jq 1.6, and its output read."""
+    path = tmp_path / 'a.jsonl'
+    path.write_text('{"ts": "2026-05-04T06:00:00Z", "shaft": {"rpm": 30}, "load-N": 9, "odd": null}\n' * 3)
+    program = '[."ts",."shaft"."rpm",."load-N"]|@csv'
+    text = f"lines with (echo ts,shaft.rpm,load-N; jq -r '{program}' {path}) > NEW.csv"
+    with pytest.raises(BagError, match=re.escape(text)):
+        open_bag(path)
