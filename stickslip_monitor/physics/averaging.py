@@ -32,7 +32,7 @@ from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_s
 
 
 def averaged(law: FrictionLaw) -> Any:
-    """The module that solves the averaged equations of a law: in closed form for Stribeck's."""
+    """Return the module that solves the averaged equations of a law: in closed form for Stribeck's."""
     return closed_form if computes_as(law, Stribeck) else averaging_by_scan
 
 

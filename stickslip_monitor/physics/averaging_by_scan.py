@@ -185,7 +185,7 @@ class PeakCurve(NamedTuple):
 
 @lru_cache(maxsize=32)
 def peak_curve(law: FrictionLaw) -> PeakCurve:
-    """The highest ``rho`` of a law, from zero to far past its last breakpoint.
+    """Tabulate the highest ``rho`` of a law, from zero to far past its last breakpoint.
 
     With more speeds where a line between neighbours is off, and no higher speed has a much higher one.
     """
@@ -241,7 +241,7 @@ class SlopeTable(NamedTuple):
 
 @lru_cache(maxsize=32)
 def slope_table(law: FrictionLaw) -> SlopeTable:
-    """The table of a law, from zero to far past its last breakpoint."""
+    """Tabulate ``rho`` of a law, from zero to far past its last breakpoint."""
     speeds = _table_speeds(law, _WHOLE)
     rows = surface_rows(law, speeds)
     # What the straight line over two cells is off in their middle is far more than the line over
@@ -275,7 +275,7 @@ def _outstanding(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _steepest_mean(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """The steepest mean fall over a window about each speed, which no ``rho`` exceeds [s/m].
+    """Return the steepest mean fall over a window about each speed, which no ``rho`` exceeds [s/m].
 
     ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a
     mean of its means over windows ``V - h`` to ``V + h``.
@@ -325,7 +325,7 @@ def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray
 
 
 def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """The averaged negative slope at the sliding limit, ``rho`` at ``a = V`` [s/m]."""
+    """Return the averaged negative slope at the sliding limit, ``rho`` at ``a = V`` [s/m]."""
     return slope_surface(law, np.ones_like(speed), speed)
 
 
@@ -384,7 +384,7 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
 
 
 def _height(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
-    """The highest ``rho`` at speeds [s/m], of known kinds and about amplitude coordinates."""
+    """Return the highest ``rho`` at speeds [s/m], of known kinds and about amplitude coordinates."""
     height = np.empty(speed.size)
     steady, cusp, beside, other = (np.flatnonzero(kind == each) for each in range(4))
     height[steady] = -law.slope(speed[steady])
@@ -505,7 +505,7 @@ def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _grid_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> list[FloatArray]:
-    """The stretches of the amplitude grid with a root, those that hide two cut at the turn."""
+    """Return the stretches of the amplitude grid with a root, those that hide two cut at the turn."""
     above, (p, c) = _excess(law, speed, q)
     point, column = np.nonzero((above[:, :-1] > 0.0) != (above[:, 1:] > 0.0))
     before, after = above[point, column], above[point, column + 1]

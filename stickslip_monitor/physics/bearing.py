@@ -115,7 +115,7 @@ class Bearing:
         friction: FrictionLaw,
         journal_radius: float,
     ) -> Bearing:
-        """The same bearing from the lining's torsional quantities about the shaft's axis.
+        """Make the bearing from the lining's torsional quantities about the shaft's axis.
 
         With ``x = R phi`` the moment balance ``J phi'' + c_t phi' + k_t phi = N mu R`` becomes
         the translational one with ``m = J/R^2``, ``c = c_t/R^2``, ``k = k_t/R^2``.
@@ -176,7 +176,7 @@ class Bearing:
         return np.asarray(load, dtype=float) * coefficient / self.stiffness
 
     def at_temperature(self, temperature: float) -> Bearing:
-        """The same bearing in water of a temperature [C]; itself where friction depends on speed alone."""
+        """Return the bearing in water of a temperature [C]; itself where friction depends on speed alone."""
         own = self.lubrication
         return self if own is None else replace(self, lubrication=own.at(temperature))
 
@@ -187,6 +187,6 @@ def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
 
 
 def load_for(slope: FloatArray, damping: float) -> FloatArray:
-    """The load at which a negative slope of friction [s/m] outweighs the damping [N]; ``nan``: none."""
+    """Return the load at which a slope of friction [s/m] outweighs the damping [N]; ``nan``: none."""
     falling = slope > 0.0
     return np.where(falling, damping / np.where(falling, slope, 1.0), np.nan)

@@ -96,7 +96,7 @@ def shear_modulus(hardness: float) -> float:
 
 
 def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, ...]:
-    """The parameters of the bearing from what is given.
+    """Estimate the parameters of the bearing from what is given.
 
     Args:
         given: By name, in SI: ``journal_diameter``, ``thickness``; ``length`` or ``area``;
@@ -133,7 +133,7 @@ def _stated(name: str, item: Given) -> Estimate:
 
 
 def _derived(own: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
-    """What follows from other values where it is not given itself.
+    """Compute a value from others where it is not given itself.
 
     Of a loss factor ``eta``, ``zeta = eta/2`` at resonance: Nashif, Jones and Henderson, Vibration
     Damping, 1985.
@@ -153,7 +153,7 @@ def _derived(own: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
 
 
 def _product(what: tuple[str, str, str], *parts: tuple[Estimate, float], times: float = 1.0) -> Estimate:
-    """A product of powers, of which the deviations add as those of independent values.
+    """Multiply powers, of which the deviations add as those of independent values.
 
     ``what`` is its name, unit and origin.
     """
@@ -163,7 +163,7 @@ def _product(what: tuple[str, str, str], *parts: tuple[Estimate, float], times: 
 
 
 def bearing_of(values: Sequence[Estimate]) -> Bearing:
-    """The bearing of the estimated values."""
+    """Return the bearing of the estimated values."""
     own = {item.name: item.value for item in values}
     return Bearing(
         own['mass'],
@@ -175,7 +175,7 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
 
 
 def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
-    """What each value's standard deviation does to the fold speed, the worst first.
+    """Return what each value's standard deviation does to the fold speed, the worst first.
 
     The fold is that of averaging at the mean load; an end without a fold counts as -1.
     """
@@ -194,7 +194,7 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
 
 
 def _of_load_exponent(values: Sequence[Estimate], nominal: float) -> FoldShift:
-    """What the exponent of the load does if friction was measured at another load: 1 in place of 0."""
+    """Return what the exponent of the load does if friction was measured at another load: 1 in place of 0."""
     bearing, load = bearing_of(values), next(item.value for item in values if item.name == 'load')
     ends = []
     for factor in (ELSEWHERE, 1.0 / ELSEWHERE):

@@ -176,7 +176,7 @@ def _linear(speed: FloatArray) -> FloatArray:
 
 
 def _smooth(speed: FloatArray) -> FloatArray:
-    """A spline through what is finite, from its beginning on; before there is no boundary."""
+    """Return a spline through what is finite, from its beginning on; before there is no boundary."""
     there = np.flatnonzero(speed > 0.0)
     if there.size < 4 or not np.isfinite(speed[there[0] :]).all():
         return _linear(speed)

@@ -44,7 +44,7 @@ _TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
 
 
 def _joined(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
-    """The series for small arguments, Bessel functions for the others."""
+    """Evaluate the series for small arguments, Bessel functions for the others."""
     small = x <= _SERIES_LIMIT
     if not small.any():
         return bessel(x)
@@ -96,7 +96,7 @@ def _known_declines() -> tuple[FloatArray, FloatArray]:
 
 
 def amplitude_for_growth(d: FloatArray) -> FloatArray:
-    """The ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
+    """Return the ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
     alpha = np.sqrt(d) * np.sqrt(d + 8.0)  # between sqrt(8 d) and d + 1.5 ln d
     for _ in range(_STEPS):
         alpha = alpha + (d - growth(alpha)) / _growth_slope(alpha)
@@ -104,7 +104,7 @@ def amplitude_for_growth(d: FloatArray) -> FloatArray:
 
 
 def speed_for_decline(decrement: FloatArray) -> FloatArray:
-    """The ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
+    """Return the ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
     # Other guesses would change last bits, and with the nominal fold speed every bit of a level in
     # the recordings of bags/.
     declines, speeds = _known_declines()
@@ -143,7 +143,7 @@ def _beyond_limit(theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float)
 
 
 def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
-    """The ``alpha`` >= v of the stable stick-slip cycle, for points below the fold.
+    """Return the ``alpha`` >= v of the stable stick-slip cycle, for points below the fold.
 
     There is exactly one: the balance is positive at the sliding limit, falls with infinite slope
     in ``alpha`` there and is negative at ``alpha = v + 2`` for every ``kappa, r >= 0``.

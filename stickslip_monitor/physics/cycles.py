@@ -127,7 +127,7 @@ class FoundCycles(NamedTuple):
 
     @classmethod
     def none(cls, kind: IndexArray) -> FoundCycles:
-        """What is found where there are no cycles, for a reason each."""
+        """Return what is found where there are no cycles, for a reason each."""
         return cls(kind.astype(float), *np.full((6, kind.size), np.nan))
 
     def put(self, rows: IndexArray, part: FoundCycles) -> None:
@@ -189,7 +189,7 @@ class Cycle:
 
 
 def _beginning(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
-    """The state in which a cycle begins, from the place in :class:`FoundCycles`."""
+    """Return the state in which a cycle begins, from the place in :class:`FoundCycles`."""
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
     place = float(field.force[0]) * law_in_use(bearing.friction).hold - field.damping
     place += float(field.rest()[0]) - start if slips else start
@@ -199,7 +199,7 @@ def _beginning(bearing: Bearing, speed: float, load: float, start: float, slips:
 
 
 def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
-    """The exact stable cycle: stick-slip or, without it, a vibration that never sticks.
+    """Find the exact stable cycle: stick-slip or, without it, a vibration that never sticks.
 
     Args:
         bearing: The bearing.
@@ -220,7 +220,7 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
 
 
 def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
-    """The exact unstable cycle without stick, which bounds the basin of steady sliding.
+    """Find the exact unstable cycle without stick, which bounds the basin of steady sliding.
 
     Args:
         bearing: The bearing.
@@ -273,7 +273,7 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
 
 @gives_speed
 def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
-    """The exact fold [m/s], the end of sticking: the last speed at which the lining sticks.
+    """Return the exact fold [m/s], the end of sticking: the last speed at which the lining sticks.
 
     A vibration that never sticks may go on beyond it, up to about the averaged fold.
 
@@ -324,7 +324,7 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
 
 @lru_cache(maxsize=64)
 def _fold(bearing: Bearing, load: float) -> float:
-    """The exact fold; points one by one come at the load of the one before as a rule."""
+    """Return the exact fold; points one by one come at the load of the one before as a rule."""
     return float(exact_fold(bearing, np.array([load]))[0])
 
 
@@ -354,7 +354,7 @@ def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) ->
 def _decided(
     bearing: Bearing, speed: FloatArray, load: FloatArray, found: FoundCycles, stable: bool
 ) -> FloatArray:
-    """The kinds of what is found, with those that double precision does not decide."""
+    """Return the kinds of what is found, with those that double precision does not decide."""
     kind = found.kind.copy()
     kind[(kind == CycleKind.PURE_SLIP) & (found.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
     rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
@@ -387,7 +387,7 @@ def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArr
 def _found(
     bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool, weigh: bool = True
 ) -> FoundCycles:
-    """The stable cycles, or the smallest unstable ones, and whether multipliers are wanted."""
+    """Find the stable cycles, or the smallest unstable ones; ``weigh`` asks for their multipliers."""
     found = FoundCycles.none(_why_none(bearing, speed, load))
     rows = np.flatnonzero(found.kind == CycleKind.STICK_SLIP)
     for first in range(0, rows.size, _BLOCK):
@@ -409,7 +409,7 @@ def _stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -
 
 
 def _unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
-    """The smallest unstable cycles about a stable steady sliding."""
+    """Find the smallest unstable cycles about a stable steady sliding."""
     rows = np.flatnonzero(_slides_steadily(field))
     found = FoundCycles.none(np.full(load.size, CycleKind.NONE))
     found.put(rows, _pure_slip(field.take(rows), False, weigh))
@@ -463,7 +463,7 @@ def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, F
 
 
 def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
-    """The stable cycles that reach the belt's speed."""
+    """Find the stable cycles that reach the belt's speed."""
     one, over = _rounds(field, np.zeros(field.speed.size), False)
     found = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
     landed = one.end == LANDED

@@ -270,7 +270,7 @@ class Grazing:
             return np.maximum(speed / (self._swing * gain), self.bearing.damping / self.use.fall)
 
     def excess(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
-        """The margin or, where what is drawn may fall off at a kink, whether slip meets the belt at all.
+        """Return the margin or, where what is drawn may fall off at a kink, whether slip meets the belt.
 
         Args as of :meth:`margin`.
         """
@@ -523,7 +523,7 @@ def _last_crossing(speed: FloatArray, height: FloatArray, level: FloatArray) -> 
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """The last speed at which the lining sticks [m/s].
+    """Return the last speed at which the lining sticks [m/s].
 
     Args:
         bearing: The bearing.
@@ -612,11 +612,11 @@ class FoldCurve:
         return not self.grazing.use.kinks
 
     def averaged_fold(self, load: FloatArray) -> FloatArray:
-        """The last speeds with a cycle under averaging [m/s]; ``nan`` for none, shape (n,)."""
+        """Return the last speeds with a cycle under averaging [m/s]; ``nan`` for none, shape (n,)."""
         return last_speeds(self.averaged, load, self.smooth)
 
     def exact_fold(self, load: FloatArray) -> FloatArray:
-        """The last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
+        """Return the last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
         speed = last_speeds(self.exact, load, self.smooth)
         x, y = self.larger
         rows = np.flatnonzero(load > math.exp(x[0])) if x.size else np.zeros(0, int)
@@ -626,7 +626,7 @@ class FoldCurve:
         return speed
 
     def lower_end(self, load: FloatArray) -> FloatArray:
-        """The lower end of stick-slip by averaging: below this speed no cycle exists.
+        """Return the lower end of stick-slip by averaging: below this speed no cycle exists.
 
         It lies where friction first rises with the speed: there slow sliding is stable, and what
         leaves a stick settles to it.
@@ -653,7 +653,7 @@ class FoldCurve:
 
 @lru_cache(maxsize=64)
 def fold_curve(bearing: Bearing) -> FoldCurve | None:
-    """The curve of a bearing with damping; ``None`` where no load has a cycle."""
+    """Solve the curve of a bearing with damping; ``None`` where no load has a cycle."""
     grazing = Grazing(bearing)
     span = _range(grazing)
     if span is None:
@@ -795,7 +795,7 @@ def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
 
 
 def _chebyshev_series(values: FloatArray) -> FloatArray:
-    """The coefficients of values at Chebyshev's ascending points, shape (n + 1,)."""
+    """Return the coefficients of values at Chebyshev's ascending points, shape (n + 1,)."""
     n = values.size - 1
     weights = np.ones(n + 1)
     weights[[0, -1]] = 0.5
@@ -807,7 +807,7 @@ def _chebyshev_series(values: FloatArray) -> FloatArray:
 
 
 def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:
-    """The last speeds at which a load is enough for a cycle.
+    """Return the last speeds at which a load is enough for a cycle.
 
     Args:
         curve: Ascending speeds [m/s], and the load from which there is a cycle at each, or ``inf`` [N],
@@ -838,7 +838,7 @@ def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray
 
 
 def _slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
-    """The slopes of a curve at its points, of stretches that are finite."""
+    """Return the slopes of a curve at its points, of stretches that are finite."""
     slope = np.zeros(x.size)
     join = spline_slopes if smooth else monotone_slopes
     edges = [0, *(np.flatnonzero(np.diff(np.isfinite(y).astype(int))) + 1), x.size]
@@ -852,6 +852,6 @@ def _slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
 def _missing(
     t: FloatArray, part: FloatArray, rise: FloatArray, begin: FloatArray, end: FloatArray
 ) -> FloatArray:
-    """What a cubic on [0, 1] with a rise and two slopes still is below a level."""
+    """Return how far a cubic on [0, 1] with a rise and two slopes is below a level."""
     square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
     return part - t * (begin + t * (square + t * cube))

@@ -154,7 +154,7 @@ class Cubics(NamedTuple):
 
 
 def _piece(law: Cubics, speed: float) -> int:
-    """The cubic that holds at a relative speed [m/s]; the first one below it."""
+    """Return the cubic that holds at a relative speed [m/s]; the first one below it."""
     low, high = 0, len(law.begin)
     while high - low > 1:
         middle = (low + high) // 2

@@ -79,11 +79,11 @@ class MotionState:
 
     @classmethod
     def moving(cls, displacement: float, velocity: float, drive: Drive) -> MotionState:
-        """A displacement [m] and the lining's own velocity ``x'`` [m/s] as a drive begins."""
+        """Make a state of a displacement [m] and the lining's own velocity ``x'`` [m/s] as a drive begins."""
         return cls(displacement, float(drive.speed[0]) - velocity)
 
     def scaled(self, scale: float) -> MotionState:
-        """The same state with all speeds and displacements multiplied."""
+        """Return the state with all speeds and displacements multiplied."""
         return MotionState(self.displacement * scale, self.relative_speed * scale, self.phase, self.trial)
 
 
@@ -142,7 +142,7 @@ class Motion:
         return np.equal(self.phase, Phase.STICK)
 
     def scaled(self, scale: float) -> Motion:
-        """The same motion with all speeds and displacements multiplied."""
+        """Return the motion with all speeds and displacements multiplied."""
         return replace(
             self,
             displacement=self.displacement * scale,
@@ -176,12 +176,12 @@ class Drive:
 
     @classmethod
     def constant(cls, speed: float, load: float, duration: float, start: float = 0.0) -> Drive:
-        """A speed [m/s] and a load >= 0 [N] for a duration > 0 [s] from a start on [s]."""
+        """Hold a speed [m/s] and a load >= 0 [N] for a duration > 0 [s] from a start on [s]."""
         return cls.sampled([start, start + duration], [speed] * 2, [load] * 2)
 
     @classmethod
     def sampled(cls, time: ArrayLike, speed: ArrayLike, load: ArrayLike) -> Drive:
-        """The same of anything that makes arrays."""
+        """Make a drive of anything that makes arrays."""
         return cls(*(np.asarray(column, dtype=float) for column in (time, speed, load)))
 
     @property
@@ -266,7 +266,7 @@ def integrate(
     body = _body(bearing, drive, own, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
-        """What the inner loops take: arrays if compiled, else lists, which are fast then."""
+        """Return what the inner loops take: arrays if compiled, else lists, which are fast then."""
         arrays: list[NDArray[Any]] = [np.ascontiguousarray(each, dtype=kind) for each in values]
         return arrays if use else [array.tolist() for array in arrays]
 
@@ -334,7 +334,7 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
 
 
 def _body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -> march.Body:
-    """The oscillator, with several times the steps that its fastest time scale can need."""
+    """Return the oscillator, with several times the steps that its fastest time scale can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
     fastest += float(np.max(drive.load)) * law.steepest / bearing.mass
     steps = (drive.end - drive.start) * fastest / min(accuracy**0.125, 1.0)

@@ -109,7 +109,7 @@ class Lubrication:
         return viscosity(temperature, self.water_salinity) / viscosity(self.temperature, self.salinity)
 
     def at(self, temperature: float) -> Lubrication:
-        """The same measurement in water of another temperature [C]."""
+        """Return the measurement in water of another temperature [C]."""
         ratio = float(self.ratio_at(temperature))
         return replace(self, viscosity_ratio=ratio, water_temperature=float(temperature))
 
@@ -143,7 +143,7 @@ _Bearing = TypeVar('_Bearing', bound=Lubricated)
 
 
 def as_measured(bearing: _Bearing) -> _Bearing:
-    """The bearing whose friction is as measured at any load and temperature."""
+    """Return the bearing whose friction is as measured at any load and temperature."""
     if bearing.lubrication is None:
         return bearing
     own: Any = bearing
@@ -169,7 +169,7 @@ def gives_speed(function: _Function) -> _Function:
 
 
 def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: Any) -> Any:
-    """A boundary [m/s] at loads [N], of its function for friction as measured."""
+    """Return a boundary [m/s] at loads [N], of its function for friction as measured."""
     if bearing.lubrication is None:
         return boundary(load)
     s = bearing.lubrication.scale(load)
@@ -224,7 +224,7 @@ def gives_load(function: _Function) -> _Function:
 def load_over_speed(
     own: Lubrication, boundary: Callable[[FloatArray], Any], speed: ArrayLike, viscosity_ratio: ArrayLike
 ) -> Any:
-    """The least load [N] at which a point lies within a boundary.
+    """Return the least load [N] at which a point lies within a boundary.
 
     Args:
         own: The lubrication.

@@ -146,7 +146,7 @@ class Whole(NamedTuple):
 
 
 def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
-    """What the lining is in at a time since a piece began [s], seen from a side of the belt.
+    """Return what the lining is in at a time since a piece began [s], seen from a side of the belt.
 
     ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``. The side of
     a lining that slips is 1 behind the belt, -1 ahead of it.
@@ -229,12 +229,12 @@ def slip_advance(
 
 
 def friction_needed(medium: Medium, e: float) -> float:
-    """The friction force that holds the lining, in units of ``m omega``: ``V' + 2 zeta V + e``."""
+    """Return the friction that holds the lining, in units of ``m omega``: ``V' + 2 zeta V + e``."""
     return medium.drift_rate + medium.damping * medium.drift + e
 
 
 def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
-    """Rounding of the friction that sticking needs."""
+    """Return the rounding of the friction that sticking needs."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
     return _ROUNDING * (inner + abs(e) + law.hold * abs(medium.force))
 
@@ -260,12 +260,12 @@ def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: f
 
 
 def stuck(medium: Medium, t: float) -> SlipState:
-    """The state of a lining that has moved with the belt for a while."""
+    """Return the state of a lining that has moved with the belt for a while."""
     return SlipState(t * (medium.drift + 0.5 * medium.drift_rate * t), 0.0, 0.0)
 
 
 def first_excess(value: float, rate: float, turn: float) -> float:
-    """The time >= 0 behind which ``value + rate t + turn t^2/2`` is positive first; else ``inf``.
+    """Return the time >= 0 behind which ``value + rate t + turn t^2/2`` is positive first; else ``inf``.
 
     >>> first_excess(-6.0, 1.0, 2.0), first_excess(0.0, -1.0, 1.0), first_excess(0.0, 0.0, 0.0)
     (2.0, 2.0, inf)
@@ -322,7 +322,7 @@ def write_samples(
 
 
 def about_place(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
-    """The medium with displacements counted from where the lining is, so that they keep digits.
+    """Count displacements of the medium from where the lining is, so that they keep digits.
 
     Where it is released at the limit, what is missing to it or beyond it is rounding.
     """

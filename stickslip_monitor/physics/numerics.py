@@ -23,7 +23,7 @@ _PATIENCE = 12
 
 
 def hermite_cubics(x: FloatArray, y: FloatArray, slope: FloatArray) -> FloatArray:
-    """The cubic of each interval, highest power of the distance from its begin first.
+    """Return the cubic of each interval, highest power of the distance from its begin first.
 
     Args:
         x: Rising places, shape (n,), n >= 2.

@@ -105,7 +105,7 @@ class SlipField:
     origin: FloatArray
 
     def take(self, rows: Any) -> SlipField:
-        """That of some orbits."""
+        """Return the field of some orbits."""
         columns = self.speed, self.force, self.offset, self.origin
         return SlipField(self.law, self.damping, self.drift, *(column[rows] for column in columns))
 
@@ -122,12 +122,12 @@ class SlipField:
         return self.damping - self.offset - self.force * drop
 
     def about_steady_sliding(self) -> SlipField:
-        """The same motion, with displacement and relative speed counted from steady sliding."""
+        """Count displacement and relative speed from steady sliding."""
         return replace(self, drift=0.0, offset=np.zeros(self.speed.size), origin=self.speed)
 
 
 def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipField:
-    """What linings slip in behind the belt, seen from breakaway.
+    """Return what linings slip in behind the belt, seen from breakaway.
 
     Args:
         bearing: The bearing.

@@ -125,7 +125,7 @@ EXACT = Tolerance()
 
 
 def _kinetic(law: FrictionLaw) -> float:
-    """The least coefficient of sliding that a law states."""
+    """Return the least coefficient of sliding that a law states."""
     return float(getattr(law, 'kinetic', min(getattr(law, 'values', (0.0,)))))
 
 
@@ -186,7 +186,7 @@ class Belief:
 
     @classmethod
     def from_tolerance(cls, bearing: Bearing, tolerance: Tolerance) -> Belief:
-        """The belief that a bearing's configured values and their tolerances make."""
+        """Make the belief of a bearing's configured values and their tolerances."""
         covariance = tolerance.covariance(bearing.friction)
         return cls(bearing, covariance, tolerance.of_speed, tolerance.load)
 
@@ -200,7 +200,7 @@ class Belief:
         return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
 
     def probabilities(self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0) -> tuple[Any, Any]:
-        """The probabilities that a stick-slip cycle exists, and that it starts by itself.
+        """Return the probabilities that a stick-slip cycle exists, and that it starts by itself.
 
         Of surface speeds [m/s] and loads [N]; ``share`` is that of the averaged fold in the one
         that counts, at most 1. Inputs broadcast.
@@ -213,11 +213,11 @@ class Belief:
         return restore(out[:, 0], shape), restore(out[:, 1], shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
-        """The ``p`` quantile of the fold speed at a load [m/s]; 0 where there is none."""
+        """Return the ``p`` quantile of the fold speed at a load [m/s]; 0 where there is none."""
         return self._quantile(FOLD, load, p)
 
     def hopf_speed(self, load: ArrayLike, p: float) -> Any:
-        """The ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none."""
+        """Return the ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none."""
         return self._quantile(HOPF, load, p)
 
     def _quantile(self, which: int, load: ArrayLike, p: float) -> Any:
@@ -321,7 +321,7 @@ def _along_speeds(total: FloatArray) -> _Way:
 
 
 def _rows_of(total: FloatArray, way: _Way, ln_v: FloatArray, load: FloatArray) -> FloatArray:
-    """The rows of one boundary, shape (speeds, :data:`_PER_BOUNDARY`)."""
+    """Tabulate the rows of one boundary, shape (speeds, :data:`_PER_BOUNDARY`)."""
     (r, both), (_, q) = total
     slope = np.gradient(load, ln_v)
     width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * both + q, _LEAST**2))
@@ -340,7 +340,7 @@ def _rows_of(total: FloatArray, way: _Way, ln_v: FloatArray, load: FloatArray) -
 
 
 def _loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
-    """A loop over points as it stands, or compiled where there are many."""
+    """Return a loop over points as it stands, or compiled where there are many."""
     if size < _MANY_POINTS or not jit.has_compiler():
         return plain
     from stickslip_monitor.physics import probability  # this module
@@ -380,7 +380,7 @@ def probit(table: Sequence[float], which: int, log_speed: float, log_load: float
 
 
 def boundary_speed(table: Sequence[float], which: int, load: float, z: float) -> float:
-    """The speed of a boundary that a share ``Phi(z)`` of the belief lies below [m/s]; 0 for none.
+    """Return the speed of a boundary that ``Phi(z)`` of the belief lies below [m/s]; 0 for none.
 
     Args as of :func:`probit`; the load is in N.
     """
@@ -401,7 +401,7 @@ def boundary_speed(table: Sequence[float], which: int, load: float, z: float) ->
 
 
 def chances(table: Sequence[float], speed: float, load: float, share: float) -> tuple[float, float]:
-    """The probabilities that stick-slip can happen, and that it starts by itself.
+    """Return the probabilities that stick-slip can happen, and that it starts by itself.
 
     Args:
         table: :attr:`Belief.table`, or the same as a list.
@@ -426,7 +426,7 @@ def _normal(z: float) -> float:
 
 
 def runs_after(before: float, can: float, will: float) -> float:
-    """The probability that stick-slip runs, by thresholds with the memory of the bistable range.
+    """Return the probability that stick-slip runs, with the memory of the bistable range.
 
     Whoever starts at a probability ``will`` and ends at ``can`` runs with
     ``min(max(before, will), can)`` afterwards, if the points of the belief pass their boundaries

@@ -101,7 +101,7 @@ def friction_harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
 
 
 def _varying(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, level: FloatArray) -> FloatArray:
-    """The average of friction less its constant part, that of steady sliding.
+    """Average friction less its constant part, that of steady sliding.
 
     Taken out, that leaves no rounding noise that would pass for cycles where friction is flat.
     """

@@ -84,7 +84,7 @@ class _Plain:
 
 
 def _guarded(drop: Any, own: Any, origin: float, step: float) -> float:
-    """What compiled loops get by themselves: a step to where the law overflows is refused."""
+    """Guard a function as compiled loops are: a step to where the law overflows is refused."""
     try:
         return drop(own, origin, step)
     except OverflowError:
@@ -116,7 +116,7 @@ class ScalarLaw:
     module: ModuleType | None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A module goes to another process by its name."""
+        """Send a module to another process by its name."""
         return _received, (self.plain, self.compiled, self.module and self.module.__name__)
 
 
@@ -126,7 +126,7 @@ def _received(plain: LawInUse, compiled: LawInUse | None, module: str | None) ->
 
 @lru_cache(maxsize=64)
 def scalar_law(law: FrictionLaw) -> ScalarLaw:
-    """A friction law as plain functions of one speed.
+    """Return a friction law as plain functions of one speed.
 
     >>> scalar_law(Stribeck(0.3, 0.1, 10.0)).plain.hold
     0.3
@@ -144,7 +144,7 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
 
 
 def own_module(law: FrictionLaw) -> ModuleType | None:
-    """The module with the two functions of a law; ``None`` for one that computes otherwise.
+    """Return the module with the two functions of a law; ``None`` for one that computes otherwise.
 
     >>> own_module(Stribeck(0.3, 0.1, 10.0)).__name__
     'stickslip_monitor.physics.friction'
@@ -158,7 +158,7 @@ def own_module(law: FrictionLaw) -> ModuleType | None:
 
 
 def _largest(law: FrictionLaw, sign: float) -> float:
-    """The largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
+    """Return the largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
     breaks = speed_scales(law)
     if not breaks:
         return 0.0

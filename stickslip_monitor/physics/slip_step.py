@@ -123,7 +123,7 @@ def bend(own: Any, medium: Medium, state: SlipState, t: float = 0.0) -> float:
 
 
 def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipStep:
-    """The state after a step by DOP853, and the step's error.
+    """Return the state after a step by DOP853, and the step's error.
 
     The displacement that the belt's own speed makes is exact, the rest by the method's stages.
 
@@ -221,14 +221,14 @@ def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipSt
 
 
 def measured(what: float, state: SlipState) -> float:
-    """The displacement, the relative speed or the rate of a state."""
+    """Return the displacement, the relative speed or the rate of a state."""
     return state.e if what == PLACE else state.z if what == RELATIVE_SPEED else state.rate
 
 
 def cut_step(
     own: Any, medium: Medium, begin: SlipState, h: float, what: float, level: float
 ) -> tuple[float, SlipState]:
-    """The length at which a step passes a level, and the state there.
+    """Return the length at which a step passes a level, and the state there.
 
     Newton's method, kept between a length before the level and one behind.
 
@@ -315,7 +315,7 @@ def until_kink(own: Any, kinks: Sequence[float], medium: Medium, state: SlipStat
 
 
 def time_to_rise(rate: float, turn: float, gap: float) -> float:
-    """The time after which ``rate t + turn t^2/2`` first reaches a gap > 0; ``inf`` for never.
+    """Return the time after which ``rate t + turn t^2/2`` first reaches a gap > 0; ``inf`` for never.
 
     >>> time_to_rise(1.0, 2.0, 6.0)
     2.0
