@@ -230,13 +230,17 @@ def _retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
     known, notes = parameters.parameters_of(names), []
     for key in (each for each in values if each not in known):
         head, _, own = key.partition('.')
-        if own and head not in names:
+        members = [name for name in known if name.startswith(f'{head}.')]
+        if own and head not in names and not members:
             near = did_you_mean(head, [*names, QOS_OVERRIDES])
             raise ConfigurationError(
                 f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}{near}"
             )
         if own not in parameters.RETIRED:
-            raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{did_you_mean(key, known)}")
+            # Of the few of the node's own sections all are named.
+            listed = f'; {head} has {", ".join(members)}' if members and head not in names else ''
+            hint = did_you_mean(key, known) or listed
+            raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
         why = parameters.RETIRED[own]
         notes.append(f'{key} has no effect and will be refused in a later version: {why}')
     return notes

@@ -91,6 +91,12 @@ REFUSED = [
     ({'aft.mas': 1.0}, "unknown parameter 'aft.mas' = 1.0; did you mean 'aft.mass'?"),
     ({'aft.friction.statik': 1.0}, "...'aft.friction.statik' = 1.0; did you mean 'aft.friction.static'?"),
     ({'autostrat': 1.0}, "unknown parameter 'autostrat' = 1.0; did you mean 'autostart'?"),
+    ({'clips.size_mb': 5.0}, "unknown parameter 'clips.size_mb' = 5.0; did you mean 'clips.size'?"),
+    (
+        {'clips.before': 5.0},
+        "...'clips.before' = 5.0; clips has clips.directory, clips.around, clips.most, clips.size",
+    ),
+    ({'altitude': 5.0}, "unknown parameter 'altitude' = 5.0"),
     # A misspelt key is named before the one that it leaves missing.
     ({'aft.mass': MISSING, 'aft.masss': 50.0}, "...'aft.masss' = 50.0; did you mean"),
     ({'forward.mass': 50.0}, "section 'forward' is not a bearing: add it to bearings, which lists aft"),
