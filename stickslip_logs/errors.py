@@ -24,12 +24,12 @@ class OutputError(StickslipError):
 
 
 def plural(number: int, what: str) -> str:
-    """A number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
+    """Return a number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
     return f'{number} {what}{"" if number == 1 else "s"}'
 
 
 def did_you_mean(given: object, known: Iterable[str]) -> str:
-    """The end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
+    """Return the end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
     text, names = str(given), list(known)
     # The dashes of options make no two of them alike.
     bare = {name.lstrip('-'): name for name in names}

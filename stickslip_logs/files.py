@@ -48,7 +48,7 @@ def open_file(path: str | Path) -> IO[bytes]:
 
 
 def near_name(path: str | Path) -> str:
-    """The end of a sentence on a path that is not there: where a link leads, or a like name."""
+    """Return the end of a sentence on a path that is not there: where a link leads, or a like name."""
     path = Path(path)
     if path.is_symlink():
         return f": it is a link that leads nowhere, to '{path.readlink()}'"

@@ -33,6 +33,9 @@ _MAX_SMALL_STEPS = 4
 _MAX_LATE_NS = 60 * 10**9
 # Sources of which one waits longer for another are reported as unordered [ns].
 _MAX_WAIT_NS = 10 * 10**9
+# A gap is reported that is longer, and so many times as long as all the rest [ns]: one time read wrong at an
+# end makes a year of lost inputs.
+_MIN_GAP_NS, _MIN_GAP_SHARE = 86_400 * 10**9, 10
 # Intervals whose median is the usual one of a source: the first of them, so that memory is bounded.
 _MAX_INTERVALS = 1 << 12
 # Segments kept of a source (56 bytes each); their resolution is halved where there are more.
@@ -88,6 +91,7 @@ class TimeCourse:
         ahead_count: Times that leapt ahead and came back.
         start_ns: The first resulting time [ns], None where there is none.
         end_ns: The last resulting time [ns], likewise.
+        gap_ns: The longest time without rows [ns], where it is far longer than all the rest; else 0.
     """
 
     shifts: list[_Shift] = field(default_factory=list)
@@ -98,6 +102,7 @@ class TimeCourse:
     late_count: int = 0
     start_ns: int | None = None
     end_ns: int | None = None
+    gap_ns: int = 0
 
     def follow(self, time_ns: IntArray, source: IntArray, place: IntArray) -> IntArray:
         """Return the times of rows as they went on [ns], shape (n,); places have to rise."""
@@ -124,6 +129,12 @@ class TimeCourse:
         if self.ahead_count:
             few = plural(self.ahead_count, 'time')
             yield f'the clock {owner} leapt ahead and back: {few} taken from those beside'
+        if self.gap_ns and self.start_ns is not None and self.end_ns is not None:
+            rest_ns = self.end_ns - self.start_ns - self.gap_ns
+            yield (
+                f'the times {owner} have a gap of {self.gap_ns / 86_400e9:.4g} days, and last'
+                f' {rest_ns * 1e-9:.4g} s without it: one may be wrong'
+            )
 
 
 class _Source:
@@ -426,6 +437,10 @@ def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     segments = np.concatenate(parts)
     segments = segments[segments[:, 0].argsort(kind='stable')]
     course.start_ns, course.end_ns = int(segments[:, 1].min()), int(segments[:, 2].max())
+    by_time = segments[segments[:, 1].argsort()]
+    gap_ns = int((by_time[1:, 1] - np.maximum.accumulate(by_time[:-1, 2])).max(initial=0))
+    if gap_ns > max(_MIN_GAP_NS, _MIN_GAP_SHARE * (course.end_ns - course.start_ns - gap_ns)):
+        course.gap_ns = gap_ns
     late_ns = _lateness(segments[:, 2], segments[:, 1])
     course.wait_ns = late_ns + _MIN_STEP_NS
     # Segments of two sources overlap in the file: what is late within them is not known.

@@ -143,7 +143,7 @@ class ChunkWriter:
         self._file.write(summary + _encoded(Footer(*places, checksum)) + MAGIC)
 
     def _counted(self, channel: IndexArray, order: IndexArray) -> IntArray:
-        """The number of each message among those of its channel, in the order of the file."""
+        """Return the number of each message among those of its channel, in the order of the file."""
         sequence = np.empty(order.size, np.int64)
         for own, places in _by_channel(channel[order]):
             rows = order[places]
@@ -243,7 +243,7 @@ class ChunkWriter:
 
 
 def _by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:
-    """The rows of each channel, in the order in which the channels appear."""
+    """Return the rows of each channel, in the order in which the channels appear."""
     known, first = np.unique(channel, return_index=True)
     for own in known[np.argsort(first)].tolist():
         yield own, np.flatnonzero(channel == own)
@@ -258,7 +258,7 @@ def _encoded(*records: McapRecord) -> bytes:
 
 
 def _records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
-    """The rows of messages of one size and their records, without channel, number and times."""
+    """Return the rows of messages of one size and their records, without channel, number and times."""
     row = 0
     for messages in columns:
         if isinstance(messages, np.ndarray):
@@ -279,7 +279,7 @@ def _by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np
 
 
 def _framed(data: NDArray[np.void]) -> NDArray[np.void]:
-    """Records of messages of one size."""
+    """Return records of messages of one size."""
     records = np.empty(data.size, [*_HEAD, ('data', data.dtype)])
     records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
     records['data'] = data

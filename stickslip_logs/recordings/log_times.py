@@ -17,7 +17,7 @@ _TOO_MANY = 1000.0
 
 
 def question_of_unit(start_ns: int | None, end_ns: int | None, most: int) -> str:
-    """Whether log times look like dates in another unit, where a topic has so many messages."""
+    """Return whether log times look like dates in another unit, where a topic has so many messages."""
     if start_ns is None or end_ns is None or end_ns <= start_ns:
         return ''
     rate = most / ((end_ns - start_ns) * 1e-9)
@@ -48,7 +48,7 @@ class LogTimes:
         self.text, self.replaced, self._begun = '', False, False
 
     def of(self, reading: Iterable[Part]) -> Iterator[Part]:
-        """The stretches of a recording with the times that count."""
+        """Yield the stretches of a recording with the times that count."""
         for part in reading:
             if not self._begun:
                 self._judge(list(part.values()))

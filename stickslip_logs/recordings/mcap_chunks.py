@@ -265,7 +265,7 @@ def walk(data: bytes) -> Iterator[Piece]:
 
 
 def _equal_messages(data: bytes, begin: int) -> Piece | None:
-    """The messages of one length that follow on from a byte, where they are many: so telemetry is."""
+    """Return the messages of one length that follow on from a byte, where they are many: so telemetry is."""
     if begin + PAYLOAD > len(data) or data[begin] != _MESSAGE:
         return None
     length = HEAD.unpack_from(data, begin)[1] + HEAD.size
@@ -289,7 +289,7 @@ def _equal_messages(data: bytes, begin: int) -> Piece | None:
 
 
 def _step(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:
-    """The byte behind a record that is no message, and how many could not be read.
+    """Return the byte behind a record that is no message, and how many could not be read.
 
     A record that is not whole has no such byte: that where it begins is given.
     """

@@ -81,7 +81,7 @@ class McapFile:
         self._ambiguous: set[int] = set()
 
     def problem(self, channel: Channel) -> str:
-        """A clause on why messages cannot be decoded, as far as that is known; else empty."""
+        """Return a clause on why messages cannot be decoded, as far as that is known; else empty."""
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
             return other_encoding('message', channel.message_encoding, 'cdr')
@@ -97,7 +97,7 @@ class McapFile:
         return schema.name if schema is not None else ''
 
     def topics_of(self, block: Block) -> set[str]:
-        """The topics that a block has messages of, as far as that is known."""
+        """Return the topics that a block has messages of, as far as that is known."""
         held = block.channels
         return {c.topic for key, c in self.channels.items() if held is None or held >> key & 1}
 
@@ -131,7 +131,7 @@ class McapFile:
         return True
 
     def _schema(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Take a schema; its number, and whether it says what it said before."""
+        """Take up a schema; return its number, and whether it says what it said before."""
         schema = Schema.read(stream)
         # A longer definition is not used, and not kept.
         schema.data = schema.data[: LONGEST_TEXT + 1]
@@ -141,7 +141,7 @@ class McapFile:
         return schema.id, is_same
 
     def _channel(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """The same of a channel."""
+        """Take up a channel; return its number, and whether it says what it said before."""
         channel = Channel.read(stream)
         channel.metadata = {}
         is_same = self.channels.setdefault(channel.id, channel) == channel

@@ -101,7 +101,7 @@ class Pass:
         )
 
     def _keys(self, file: McapFile) -> list[int]:
-        """The channels of the topics in a file."""
+        """Return the channels of the topics in a file."""
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
     def stretches(self, columns_of: MakeColumns, least: int, most: int) -> Iterator[Columns]:
@@ -143,7 +143,7 @@ class Pass:
             yield from _some(_in_order(waiting), most)
 
     def _read(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
-        """What is made of a block, as far as it can be read.
+        """Read what can be read of a block.
 
         Messages from before a time were handed on [ns], and are left out here: a block may lie
         about its times.
@@ -192,7 +192,7 @@ def _in_order(parts: Sequence[Columns]) -> Columns:
 
 
 def _some(columns: Columns, most: int) -> Iterator[Columns]:
-    """Some messages at a time; those of one time are split only if these are too many."""
+    """Yield some messages at a time; those of one time are split only if they are too many."""
     while columns[0].size > most:
         times = columns[0][:most]
         end = int(times.searchsorted(times[-1])) or most
@@ -233,7 +233,7 @@ class McapReading(MessageReading):
         self._pass.compare()
 
     def _reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
-        """What reads the messages of a channel, or why nothing can."""
+        """Return what reads the messages of a channel, or the reason why nothing can."""
         schema, problem = file.schemas.get(channel.schema_id), file.problem(channel)
         if schema is None or problem:
             return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
@@ -306,7 +306,7 @@ class McapRecording(Recording):
         return course
 
     def definition(self, topic: str) -> str:
-        """The ``ros2msg`` definition of a topic's messages."""
+        """Return the ``ros2msg`` definition of a topic's messages."""
         self._readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data

@@ -145,13 +145,13 @@ def parse_schema(name: str, data: bytes) -> Definitions:
 
 
 def _lines(text: str) -> list[str]:
-    """The lines of a definition that say something."""
+    """Return the lines of a definition that say something."""
     lines = (line.partition('#')[0].strip() for line in text.splitlines())
     return [line for line in lines if line]
 
 
 def _fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
-    """The fields of a type; a SchemaError where a line is none."""
+    """Return the fields of a type; raise a SchemaError for a line that declares none."""
     package = name.split('/')[0]
     return tuple(_field(line, package) for line in lines if not _CONSTANT.match(line))
 
@@ -332,7 +332,7 @@ def _align(place: int | IntArray, size: int) -> int | IntArray:
 
 
 def _decoder(schema: Schema) -> Callable[[bytes], Any]:
-    """The decoder of mcap-ros2-support; raises SchemaError where it takes no such definition."""
+    """Return the decoder of mcap-ros2-support; raise a SchemaError where it takes no such definition."""
     try:
         # The parser prints what it raises.
         with _SILENCE, contextlib.redirect_stderr(io.StringIO()):
@@ -574,7 +574,7 @@ class MessageReading(ABC):
         return result
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """What was wrong with the messages read."""
+        """Return the faults of the messages read so far, by request."""
         return dict(pair for each in self._wanted for pair in each.faults())
 
 
@@ -583,7 +583,7 @@ _RULE = '=' * 80
 
 
 def definition_of(kind: str) -> str | None:
-    """The ``ros2msg`` text of a type with all that it uses; None where it is not known."""
+    """Return the ``ros2msg`` text of a type with all that it uses; None where it is not known."""
     parts: dict[str, str] = {}
     if not _collect(short_name(kind), parts):
         return None
@@ -611,7 +611,7 @@ def _built_in() -> dict[str, str]:
 
 
 def _sourced(name: str) -> str | None:
-    """The definition among the packages of ROS 2."""
+    """Return the definition among the packages of ROS 2."""
     if not re.fullmatch(r'\w+/\w+', name):
         return None
     package, own = name.split('/')

@@ -102,7 +102,7 @@ def open_bag(path: str | Path) -> Recording:
 def _opened(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
-    """A recording of some files of one format, which stay where they are."""
+    """Open files of one format, which stay where they are, as a recording."""
     scratch = Scratch()
     whole = [_unpacked(file, scratch) for file in files]
     if any(is_sqlite(file.name) or begin_of(file).startswith(SQLITE) for file in whole):
@@ -117,7 +117,7 @@ def _opened(
 
 
 def begin_of(path: Path) -> bytes:
-    """The first bytes of a file.
+    """Read the first bytes of a file.
 
     Raises:
         BagError: It cannot be read, or is of a kind that is not; the text has the remedy.
@@ -169,7 +169,7 @@ def is_text(begin: bytes) -> bool:
 
 
 def _unpacked(path: Path, scratch: Scratch) -> Path:
-    """A file, or what it holds where it is packed as a whole.
+    """Return a file, or the unpacked copy of one that is packed as a whole.
 
     Raises:
         BagError: It cannot be unpacked, or grows to more than its size allows.
@@ -195,7 +195,7 @@ def _unpacked(path: Path, scratch: Scratch) -> Path:
 
 
 def follow_on(files: Sequence[McapFile]) -> bool:
-    """Whether the spans of some files are those of parts of one recording."""
+    """Return whether the spans of some files are those of parts of one recording."""
     known = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(
         -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
@@ -204,7 +204,7 @@ def follow_on(files: Sequence[McapFile]) -> bool:
 
 
 def _has_other_parts(path: Path) -> bool:
-    """Whether the folder of a file has others of its name, and nothing that lists them."""
+    """Return whether the folder of a file has others of its name, and nothing that lists them."""
     try:
         names = [each.name for each in path.parent.iterdir()]
     except OSError:
@@ -215,7 +215,7 @@ def _has_other_parts(path: Path) -> bool:
 
 @contextlib.contextmanager
 def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
-    """A recording that is piped, as a file for as long as it is needed.
+    """Provide a recording that is piped as a file, for as long as it is needed.
 
     A recording is read by its end, and as a rule twice; on the disk it takes no memory.
 
@@ -247,7 +247,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
 
 
 def _is_known(file: IO[bytes], path: Path) -> bool:
-    """Whether the head of a file is that of a table."""
+    """Return whether the head of a file is that of a table."""
     file.flush()
     try:
         return isinstance(open_bag(path), TableRecording)
@@ -277,33 +277,33 @@ _PART = re.compile(r'(?P<stem>.+)_(?P<number>\d+)\.(?:mcap|db3)(?:\.zstd?)?', re
 
 
 def is_recording(name: str) -> bool:
-    """Whether a file's name is that of a recording; hidden ones are drafts or copies of names."""
+    """Return whether a file's name is that of a recording; hidden ones are drafts or copies of names."""
     return not name.startswith('.') and bool(_RECORDING.fullmatch(name))
 
 
 def is_sqlite(name: str) -> bool:
-    """Whether it is that of a recording of SQLite."""
+    """Return whether a file's name is that of a recording of SQLite."""
     return bool(_SQLITE.fullmatch(name))
 
 
 def is_log(name: str) -> bool:
-    """Whether it is that of a table."""
+    """Return whether a file's name is that of a table."""
     return not name.startswith('.') and bool(_TABLE.fullmatch(name))
 
 
 def stem_of(name: str) -> str:
-    """The name of the recording that a file is numbered as a part of; empty for none."""
+    """Return the name of the recording that a file is numbered as a part of; empty for none."""
     part = _PART.fullmatch(name)
     return composed(part['stem']) if part else ''
 
 
 def composed(name: str) -> str:
-    """A name with composed letters: systems differ in how they keep one name."""
+    """Return a name with composed letters: systems differ in how they keep one name."""
     return unicodedata.normalize('NFC', name)
 
 
 def as_it_is_kept(path: Path) -> Path:
-    """The path of a file or folder whose name is kept with other letters of the same look."""
+    """Return the path of a file or folder whose name is kept with other letters of the same look."""
     try:
         if path.exists():
             return path
@@ -377,7 +377,7 @@ def _report_gaps(names: Sequence[str], findings: Findings) -> None:
 
 
 def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> Metadata:
-    """The files that metadata list, and those behind them that bear the same name."""
+    """Return the files that metadata list, and those behind them that bear the same name."""
     known = {composed(name): name for name in there}
     found = [known[name] for name in map(composed, metadata.names) if name in known]
     missing = [name for name in metadata.names if composed(name) not in known]

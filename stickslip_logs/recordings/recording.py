@@ -29,7 +29,7 @@ _MOST_TOLD = 50
 
 
 def part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
-    """Some of the messages of columns."""
+    """Return some of the messages of columns."""
     return tuple(column[..., rows] for column in columns)
 
 
@@ -163,14 +163,14 @@ class TimeSpans:
         self._edges = np.array(self.spans, np.int64).reshape(-1, 2)
 
     def holds(self, time_ns: IntArray) -> BoolArray:
-        """Whether each time is in any of them, shape (n,)."""
+        """Return whether each time is in any of the stretches, shape (n,)."""
         starts, ends = self._edges.T
         number = np.searchsorted(starts, time_ns, 'right') - 1
         inside: BoolArray = (number >= 0) & (time_ns <= np.append(ends, -1)[number])
         return inside
 
     def overlap(self, start_ns: int, end_ns: int) -> bool:
-        """Whether any of them has an instant of a stretch."""
+        """Return whether any of the stretches has an instant of another."""
         return any(start <= end_ns and start_ns <= end for start, end in self.spans)
 
 
@@ -188,7 +188,7 @@ class Reading(Protocol):
     def __iter__(self) -> Iterator[dict[Request, Series]]: ...
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """What was wrong with the messages read so far."""
+        """Return the faults of the messages read so far, by request."""
         ...
 
 
@@ -251,7 +251,7 @@ class Recording(ABC):
         """
 
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
-        """The same at once: a series for each request.
+        """Read a whole recording at once: a series for each request.
 
         What cannot be read is missing, and ``losses`` names it.
         """
@@ -273,27 +273,27 @@ class Recording(ABC):
 
     @abstractmethod
     def definition(self, topic: str) -> str:
-        """The ``ros2msg`` definition of a topic's messages.
+        """Return the ``ros2msg`` definition of a topic's messages.
 
         Raises:
             BagError: The topic is not there or cannot be decoded.
         """
 
     def _topic(self, name: str) -> TopicInfo:
-        """The topic of that name; a BagError where there is none."""
+        """Return the topic of that name; raise a BagError where there is none."""
         if name not in self.topics:
             raise BagError(missing_topic(self.topics, name))
         return self.topics[name]
 
     def _readable(self, name: str) -> TopicInfo:
-        """The topic of that name; a BagError where its messages cannot be decoded."""
+        """Return the topic of that name; raise a BagError where its messages cannot be decoded."""
         topic = self._topic(name)
         if topic.problem:
             raise BagError(f"topic '{name}' ({topic.type}) cannot be read: {topic.problem}")
         return topic
 
     def _asked(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
-        """The requests by topic and field; a BagError where a topic is not of its type."""
+        """Return the requests by topic and field; raise a BagError for a topic of another type."""
         asked: dict[str, dict[FieldPath, list[Request]]] = {}
         # They may be a set, whose order is by chance.
         for request in sorted(requests, key=lambda own: (own.topic, own.field)):
@@ -305,7 +305,7 @@ class Recording(ABC):
 
 
 def joined(reading: Reading) -> dict[Request, Series]:
-    """The series of a whole recording."""
+    """Return the series of a whole recording."""
     parts = list(reading)
     faults = reading.faults()
 
@@ -329,12 +329,12 @@ def short_name(name: str) -> str:
 
 
 def other_encoding(of: str, encoding: str, known: str) -> str:
-    """A clause on messages or definitions in another encoding than the known one."""
+    """Return a clause on messages or definitions in another encoding than the known one."""
     return f"{of} encoding '{encoding}' is not {known}: export the topic as CSV"
 
 
 def missing_topic(topics: Collection[str], name: str) -> str:
-    """The sentence on a missing topic: those that are there, the nearest first."""
+    """Return the sentence on a missing topic: those that are there, the nearest first."""
     close = difflib.get_close_matches(name, topics, MOST_NAMED, cutoff=0.5)
     ranked = [*close, *(topic for topic in topics if topic not in close)]
     more = len(ranked) - MOST_NAMED
@@ -344,7 +344,7 @@ def missing_topic(topics: Collection[str], name: str) -> str:
 
 
 def full_name(topic: str, topics: Collection[str]) -> str:
-    """The name in a recording of a topic that may be written without its namespace.
+    """Return the name in a recording of a topic that may be written without its namespace.
 
     That of a node in the root namespace, or else the only topic of that name in any other.
     """

@@ -93,7 +93,7 @@ class SqliteRecording(Recording):
 
     @contextlib.contextmanager
     def _opened(self, file: Path) -> Iterator[sqlite3.Connection]:
-        """A connection that changes nothing.
+        """Open a connection that changes nothing.
 
         Raises:
             BagError: The file cannot be read.
@@ -110,7 +110,7 @@ class SqliteRecording(Recording):
             raise BagError(f"bag file '{file}' cannot be read: {error}") from None
 
     def _whole(self, file: Path) -> Path:
-        """The file, or its copy with what a crash has left in its journal."""
+        """Return the file, or its copy with what a crash has left in its journal."""
         ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
         if not any(end.is_file() and end.stat().st_size for end in ends):
             return file
@@ -174,7 +174,7 @@ class SqliteRecording(Recording):
     def _rows(
         self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
     ) -> Iterator[Rows]:
-        """Some columns behind the id in batches, in the order of writing; damaged pages are told.
+        """Yield some columns behind the id in batches, in the order of writing; report damaged pages.
 
         The ids are looked for behind a damaged page in growing steps.
         """
@@ -206,7 +206,7 @@ class SqliteRecording(Recording):
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 
     def definition(self, topic: str) -> str:
-        """The ``ros2msg`` definition of a topic's messages."""
+        """Return the ``ros2msg`` definition of a topic's messages."""
         return self._texts[self._readable(topic).type]
 
     def messages(
@@ -261,7 +261,7 @@ class SqliteRecording(Recording):
             self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
 
     def _unpacker(self) -> Callable[[bytes], bytes | None]:
-        """What gives a message, or nothing of one that is damaged."""
+        """Return what yields a message, or nothing for a damaged one."""
         if not self._is_packed:
             return lambda data: data
         decompress = zstandard.ZstdDecompressor().decompress

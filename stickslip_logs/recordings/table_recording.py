@@ -142,7 +142,7 @@ class TableRecording(Recording):
         return len(head) < 2 or not head >= names - {''}
 
     def _long_columns(self) -> tuple[int, int] | None:
-        """The columns of names and of values of a table with one value a line."""
+        """Return the columns of names and of values of a table with one value a line."""
         plain = [parse_heading(name).name for name in self.table.names]
         name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
         value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
@@ -187,7 +187,7 @@ class TableRecording(Recording):
         return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
     def _status_of(self, column: int) -> int | None:
-        """The column that says whether the numbers of another count: called so, or so and behind it."""
+        """Return the column that says whether the numbers of another count: named after it, or behind it."""
         names = [parse_heading(name).name.split() for name in self.table.names]
         for k, words in enumerate(names):
             rest = [word for word in words if not _STATUS.fullmatch(word)]
@@ -197,7 +197,7 @@ class TableRecording(Recording):
         return None
 
     def least_good(self, status: int) -> float | None:
-        """The least number by which a column says that others count; None where it is not known."""
+        """Return the least number by which a column says that others count; None where it is not known."""
         codes = [parse_number(str(row[status])) for row in self.table.head if len(row) > status]
         if any(_OPC_GOOD <= (code or 0) <= _OPC_MOST for code in codes):
             return _OPC_GOOD
@@ -254,7 +254,7 @@ class TableRecording(Recording):
                 )
 
     def interval(self, column: LogColumn) -> float:
-        """The usual time between two numbers of a column [s]."""
+        """Return the usual time between two numbers of a column [s]."""
         times = self._rows_of(column, self.table.head)[1]
         return _usual_gap(np.sort(times) if self.is_unordered else times) * 1e-9
 
@@ -321,7 +321,7 @@ class TableRecording(Recording):
         return self.table.names[key], list(dict.fromkeys(row[key].strip() for row in rows if key < len(row)))
 
     def definition(self, topic: str) -> str:
-        """The definition of what the sensors would have sent."""
+        """Return the definition of what the sensors would have sent."""
         self._column(topic)
         return 'float64 data\n'
 
@@ -376,7 +376,7 @@ def listed(texts: Sequence[str]) -> str:
 
 
 def _usual_gap(time_ns: IntArray) -> float:
-    """The usual time between two lines that differ in it, 0 where none do [ns]."""
+    """Return the usual time between two lines that differ in it, 0 where none do [ns]."""
     gaps = np.abs(np.diff(time_ns))
     return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
 
@@ -386,7 +386,7 @@ def _silent(text: str) -> None:
 
 
 def _kind(column: LogColumn) -> str:
-    """What a column would be taken for, by its unit."""
+    """Return what a column would be taken for, by its unit."""
     if column.unit is None:
         return 'column, unit not known'
     return f'column in {column.unit}'
@@ -544,7 +544,7 @@ class TableReading:
                 return
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """The words in place of numbers."""
+        """Return the words that stood in place of numbers, as faults by request."""
         result: dict[Request, tuple[Fault, ...]] = {}
         for request in self._requests:
             words = self._words[request.topic]

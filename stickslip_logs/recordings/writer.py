@@ -195,7 +195,7 @@ class BagWriter:
                 self._writer.write(found)
 
     def _channel(self, topic: str, log_times: IntArray) -> int:
-        """The channel of a topic, for messages with some log times [ns]."""
+        """Return the channel of a topic, for messages with some log times [ns]."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         for log_time in log_times[log_times < 0][:1].tolist():
@@ -265,7 +265,7 @@ class BagWriter:
             raise BagError(f"bag '{self.path}' cannot be written: {error.strerror or error}") from error
 
     def _metadata(self) -> str:
-        """The ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
+        """Return the ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
         (start_ns, end_ns), counts = self._writer.span, self.message_counts
 
         def span() -> dict[str, Any]:
@@ -306,7 +306,7 @@ class BagWriter:
 
 
 def _begun(file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none') -> ChunkWriter:
-    """A file that has begun, with its label before the first message."""
+    """Begin a file, with its label before the first message."""
     writer = ChunkWriter(file, chunk_size, compression)
     writer.start(Profile.ROS2, _LIBRARY)
     if label is not None:
@@ -315,7 +315,7 @@ def _begun(file: IO[bytes], label: str | None, chunk_size: int = 0, compression:
 
 
 def is_labelled(path: Path, label: str) -> bool:
-    """Whether a file is a recording that this package wrote with a label."""
+    """Return whether a file is a recording that this package wrote with a label."""
     begin = io.BytesIO()
     _begun(begin, label)
     try:
@@ -349,7 +349,7 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
 
 
 def float64_rows(values: ArrayLike) -> NDArray[np.void]:
-    """The same as the rows of an array, which are written faster."""
+    """Encode numbers as the rows of an array, which are written faster."""
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
     rows['head'], rows['data'] = np.void(_CDR), numbers

@@ -181,3 +181,17 @@ def test_long_recordings_take_no_memory_for_their_rows() -> None:
     np.testing.assert_array_equal(course.follow(time_ns, source, place), START + np.arange(count) * SECOND)
     (kept,) = order._sources.values()
     assert len(kept.segments) < count // 50
+
+
+@pytest.mark.parametrize(('at', 'days'), [(-1, 365.0), (0, -365.0), (0, -20_000.0)])
+def test_one_time_read_wrong_at_an_end_is_reported(at: int, days: float) -> None:
+    rows = [(k / 2, k / 2, 0) for k in range(COUNT)]
+    rows[at] = (rows[at][0] + days * 86_400, *rows[at][1:])
+    course = judged(rows)[0]
+    text = f'a gap of {abs(days):.4g} days, and last {(COUNT - 2) / 2:.4g} s without it: one may be wrong'
+    assert list(course.notes('the lines are', 'of the lines')) == [f'the times of the lines have {text}']
+
+
+def test_a_pause_of_some_days_between_voyages_of_days_is_not_reported() -> None:
+    times = [*range(0, 400_000, 10), *range(1_000_000, 1_400_000, 10)]
+    assert judged([(time, time, 0) for time in times])[0].gap_ns == 0
