@@ -153,9 +153,8 @@ def _default(row: Parameter) -> str:
             'speed.maximum': '*3000 rpm*',
             'load.constant': '*none*',
             'load.over_speed': '*none*',
-            f'{INPUT}.where': '*all*',
         }
-        return left_out.get(row.name, '*by law*')
+        return '*all*' if row.name.endswith('.where') else left_out.get(row.name, '*by law*')
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
     if row.default == '':

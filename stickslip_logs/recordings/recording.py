@@ -80,7 +80,8 @@ class TopicInfo:
     """A topic of a recording.
 
     ``problem`` is a clause on why its messages cannot be decoded, as far as that is known without
-    its definition, which is read when a field is asked for; else empty.
+    its definition, which is read when a field is asked for; else empty. ``value`` is one of its values
+    in a log.
     """
 
     name: str
@@ -88,6 +89,7 @@ class TopicInfo:
     count: int
     encoding: str
     problem: str
+    value: str = ''
 
 
 @dataclass(frozen=True, slots=True)

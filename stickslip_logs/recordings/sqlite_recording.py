@@ -25,6 +25,7 @@ from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers, definition_of
 from stickslip_logs.recordings.recording import (
+    MOST_NAMED,
     Columns,
     Findings,
     Message,
@@ -107,7 +108,7 @@ class SqliteRecording(Recording):
                 database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 yield database
         except (*_ERRORS, OSError, ValueError) as error:
-            raise BagError(f"bag file '{file}' cannot be read: {error}") from None
+            raise BagError(_refusal(file, str(error))) from None
 
     def _whole(self, file: Path) -> Path:
         """Return the file, or its copy with what a crash has left in its journal."""
@@ -334,3 +335,18 @@ class SqliteReading(MessageReading):
             found, stamps[rows] = reader.read(data, offset[rows], size[rows], times[rows])
             values[: len(found), rows] = found
         return times, topic, stamps, values
+
+
+def _refusal(file: Path, problem: str) -> str:
+    """Return why a database cannot be read: it is damaged, or no recording but another one."""
+    if problem == 'no such table: topics':
+        uri = f'{file.absolute().as_uri()}?mode=ro&immutable=1'
+        with contextlib.suppress(*_ERRORS), contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
+            query = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
+            names = [str(name) for (name,) in database.execute(query).fetchmany(MOST_NAMED)]
+            if names:
+                return (
+                    f"'{file}' is a database and no recording of ROS 2: it has the tables {', '.join(names)};"
+                    f" write one as CSV: sqlite3 -header -csv '{file}' 'SELECT * FROM {names[0]}' > log.csv"
+                )
+    return f"bag file '{file}' cannot be read: {problem}"

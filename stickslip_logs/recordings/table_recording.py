@@ -61,7 +61,7 @@ _BAD = re.compile(
 )
 # Codes of OPC from which a number is good.
 _OPC_GOOD, _OPC_MOST = 192, 255
-_MOST_WORDS, _MOST_KINDS = 6, 200
+_MOST_WORDS, _MOST_KINDS, _MOST_SHOWN = 6, 200, 20
 # Lines that share a time so coarse [ns], or the only one: their times were rounded away. A value before
 # and one behind a change share theirs rightly.
 _MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
@@ -227,9 +227,15 @@ class TableRecording(Recording):
                 for name in self.by_topic
             }
         return {
-            column.heading: TopicInfo(column.heading, _kind(column), self.table.line_count, 'table', '')
+            column.heading: TopicInfo(
+                column.heading, _kind(column), self.table.line_count, 'table', '', self._first_value(column)
+            )
             for column in self.all_columns
         }
+
+    def _first_value(self, column: LogColumn) -> str:
+        rows = self._rows_of(column, self.table.head)[0]
+        return str(rows[0][column.place]).strip()[:_MOST_SHOWN] if rows else ''
 
     @property
     def message_count(self) -> int:

@@ -39,6 +39,13 @@ _JQ = (
     'jq -r \'.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
     " (.DataSet[] | [.TimeStamp] + .Value) | @csv'"
 )
+# How frames of NMEA 2000 are logged, by candump, gateways, and canboat, and what makes values of them.
+_FRAMES = {
+    r'\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]{8}#[0-9A-Fa-f]+\s*$': 'candump2analyzer < {0} | analyzer -json',
+    r'\d\d:\d\d:\d\d\.\d+ [RT] [0-9A-Fa-f]{8}( [0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
+    r'[-\dTZ:.]+,\d,\d{5,6},\d+,\d+,\d+(,[0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
+    r'A\d{6}\.\d+ [0-9A-F]{5} [0-9A-F]{5} [0-9A-F]+\s*$': 'analyzer -json < {0}',
+}
 # Of a heading without brackets one of its words is its unit only where it can be nothing else.
 _CLEAR = ('rpm', 'kn', 'hz')
 # 'kn' in small letters is knots, 'N' is north, and 'tf' may be a sensor, but in the heading of a force.
@@ -185,6 +192,12 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     if text.lstrip().startswith('{'):
         remedy = _command_for_lines(path, kept) or f'a package of ISO 19848 with {_JQ}'
         raise BagError(f"log '{path}' is JSON: write it as CSV; {remedy}")
+    for form, remedy in _FRAMES.items():
+        if sum(bool(re.match(form, line)) for line in kept) > 0.5 * len(kept):
+            raise BagError(
+                f"log '{path}' has frames of NMEA 2000: convert it with canboat,"
+                f' {remedy.format(path)} > {path.stem}.json'
+            )
     delimiter, rows = _best(kept)
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")

@@ -87,7 +87,7 @@ class Found:
             not self.document['complete']
             or (self.clips is not None and bool(self.clips.failures))
             or any(event['severity'] != 'OK' for item in bearings for event in item['events'])
-            or any(each['source_faults'] or not each['messages'] for each in inputs)
+            or any(each['source_faults'] or each['questions'] or not each['messages'] for each in inputs)
         )
 
     @property

@@ -13,6 +13,7 @@ from typing import Any
 from rich.text import Text
 
 from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
@@ -30,21 +31,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    record = bag_record(open_bag(args.bag))
+    bag = open_bag(args.bag)
+    record = bag_record(bag)
+    # Lines without a time are no recording, nor is one of which nothing could be read.
+    code = int(record['start'] is None and bool(record['messages'] or bag.losses))
     if args.json:
         output.print_json({'schema': SCHEMA, **record})
-        return 0
+        return code
     out = output.console()
     out.print(printable(_summary(record)), markup=False)
-    table = output.table_of('', 'topic; type; messages; problem', (0, 1, 3))
-    for name, topic in sorted(record['topics'].items()):
-        texts = name, topic['type'], str(topic['messages']), topic['problem'] or ''
+    values = isinstance(bag, TableRecording) and {name: topic.value for name, topic in bag.topics.items()}
+    table = output.table_of('', f'topic; type; messages; {"value" if values else "problem"}', (0, 1, 3))
+    # Columns stand as in the file.
+    topics = record['topics'].items() if values else sorted(record['topics'].items())
+    for name, topic in topics:
+        last = values[name] if values else topic['problem'] or ''
+        texts = name, topic['type'], str(topic['messages']), last
         # A heading may have brackets, which are no markup.
         table.add_row(*(Text(printable(text)) for text in texts))
     out.print(table)
     for text in (*(cut['text'] for cut in record['cuts']), *record['warnings']):
         out.print(printable(f'data: {text}'), markup=False)
-    return 0
+    if record['messages'] and code:
+        out.print('data: no line has a time that can be read', markup=False)
+    return code
 
 
 def _summary(record: Mapping[str, Any]) -> str:

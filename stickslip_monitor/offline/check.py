@@ -203,6 +203,7 @@ class _BearingCheck:
             None if text else request for request, text in zip(requests_of(config), absent, strict=True)
         ]
         """What is read for each input; ``None`` for one that is not in the recording."""
+        self._asked = {of: text for (name, of), text in bound.questions.items() if name == config.name}
         self._scan: BearingScan | None = None
         self._held = HeldValues(config)
         self._outliner = Outliner(config) if outlined else None
@@ -263,6 +264,8 @@ class _BearingCheck:
             asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         if self._end.water_doubt:
             asked['water_temperature'] = [f'is in doubt at the end: {self._end.water_doubt}']
+        for quantity, text in self._asked.items():
+            asked.setdefault(quantity, []).append(text)
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
         return BearingReport(
             self.config.name,

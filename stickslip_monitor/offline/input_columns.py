@@ -67,10 +67,12 @@ class Bound:
     Attributes:
         config: The configuration, with the topics and the timeouts that hold for the recording.
         absent: Why an input is not in the recording, by bearing and quantity.
+        questions: What is to be asked about an input, likewise: clauses that follow its name.
     """
 
     config: MonitorConfig
     absent: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    questions: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 class ColumnBinding:
@@ -79,12 +81,14 @@ class ColumnBinding:
     Attributes:
         columns: By the topic that each stands for.
         said: What was guessed.
+        asked: What is to be asked, by bearing and quantity.
     """
 
     def __init__(self, log: TableRecording) -> None:
         self._log, self._path, self._all = log, log.path, log.all_columns
         self.columns: dict[str, SourceColumn] = {}
         self.said: list[str] = []
+        self.asked: dict[tuple[str, str], str] = {}
 
     def bind(self, config: MonitorConfig) -> Bound:
         """The configuration with the topics and timeouts that hold for the table."""
@@ -116,7 +120,7 @@ class ColumnBinding:
                 names = ('topic', 'type', 'field_text', 'field', 'timeout_ns', 'hold_ns')
                 inputs['load'] = replace(each.load, **{k: getattr(inputs['speed'], k) for k in names})
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
-        return Bound(replace(config, bearings=bearings), absent)
+        return Bound(replace(config, bearings=bearings), absent, self.asked)
 
     def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
         """The one column that is an input.
@@ -241,14 +245,24 @@ class ColumnBinding:
         if unit is None and column.has_unit:
             stated = column.unit or parse_heading(column.heading).unit
             if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
-                said += f": is that right? Its heading says '{stated}'"
+                clause = f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}'"
+                self.asked[bearing.name, quantity] = f'{clause}: is that right?'
         if (source.scale, source.offset) != (1.0, 0.0):
             said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
+            if is_scaled:
+                self.asked[bearing.name, quantity] = (
+                    f"is column '{column.heading}' in {unit} by its heading, so its scale {source.scale:g}"
+                    f' and offset {source.offset:g} are not applied: write'
+                    f' {bearing.name}.{quantity}.column: "{column.heading}" if they are to be'
+                )
             said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
         elif isinstance(source, SpeedConfig) and source.gear_text:
             said += f', {source.gear_text}'
-        elif is_geared:
-            said += ": is it the shaft's own, with no gear between?"
+        elif is_geared and not source.column:
+            self.asked[bearing.name, quantity] = (
+                f"is column '{column.heading}': is it the shaft's own? Write"
+                f' {bearing.name}.{quantity}.column, and gear where one is between'
+            )
         if timeout_ns > source.timeout_ns:
             said += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
         self.said.append(said)

@@ -325,8 +325,8 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
     lost = {name for name, quantity in found.absent if quantity in QUANTITIES}
     if len(lost) == len(found.config.bearings):
         text = next(text for (_, of), text in found.absent.items() if of in QUANTITIES)
-        # What is missing may lie behind a cut.
-        raise BagError('; '.join([text, *(cut.text for cut in bag.cuts)]))
+        # What is missing may lie behind a cut, or in what cannot be read.
+        raise BagError('; '.join([text, *bag.losses[:_MOST_NAMED]]))
     return found
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from nasty_logs import T0, ns, opened
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import unit_of
 
 
@@ -138,3 +141,26 @@ def test_a_package_of_a_standard_is_refused_with_the_way_to_read_it(tmp_path: Pa
 )
 def test_units_as_they_are_written(written: str, unit: str | None) -> None:
     assert unit_of(written) == unit
+
+
+@pytest.mark.parametrize(
+    ('line', 'remedy'),
+    [
+        ('(1716800000.123456) can0 09F20023#00FF20FFFFFFFFFF', r'candump2analyzer < .*log \| analyzer -json'),
+        ('17:33:21.107 R 09F20023 00 FF 20 FF FF FF FF FF', 'frames of NMEA 2000: .* analyzer -json < '),
+        ('2016-04-09T16:41:39.628Z,2,127488,16,255,8,00,ff,20,ff,7f,ff,ff,ff', 'analyzer -json < '),
+    ],
+)
+def test_what_is_refused_is_named_with_its_converter(line: str, remedy: str, tmp_path: Path) -> None:
+    (tmp_path / 'ship.log').write_text(f'{line}\n' * 9)
+    with pytest.raises(BagError, match=remedy):
+        TableRecording(tmp_path / 'ship.log')
+
+
+def test_a_database_that_is_no_recording_is_named(tmp_path: Path) -> None:
+    with contextlib.closing(sqlite3.connect(tmp_path / 'home.db')) as database:
+        database.execute('CREATE TABLE states (id INTEGER, state TEXT)')
+    with pytest.raises(
+        BagError, match=r"no recording of ROS 2: it has the tables states; .*'SELECT \* FROM states'"
+    ):
+        open_bag(tmp_path / 'home.db')

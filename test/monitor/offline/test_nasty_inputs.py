@@ -147,21 +147,18 @@ def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> Non
     ],
 )
 def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
-    recording = opened(tmp_path, text)
-    bound_inputs(recording)
-    assert any(text.endswith("is it the shaft's own, with no gear between?") for text in recording.warnings)
+    asked = bind(opened(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
+    assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in asked
 
 
 def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
     own = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
     (tmp_path / 'own.yaml').write_text(own)
     recording = opened(tmp_path, 'time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
-    bound_inputs(recording, tmp_path / 'own.yaml')
-    assert any(
-        "column 'Load [klbf]' in N, as aft_stern.load.unit says: is that right? Its heading says"
-        " 'klbf'" in said
-        for said in recording.warnings
-    )
+    asked = bind(recording, load_config(tmp_path / 'own.yaml')).questions
+    assert asked == {
+        ('aft_stern', 'load'): "is column 'Load [klbf]' in N, and its heading says 'klbf': is that right?"
+    }
 
 
 def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -306,3 +303,21 @@ def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
     topics = [source.topic for each in bound.config.bearings for source in each.inputs.values()]
     found = recording.read([Request(topic, 'data') for topic in topics])
     assert [series.value.tolist() for series in found.values()] == [[n] * 9 for n in (30, 900, 60, 800)]
+
+
+def test_a_question_about_an_input_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A quiet log whose column is in the heading's unit, and a scale that is configured for another."""
+    (tmp_path / 'voyage.csv').write_text(
+        'time,speed [rpm],load [N]\n' + ''.join(f'{t},120,{900 + t % 7}\n' for t in range(60))
+    )
+    plain = CONFIG.read_text()
+    codes = []
+    for number, text in enumerate((plain, plain.replace('unit: rpm', 'unit: rpm, scale: 0.25', 1))):
+        (tmp_path / f'{number}.yaml').write_text(text)
+        codes.append(
+            main(['check', str(tmp_path / 'voyage.csv'), '--config', str(tmp_path / f'{number}.yaml')])
+        )
+    assert codes == [0, 1]
+    assert 'so its scale 0.25 and offset 0 are not applied: write' in ' '.join(
+        capsys.readouterr().out.split()
+    )
