@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from stickslip_logs.fields import signalk_source
+from stickslip_logs.tables.clock import is_stamp
 
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
@@ -69,13 +70,16 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
 
 
 def _time_before(head: str) -> str:
-    """Return the time that a logger wrote before a sentence: ISO 8601, or seconds or ms since 1970."""
+    """Return the time that a logger wrote before a sentence: a date with a time, seconds or ms since 1970."""
     if stamp := _ISO.search(head):
         return stamp.group()
     if epoch := _EPOCH.search(head):
         text = epoch[1]
         return text if len(text) != 13 else f'{text[:10]}.{text[10:]}'
-    return ''
+    # Behind the name of an instrument, perhaps: '05/04/2026,06:00:00.123,', 'shaft 2026:124:06:00:00.123'.
+    own = head.strip(' ,;\t[]<>')
+    candidates = (own, own.partition(' ')[2].strip()) if any(map(str.isdecimal, own)) else ()
+    return next((text for text in candidates if is_stamp(text)), '')
 
 
 def _own_time(kind: str, fields: Sequence[str]) -> str:

@@ -46,6 +46,8 @@ _COMPACT = _DATES[-1] + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\
 _STAMPS = [
     *(re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES),
     re.compile(_COMPACT + _ZONE),
+    # The day of the year, as ISO 8601 and the loggers of research ships have it: 2026:124:06:00:00.
+    re.compile(rf'(?P<Y>\d{{4}})[-:](?P<j>\d{{3}})[T :]{_CLOCK}{_ZONE}'),
 ]
 # Eight digits alone may be a number.
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
@@ -387,8 +389,14 @@ class StampLayout:
         if match is None:
             return None
         part = match.groupdict('')
+        year, hour = int(part[self._year]), int(part['H'])
+        if 'j' in part:
+            begin = date(year, 1, 1).toordinal() if year else 0
+            begin += int(part['j']) - 1
+            found = date.fromordinal(begin) if begin > 0 else date.min
+            part |= {'m': str(found.month if found.year == year else 0), 'd': str(found.day)}
         month = _MONTH.get(part['name'].lower(), 0) if 'name' in part else int(part[self._month])
-        year, day, hour = int(part[self._year]), int(part[self._day]), int(part['H'])
+        day = int(part[self._day])
         if part.get('half'):
             hour = hour % 12 + 12 * (part['half'][0] in 'pP')
         minute, second_ = int(part['M']), int(part['S'] or 0)
@@ -409,7 +417,7 @@ class StampLayout:
         if (
             match is None
             or match.groupdict().get('half')
-            or 'name' in match.groupdict()
+            or {'name', 'j'} & match.groupdict().keys()
             or set(map(len, texts)) != {len(match[0])}
         ):
             return none

@@ -81,7 +81,7 @@ class Heading(NamedTuple):
 
 
 def unit_of(text: str, quantity: str = '') -> str | None:
-    """A unit as the configuration calls it, beside a word of a quantity or alone; None for any other text."""
+    """Return a unit as the configuration calls it, beside a word of a quantity or alone; None for none."""
     unit = find_unit(text, quantity)
     return unit.name if unit else None
 
@@ -102,7 +102,7 @@ def parse_heading(text: str) -> Heading:
 
 
 def _bare_unit(name: str, words: Sequence[str]) -> str | None:
-    """A unit without brackets: behind a comma, or a word that can be nothing else."""
+    """Return a unit without brackets: behind a comma, or a word that can be nothing else."""
     if '%' in name:
         return '%'
     behind = name.rpartition(',')[2].strip()
@@ -118,7 +118,7 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
 
 
 def with_unit(name: str, unit: str) -> tuple[str, str | None]:
-    """A heading with a unit that stands apart from it, and the unit as the configuration calls it.
+    """Return a heading with a unit that stands apart from it, and the unit as the configuration calls it.
 
     A unit that is none of those becomes a part of the heading.
     """
@@ -131,7 +131,7 @@ def with_unit(name: str, unit: str) -> tuple[str, str | None]:
 
 
 def parse_number(cell: str, decimal: str = '.') -> float | None:
-    """A cell as a number; None for a word, and for what is beyond a double."""
+    """Return a cell as a number; None for a word, and for what is beyond a double."""
     text = cell.strip()
     if decimal == ',':
         text = text.translate(_SWAP)
@@ -168,12 +168,12 @@ class Dialect(TableColumns):
 
 
 def reader(lines: Iterator[str], delimiter: str) -> Any:
-    """The rows of lines; those cut by blanks may be cut by several."""
+    """Return the rows of lines; those cut by blanks may be cut by several."""
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
 
 
 def sniff(path: Path, extent: Extent) -> Dialect:
-    """Find out how a table is written.
+    """Detect encoding, delimiter, decimal sign and headings of a text table, or the kind of bus log.
 
     Raises:
         BagError: It is no table, or not to be told from several.
@@ -300,7 +300,7 @@ def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
-    """The delimiter that cuts most lines into one number of cells that are times and numbers."""
+    """Return the delimiter that cuts most lines into one number of cells that are times and numbers."""
     best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
     for delimiter in _DELIMITERS:
         rows = _split(lines, delimiter)
@@ -349,7 +349,7 @@ def _is_sound(cell: str) -> bool:
 
 
 def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
-    """The decimal sign of some cells.
+    """Return the decimal sign of some cells.
 
     Raises:
         BagError: Nothing tells it from a sign of thousands.
@@ -378,7 +378,7 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
 
 
 def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
-    """A number whose decimal sign may part thousands, where all with one may; else nothing."""
+    """Return a number whose decimal sign may part thousands, where all with one may; else nothing."""
     cells = [cell.strip() for row in rows for cell in row if decimal in cell]
     plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
     numbers = [k for k, cell in enumerate(plain) if _NUMBER.fullmatch(cell)]
@@ -387,7 +387,7 @@ def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
 
 
 def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
-    """The first row of numbers of a table; rows of a preamble may have some, too."""
+    """Return the first row of numbers of a table; rows of a preamble may have some, too."""
     data = [k for k, row in enumerate(rows) if _is_data(row, decimal, width)]
     for k in data:
         run = [_is_data(each, decimal, width) for each in rows[k : k + 2 * _RUN] if each][:_RUN]
@@ -403,13 +403,13 @@ def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
 
 
 def _has_time_heading(row: Cells, width: int) -> bool:
-    """Whether a row is surely one of headings: words all, with that of a time among them."""
+    """Return whether a row is surely one of headings: words all, with that of a time among them."""
     is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
     return is_words and any(NAMED.search(parse_heading(cell).name) for cell in row)
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:
-    """Whether a row is no heading: it has a stamp, begins with a number, or has two of them."""
+    """Return whether a row is no heading: it has a stamp, begins with a number, or has two of them."""
     if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith('#'):
         return False
     numbers = [parse_number(cell, decimal) is not None for cell in row]
@@ -441,7 +441,7 @@ def _with_bare_units(heading: Sequence[str]) -> list[str]:
 
 
 def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
-    """The row of headings above the numbers, if there is one, and the units of a row of them."""
+    """Return the row of headings above the numbers, if there is one, and the units of a row of them."""
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
     bare = [row for row in wide if not (row[0].startswith('#') and row[0].strip('# '))]
     if not bare:
@@ -457,7 +457,7 @@ def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]
 
 
 def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
-    """Whether the first cells of rows are names or numbers of the rows, and no column of a time."""
+    """Return whether the first cells of rows are names or numbers of the rows, and no column of a time."""
     if sum(row[-1] != '' for row in rows) <= 0.5 * len(rows):
         return False
     numbers = [parse_number(row[0]) for row in rows]
@@ -484,7 +484,7 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 
 
 def _suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
-    """The unit that stands behind the numbers of a column; empty where they have none."""
+    """Return the unit that stands behind the numbers of a column; empty where they have none."""
     cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)

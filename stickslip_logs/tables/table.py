@@ -113,7 +113,7 @@ class NumberTable(ABC):
 
     @abstractmethod
     def numbers(self, cells: Any) -> Numbers:
-        """The numbers of cells of a column."""
+        """Return the numbers of cells of a column."""
 
 
 def texts_of(cells: Any) -> list[str]:
@@ -129,7 +129,7 @@ def some_cells(cells: Any, chosen: BoolArray) -> Any:
 
 
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
-    """The numbers of cells some of which are words or empty."""
+    """Return the numbers of cells some of which are words or empty."""
     result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
     for k, cell in enumerate(cells):
         text = cell.strip()
@@ -193,7 +193,7 @@ class TextTable(NumberTable):
         self.losses = (*losses, *self._dialect.losses)
 
     def numbers(self, cells: Cells) -> Numbers:
-        """The numbers of cells."""
+        """Return the numbers of cells."""
         joined, decimal = '\n'.join(cells), self._dialect.decimal
         fast = cells
         if decimal == ',' and '.' not in joined:
@@ -207,7 +207,7 @@ class TextTable(NumberTable):
         return _mixed_numbers(cells, decimal)
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Some columns, in the order of the file."""
+        """Yield some columns, in the order of the file."""
         if self._dialect.delimiter in BUS_LOGS:
             yield from self._bus_blocks(wanted, lose, note)
             return
@@ -302,7 +302,7 @@ class _TextReading:
         self._shown = self._other = ''
 
     def parts(self, batch: list[list[str]]) -> Iterator[Rows]:
-        """The rows of a batch, parted where the order of the columns changes."""
+        """Yield the rows of a batch, parted where the order of the columns changes."""
         while batch:
             if self._places is None:
                 at = next((k for k, row in enumerate(batch) if self._is_heading(row)), len(batch))
@@ -339,7 +339,7 @@ class _TextReading:
                 column[k] = ''
 
     def _is_heading(self, row: Cells) -> bool:
-        """Whether a row has headings of the table in another order than the last."""
+        """Return whether a row has headings of the table in another order than the last."""
         cells = [cell.strip() for cell in row]
         named = {name for name in self._first if name}
         is_other = cells != [*self._order]
@@ -439,7 +439,7 @@ class ParquetTable(NumberTable):
         self.said = tuple(_notes_on(self.clocks, self.names))
 
     def numbers(self, cells: Any) -> Numbers:
-        """The numbers of a column: of numbers, or of texts that are some."""
+        """Return the numbers of a column: of numbers, or of texts that are some."""
         is_there = np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
         try:
             value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)
@@ -448,7 +448,7 @@ class ParquetTable(NumberTable):
             return _mixed_numbers(_texts(cells))
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Some columns, in the order of the file."""
+        """Yield some columns, in the order of the file."""
         del note
         untimed = 0
         clocks = self.clocks_of(wanted)
@@ -495,7 +495,7 @@ def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
 
 
 def _texts(column: Any) -> list[str]:
-    """The cells as a text table would have them; a timestamp by its nanoseconds."""
+    """Return the cells as a text table would have them; a timestamp by its nanoseconds."""
     if str(column.type).startswith('timestamp'):
         times = column.to_numpy(zero_copy_only=False).astype('M8[ns]')
         # What is no time becomes a number beyond all times.

@@ -162,3 +162,36 @@ def test_a_year_of_two_digits_in_front_is_asked(
     assert (read(recording)[0] == [ns(time) for time in times]) == right
     asked = [text for text in recording.warnings if 'day first' in text]
     assert asked == ([question] if question else [])
+
+
+@pytest.mark.parametrize(
+    'form',
+    [
+        '{:%Y-%m-%dT%H:%M:%S.%f} ',
+        '[{:%Y-%m-%d %H:%M:%S.%f}] ',
+        '{:%m/%d/%Y,%H:%M:%S.%f},',
+        '{:%d-%b-%Y %H:%M:%S.%f}\t',
+        '{:%Y%m%dT%H%M%S.%f}Z ',
+        '{:%Y:%j:%H:%M:%S.%f} ',
+        'shaft {:%Y:%j:%H:%M:%S.%f} ',
+        '{:%Y-%jT%H:%M:%S.%f}Z,',
+    ],
+)
+def test_times_that_loggers_write_before_sentences(form: str, tmp_path: Path) -> None:
+    """Of several days, so that the day of 05/04/2026 is known."""
+    times = stamps(timedelta(hours=7, milliseconds=125))
+    spoken = [f'{form.format(time)}{sentence("IIRPM,S,1,30.0,30.0,A")}\r\n' for time in times]
+    assert read(opened(tmp_path, ''.join(spoken)), 'RPM S 1')[0] == [ns(time) for time in times]
+
+
+def test_days_of_a_year_that_do_not_exist_are_no_times(tmp_path: Path) -> None:
+    times = [
+        '2026:124:06:00:00',
+        '2026:366:06:00:00',
+        '2026:000:06:00:00',
+        '0000:001:06:00:00',
+        '2026:125:06:00:00',
+    ]
+    recording = opened(tmp_path, table(times))
+    assert read(recording)[0] == [ns(T0), ns(T0 + timedelta(days=1))]
+    assert recording.losses == ("3 lines without a time were not used, the first '2026:366:06:00:00'",)
