@@ -24,6 +24,7 @@ from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEE
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
+    SHORT,
     UNKNOWN,
     VIBRATING,
     doubt_foreign,
@@ -327,7 +328,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     # The probability follows the load by a lag; where sliding is unstable a cycle exists.
     exists = exists or s.median_rate > 0.0
     s.course = WITHIN if sliding and exists else BEYOND if sliding and not below else IDLE
-    if s.course == BEYOND and not s.sticking:
+    if may_be_foreign(s, c):
         doubt_foreign(s)
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = sliding and (wide if s.sticking else inside)
@@ -552,6 +553,17 @@ def hears(s: State, c: RuleNumbers) -> bool:
     """Return whether there is a level that is not lost."""
     last = s.came[LEVEL]
     return bool(c.has_level and last != NEVER and s.now - last <= age_limit(s, c, LEVEL))
+
+
+def may_be_foreign(s: State, c: RuleNumbers) -> bool:
+    """Return whether what vibrates now can be no stick-slip, nor the end of one.
+
+    The point is beyond the fold, the condition was cleared long ago, and the level is not lost: what
+    it said last says nothing any more.
+    """
+    since = s.cleared[STICK_SLIP]
+    ended = not s.raised & (1 << STICK_SLIP) and (since == NEVER or s.now - since >= SHORT)
+    return s.course == BEYOND and not s.sticking and ended and hears(s, c)
 
 
 def measured_now(s: State, c: RuleNumbers) -> int:

@@ -517,6 +517,16 @@ def _level_knocks() -> Iterable[Case]:
         sent = Sent('ship', 600.0, share, level=pump, unit='mm/s', threshold=20.0)
         where = 'in the bistable range' if onsets else 'beyond the fold'
         yield case(f'a pump that has run {where} is known', sent, onsets=onsets, ends='bistable')
+    # The end of an episode beyond the fold is nothing else that vibrates, nor is what a lost level said last.
+    share = ramps([0, 100, 105, 200, 206, 300, 306], [1.8, 1.8, 0.4, 0.4, 1.8, 1.8, 0.9])
+    for silent in (False, True):
+        level = bursts(lambda t: 103.0 <= t < 205.6 or t >= 550.0)
+        heard = (
+            (lambda t, own=level: math.nan if 190.0 <= t < 300.0 else number_at(own, t)) if silent else level
+        )
+        sent = Sent('ship', 600.0, share, level=heard, unit='mm/s', threshold=20.0)
+        what = f'a shock after an episode whose end was {"not " * silent}heard'
+        yield case(what, sent, onsets=(ALWAYS, (550.0, 555.0)), ends='stick_slip')
     for lasting, rises in product((3.5, 5.5), (True, False)):
         level = bursts(
             lambda t, n=lasting, r=rises: 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0)
