@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'unit of the speeds, if the heading has none'
     parser.add_argument('--speed-unit', choices=SPEED_UNITS, help=text)
     text = 'journal diameter [m], needed if speeds are in rpm, rad/s or Hz'
-    parser.add_argument('--journal-diameter', type=float, metavar='D', help=text)
+    options.add_number(parser, '--journal-diameter', 0, above=True, kind=float, metavar='D', help=text)
     text = 'fit a viscous slope (default auto: if an F-test at 1 %% supports it)'
     parser.add_argument('--viscous', choices=('auto', 'yes', 'no'), default='auto', help=text)
     group = parser.add_argument_group('spread of the boundaries')

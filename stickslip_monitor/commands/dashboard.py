@@ -83,6 +83,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.bag is not None and args.log is not None:
         raise ConfigurationError('--log is for a running monitor: a replay is not kept')
+    if args.bag is not None and len(args.node or ()) > 1:
+        raise ConfigurationError('--bag replays for one monitor: give --node once at most')
     nodes = _nodes(args)
     if len(args.config) not in (1, len(nodes)):
         raise ConfigurationError(

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from stickslip_monitor.commands import options
-from stickslip_monitor.errors import DashboardError, RosError, no_ros
+from stickslip_monitor.errors import ConfigurationError, DashboardError, RosError, cause, no_ros
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 
@@ -69,6 +69,8 @@ def _of_page(args: argparse.Namespace) -> int:
     """Ask a page for its figures: whether monitors are there, and the links to buses work."""
     from urllib.request import Request, urlopen
 
+    if not args.page.startswith(('http://', 'https://')):
+        raise ConfigurationError(f"--page = '{args.page}' must be an address such as http://127.0.0.1:8370/")
     try:
         request = Request(f'{args.page.rstrip("/")}/metrics')
         if args.token_file is not None:
@@ -78,7 +80,10 @@ def _of_page(args: argparse.Namespace) -> int:
         with urlopen(request, timeout=args.timeout) as answer:
             figures = answer.read().decode()
     except (OSError, ValueError) as error:
-        raise DashboardError(f"--page '{args.page}' gives no figures: {error}") from error
+        # What urllib wraps says more to a person than its wrapping.
+        reason = getattr(error, 'reason', error)
+        why = cause(reason) if isinstance(reason, BaseException) else str(error)
+        raise DashboardError(f"--page '{args.page}' gives no figures: {why}") from error
     ups = re.findall(r'^stickslip_(monitor|link)_up\{\w+="([^"]*)"\} (\S+)$', figures, re.MULTILINE)
     down = [f'{what} {name}' for what, name, value in ups if float(value) != 1.0]
     works = bool(ups) and not down

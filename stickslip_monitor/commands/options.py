@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.errors import ConfigurationError, OutputError
@@ -136,22 +137,30 @@ def add_number(
 
     Its keywords are argparse's.
     """
-    options.add_argument(name, action=_Number, rule=(low, high, above), type=kind, **more)
+    own: dict[str, Any] = {'rule': (low, high, above), 'kind': kind, 'type': partial(_read_number, kind)}
+    options.add_argument(name, action=_Number, **own, **more)
+
+
+def _read_number(kind: type[float], text: str) -> float | str:
+    """Return the number of a text; the text itself, which is refused, where it is not a number."""
+    try:
+        return kind(text)
+    except ValueError:
+        return text
 
 
 class _Number(argparse.Action):
     """Refuses a number out of bounds."""
 
-    def __init__(self, *, rule: tuple[float, float, bool], **more: Any) -> None:
+    def __init__(self, *, rule: tuple[float, float, bool], kind: type[float], **more: Any) -> None:
         super().__init__(**more)
-        self.rule = rule
+        self.rule, self.kind = rule, kind
 
     def __call__(
         self, parser: argparse.ArgumentParser, args: Any, value: Any, name: str | None = None
     ) -> None:
-        low, high, above = self.rule
-        option, kind = self.option_strings[0], type(value).__name__
-        row = Parameter(option, kind, None, '', minimum=low, maximum=high, above_minimum=above)
+        (low, high, above), option = self.rule, self.option_strings[0]
+        row = Parameter(option, self.kind.__name__, None, '', minimum=low, maximum=high, above_minimum=above)
         setattr(args, self.dest, row.checked(option, {option: value}))
 
 

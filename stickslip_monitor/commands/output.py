@@ -44,7 +44,8 @@ def ending(path: str | Path, marks: Marks) -> str:
     suffix = Path(path).suffix.lower()
     if suffix in marks or '' in marks:
         return suffix if suffix in marks else ''
-    raise OutputError(f"output '{path}' must end in one of {', '.join(marks)}: the ending chooses the format")
+    rule = f'one of {", ".join(marks)}: the ending chooses the format' if len(marks) > 1 else ''.join(marks)
+    raise OutputError(f"output '{path}' must end in {rule}")
 
 
 def check_files(args: argparse.Namespace) -> None:

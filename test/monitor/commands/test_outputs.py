@@ -148,7 +148,7 @@ def test_a_foreign_file_is_replaced_only_by_force_and_an_own_one_always(
     [
         ({'output': 'a.csv', 'fragment': 'a.csv'}, 'are one file'),
         ({'output': '{0}/a.csv', 'fragment': '{0}/../{1}/a.csv'}, 'are one file'),
-        ({'output': 'a.pdf'}, r"output '.*a\.pdf' must end in one of \.csv"),
+        ({'output': 'a.pdf'}, r"output '.*a\.pdf' must end in \.csv"),
         ({'picture': 'none/a.png'}, "there is no folder '.*none'"),
         ({'picture': 'folder.png'}, 'is a folder, and only files are replaced'),
         ({'picture': 'pipe.png'}, 'is a pipe, and only files are replaced'),

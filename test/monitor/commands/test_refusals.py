@@ -47,7 +47,13 @@ REFUSED = {
     'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads = '2kN:1kN' must be rising from its first value",
     'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds = '-1rpm:9rpm' must be rising",
     f'fit {CURVE} -c own.yaml --load 0N': "load = '0N' must be above 0",
-    f'fit {CURVE} --journal-diameter 0': 'journal_diameter = 0 m must be greater than 0',
+    f'fit {CURVE} --journal-diameter 0': '--journal-diameter = 0.0 must be a finite number above 0',
+    f'fit {CURVE} --journal-diameter 80mm': "--journal-diameter = '80mm' must be a finite number above 0",
+    'dashboard -c own.yaml --port 80x': "--port = '80x' must be a whole number between 0 and 65535",
+    f'check {BAG} -c own.yaml --jobs many': "--jobs = 'many' must be a whole number not below 1",
+    f'check {BAG} -c own.yaml --report x.pdf': "output 'x.pdf' must end in .html",
+    'health --page ship:8370': "--page = 'ship:8370' must be an address such as http://",
+    'health --page http://127.0.0.1:1': 'gives no figures: Connection refused',
     # Options that go together, or do not.
     'map -c own.yaml -o a.csv --track x': "track 'x' is for pictures: write a .png or .svg",
     'diagram -c two.yaml --load 1kN -o a.csv': 'choose --bearing from aft_stern, forward',
@@ -70,6 +76,7 @@ REFUSED = {
     'dashboard -c own.yaml -c own.yaml --node /a/m --node /b/m --node /c/m': '--config is given 2'
     ' times for 3 nodes',
     f'dashboard -c own.yaml --bag {BAG} --log x.json': 'a replay is not kept',
+    f'dashboard -c own.yaml --bag {BAG} --node /a/m --node /b/m': '--bag replays for one monitor',
     f'dashboard -c own.yaml --bag {BAG} --host 0.0.0.0': '--host 0.0.0.0 lets others in: give --token-file',
     f'dashboard -c own.yaml --bag {BAG} --host localhost.evil.test': 'lets others in: give',
     # Files.
@@ -166,6 +173,7 @@ def test_options_with_bounds_have_them() -> None:
         'dashboard --port': (0, 65535, False),
         'dashboard --rate': (0, math.inf, True),
         'diagram --points': (10, 100_000, False),
+        'fit --journal-diameter': (0, math.inf, True),
         'health --timeout': (0, 600, True),
         'play --loop': (1, math.inf, False),
         'play --rate': (0, math.inf, True),
@@ -179,7 +187,7 @@ def test_a_number_out_of_its_bounds_is_refused(name: str, stickslip: Stickslip) 
     command, action = numbers()[name]
     low, high, above = action.rule
     wrong = [low if above else low - 1, *([high + 1] if high < math.inf else [])]
-    wrong += [math.nan, *([math.inf] if above else [])] if action.type is float else []
+    wrong += [math.nan, *([math.inf] if above else [])] if action.kind is float else []
     for value in wrong:
         done = stickslip(command, f'{name.split()[1]}={value}')
         assert done.code == 2
