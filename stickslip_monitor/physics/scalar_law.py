@@ -79,7 +79,10 @@ class _Plain:
             numbers = law.numbers  # type: ignore[attr-defined]
             columns = (x.tolist() if isinstance(x, np.ndarray) else x for x in numbers)
             own = type(numbers)(*columns)
-            self.drop = partial(_guarded, module.friction_drop, own)
+            never = getattr(module, 'NEVER_OVERFLOWS', False)
+            self.drop = (
+                partial(module.friction_drop, own) if never else partial(_guarded, module.friction_drop, own)
+            )
             self.slope = partial(module.friction_slope, own)
 
 
