@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.alarms import LIFE, AlarmState
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
-from stickslip_monitor.monitor.record_fields import BEARING, WARNING, RecordField, schema_of
+from stickslip_monitor.monitor.record_fields import ASSESSMENT, BEARING, WARNING, RecordField, schema_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ('stickslip_logs', 'stickslip_monitor', 'stickslip_lab')
@@ -315,6 +315,7 @@ def run_tutorial(page: str, folder: Path) -> str:
 
 SCHEMAS: dict[str, tuple[tuple[RecordField, ...], tuple[str, ...]]] = {
     'warning-3': (WARNING, ('properties',)),
+    'assessment-2': (ASSESSMENT, ('properties',)),
     'bearings-4': (BEARING, ('properties', 'bearings', 'items', 'properties')),
 }
 """Of each schema that is made of the fields these, and where their properties stand in it."""

@@ -350,6 +350,19 @@ BEARING = (
 """The fields of a bearing as it is now, but for its inputs."""
 
 
+ASSESSMENT = (
+    _BEARING_NAME,
+    *(item._replace(kinds='string') for item in _OPERATING_POINT[:2]),
+    RecordField('sentence', 'the outcome, for a person', kinds='string'),
+    # These always have a value: what is assessed is given.
+    *(
+        item._replace(kinds='number') if item.name in ('speed', 'load', 'growth_rate') else item
+        for item in ASSESSED
+    ),
+)
+"""The fields of what ``assess`` prints."""
+
+
 def schema_of(own: tuple[RecordField, ...], optional: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the JSON schema of an object of some fields, of which the optional may be missing."""
     return {

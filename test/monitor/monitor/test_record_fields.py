@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.bearing_records import (
     output_topics,
 )
 from stickslip_monitor.monitor.input_faults import InputState
-from stickslip_monitor.monitor.record_fields import BEARING, NUMBERS, WARNING
+from stickslip_monitor.monitor.record_fields import ASSESSMENT, BEARING, NUMBERS, WARNING
 
 LEVEL = {'level__topic': '/level', 'level__unit': 'mm/s', 'level__threshold': 2.0}
 # As docs/interfaces.md has them.
@@ -61,6 +61,7 @@ def test_the_bearings_keep_their_schema_and_have_the_declared_fields(monitor: Mo
 @pytest.mark.parametrize(
     ('name', 'place', 'fields'),
     [
+        ('assessment-2', ('properties',), ASSESSMENT),
         ('warning-3', ('properties',), WARNING),
         ('bearings-4', ('properties', 'bearings', 'items', 'properties'), BEARING),
     ],
