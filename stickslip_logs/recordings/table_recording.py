@@ -13,7 +13,7 @@ import pickle
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,6 +42,7 @@ from stickslip_logs.sources import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.clock import Cells, Clock, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
+from stickslip_logs.tables.quality import find_quality, is_quality_of
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.time_order import TimeCourse, TimeOrder
@@ -53,14 +54,6 @@ _NAME = re.compile(
 )
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
-# Columns that say of the numbers of another whether they count, and what those say that do not.
-_STATUS = re.compile(r'q|good|(?:opc)?(?:status|qual|quality\w*|valid|validity)')
-_BAD = re.compile(
-    r'\s*(?:bad|invalid|uncertain|questionable|false|fail|fault|err|stale|not (?!run|ready)|comm|timeout)',
-    re.I,
-)
-# Codes of OPC from which a number is good.
-_OPC_GOOD, _OPC_MOST = 192, 255
 _MOST_WORDS, _MOST_KINDS, _MOST_SHOWN = 6, 200, 20
 # Lines that share a time so coarse [ns], or the only one: their times were rounded away. A value before
 # and one behind a change share theirs rightly.
@@ -187,22 +180,18 @@ class TableRecording(Recording):
         return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
     def _status_of(self, column: int) -> int | None:
-        """Return the column that says whether the numbers of another count: named after it, or behind it."""
-        names = [parse_heading(name).name.split() for name in self.table.names]
-        for k, words in enumerate(names):
-            rest = [word for word in words if not _STATUS.fullmatch(word)]
-            is_behind = words != ['q'] and (k == column + 1 or self.names is not None)
-            if k != column and rest != words and (rest == names[column] or (not rest and is_behind)):
-                return k if self.least_good(k) is not None else None
+        """Return the column that says whether the numbers of another count; None where there is none."""
+        names = self.table.names
+        for k, heading in enumerate(names):
+            is_beside = k == column + 1 or self.names is not None
+            if k != column and is_quality_of(heading, names[column], is_beside=is_beside):
+                return k if self.quality(k) is not None else None
         return None
 
-    def least_good(self, status: int) -> float | None:
-        """Return the least number by which a column says that others count; None where it is not known."""
-        codes = [parse_number(str(row[status])) for row in self.table.head if len(row) > status]
-        if any(_OPC_GOOD <= (code or 0) <= _OPC_MOST for code in codes):
-            return _OPC_GOOD
-        is_yes_or_no = re.search(r'\b(?:valid|validity|good)\b', parse_heading(self.table.names[status]).name)
-        return 1.0 if is_yes_or_no else -np.inf if None in codes else None
+    def quality(self, status: int) -> Callable[[str], bool] | None:
+        """Return what tells the marks of a column by which numbers do not count; None for another column."""
+        rows = (*self.table.head, *self.table.tail)
+        return find_quality(self.table.names[status], {str(row[status]) for row in rows if len(row) > status})
 
     def _all_rows(self, name: int) -> Iterator[Cells]:
         """Rows that have every name, with one row of each at least."""
@@ -463,7 +452,7 @@ class TableReading:
         self._steps = KeySteps(ends)
         self._wanted = list(dict.fromkeys([*places, *keys, *statuses, *units, *self._steps.places]))
         self._converted: set[str] = set()
-        self._least_good = {k: recording.least_good(k) or 0.0 for k in statuses}
+        self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.quality(k)) is not None}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
         self._names = {own.column.name for own in columns.values()}
         self._admissions = {
@@ -593,7 +582,7 @@ class TableReading:
                 texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
                 self._convert(found, some_cells(texts, chosen), own.column)
             if status is not None:
-                self._leave_out(found, marks, self._least_good[status])
+                self._leave_out(found, marks, self._is_bad[status])
             self._take_words(topic, found.words)
             at = np.flatnonzero(found.is_there)
             row = at if where is None else where[at]
@@ -657,17 +646,13 @@ class TableReading:
                 self._recording.note(said)
 
     @staticmethod
-    def _leave_out(found: Numbers, marks: Sequence[str], least_good: float) -> None:
+    def _leave_out(found: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
         """Take the numbers that do not count for the words that say so."""
-        bad = set()
-        for mark in set(marks):
-            number = parse_number(mark)
-            if _BAD.match(mark) if number is None else number < least_good:
-                bad.add(mark)
+        bad = set(filter(is_bad, set(marks)))
         if bad:
-            is_bad = np.array([mark in bad for mark in marks], np.bool_) & found.is_there
-            found.value[is_bad] = np.nan
-            found.words.update(marks[k].strip()[:20] for k in np.flatnonzero(is_bad).tolist())
+            chosen = np.array([mark in bad for mark in marks], np.bool_) & found.is_there
+            found.value[chosen] = np.nan
+            found.words.update(marks[k].strip()[:20] for k in np.flatnonzero(chosen).tolist())
 
     def _take_words(self, topic: str, words: Counter[str]) -> None:
         own = self._words[topic]

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which numbers count, by a column of their quality."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from nasty_logs import opened
+
+from stickslip_logs.recordings.columns import SourceColumn
+from stickslip_logs.recordings.recording import Request
+from stickslip_logs.tables.quality import find_quality
+
+
+@pytest.mark.parametrize(
+    ('heading', 'good', 'bad'),
+    [
+        # OPC UA Part 6, StatusCode.csv: Good, Uncertain, BadCommunicationError, BadNotConnected; signed, too.
+        ('StatusCode', '0', '2147483648'),
+        ('StatusCode', '0', '1073741824'),
+        ('quality', '0', '-2147155968'),
+        ('rpm_status', '0x00000000', '0x80050000'),
+        ('status', '00000000', '808A0000'),
+        ('StatusCode', 'Good', 'BadCommunicationError'),
+        ('StatusCode', 'GoodClamped', 'UncertainLastUsableValue'),
+        ('StatusCode', '0x00000000 (Good)', '0x80310000 (BadNoCommunication)'),
+        # OPC DA 3.00, 6.8: good 192 and 216 (local override), bad 24 (comm failure), uncertain 68.
+        ('quality', '192', '24'),
+        ('rpm_quality', '216', '68'),
+        ('Quality', '192.0', '0'),
+        ('rpm valid', '1', '0'),
+        ('rpm_valid', 'TRUE', 'FALSE'),
+        # QARTOD flags: 1 pass, 4 fail.
+        ('rpm_qc', '1', '4'),
+    ],
+)
+def test_marks_of_quality(heading: str, good: str, bad: str, tmp_path: Path) -> None:
+    recording = opened(tmp_path, f'time,rpm,{heading},load\n@0,30,{good},900\n@1,31,{bad},901\n')
+    recording.deliver({'/n': SourceColumn(recording.all_columns[0])})
+    request = Request('/n', 'data')
+    values = recording.read([request])[request].value
+    assert (values[0], values[1] != values[1]) == (30, True)
+    assert any(f"count where '{heading}' says so" in text for text in recording.warnings)
+
+
+def test_a_mode_is_no_quality() -> None:
+    assert find_quality('status', ['1', '2', '3']) is None
+
+
+def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
+    is_bad = find_quality('quality', ['0'])
+    assert is_bad is not None
+    assert [is_bad(mark) for mark in ('0', '2147483648')] == [False, True]
