@@ -46,6 +46,10 @@ _COMPACT = _DATES[-1] + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\
 _STAMPS = [
     *(re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES),
     re.compile(_COMPACT + _ZONE),
+    # As C and Unix write it: Mon May  4 06:00:00 UTC 2026.
+    re.compile(
+        rf'(?:[A-Z][a-z]{{2}} +)?(?P<name>[A-Za-z]{{3}}) +(?P<d>\d\d?) +{_CLOCK}{_ZONE} +(?P<Y>\d{{4}})'
+    ),
     # The day of the year, as ISO 8601 and the loggers of research ships have it: 2026:124:06:00:00.
     re.compile(rf'(?P<Y>\d{{4}})[-:](?P<j>\d{{3}})[T :]{_CLOCK}{_ZONE}'),
 ]
@@ -183,6 +187,11 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
         return _of_stamps(table, rows, (running[0],) if running else (days[0], own[0]))
     if own:
         return _of_day(table, own[0])
+    for k in named:
+        # 20260504 and 060000 are numbers each.
+        pairs = [f'{row[k].strip()} {row[k + 1].strip()}' for row in rows if k + 1 < len(row)]
+        if k + 1 in named and sum(map(is_stamp, pairs)) > _MOSTLY * len(rows):
+            return _of_stamps(table, rows, (k, k + 1))
     for k in (*named, 0):
         if (found := number_clock(table, rows, k, is_named=k in named)) is not None:
             return found

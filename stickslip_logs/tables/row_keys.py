@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip_logs.arrays import FloatArray, IntArray
 from stickslip_logs.tables.clock import Cells
-from stickslip_logs.tables.dialect import parse_heading, parse_number
+from stickslip_logs.tables.dialect import parse_heading, parse_number, unit_of
 
 # More words are names of files, events or remarks: a fleet's list of ships is shorter.
 _MAX_WORDS = 100
@@ -60,7 +60,7 @@ def find_key_column(
         is_twice = is_shared & (np.diff(key[order]) == 0)
         shared = int(np.count_nonzero(is_shared & ~is_twice))
         is_apart = shared >= max(2, _MIN_SHARED * len(rows)) and is_twice.sum() <= _MAX_TWICE * len(rows)
-        are_words = all(parse_number(word) is None for word in numbers)
+        are_words = not any(map(_is_number, numbers))
         if are_words:
             changes = int(np.count_nonzero(np.diff(key)))
             if is_apart or changes > max(2, _MIN_CHANGES * len(rows)):
@@ -71,6 +71,13 @@ def find_key_column(
             if _differ(time_ns, key, np.array(values)):
                 return place
     return None
+
+
+def _is_number(word: str) -> bool:
+    """Return whether a text is a number with a point or a comma, and perhaps with a unit."""
+    number, _, unit = word.partition(' ')
+    texts = (word, number) if unit_of(unit) else (word,)
+    return any(parse_number(text, sign) is not None for text in texts for sign in '.,')
 
 
 def _are_ids(words: Iterable[str], heading: str) -> bool:

@@ -195,3 +195,31 @@ def test_days_of_a_year_that_do_not_exist_are_no_times(tmp_path: Path) -> None:
     recording = opened(tmp_path, table(times))
     assert read(recording)[0] == [ns(T0), ns(T0 + timedelta(days=1))]
     assert recording.losses == ("3 lines without a time were not used, the first '2026:366:06:00:00'",)
+
+
+@pytest.mark.parametrize(
+    'form',
+    [
+        '%a %b %d %H:%M:%S %Y',
+        '%a %b %d %H:%M:%S UTC %Y',
+        '%b %d %H:%M:%S %Y',
+        '%Y%m%d,%H%M%S',
+        '%Y%m%d,%H%M%S.%f',
+    ],
+)
+def test_dates_of_c_and_of_digits_alone(form: str, tmp_path: Path) -> None:
+    times = stamps(timedelta(seconds=1))
+    head = 'date,time,rpm' if ',' in form else 'time,rpm'
+    assert read(opened(tmp_path, table([time.strftime(form) for time in times], head)))[0] == [
+        ns(time) for time in times
+    ]
+
+
+@pytest.mark.parametrize('form', ['{},0', '{}.0 N', '{},5 kN'])
+def test_numbers_of_few_kinds_tell_no_rows_apart(form: str, tmp_path: Path) -> None:
+    text = 'time;rpm;load\n' + ''.join(
+        f'{time};30,5;{form.format(900 + 5 * k % 7)}\n' for k, time in enumerate(CLEAN)
+    )
+    recording = opened(tmp_path, text)
+    speed = next(column for column in recording.all_columns if column.heading == 'rpm')
+    assert recording.key_of(speed) is None
