@@ -78,7 +78,7 @@ _HOMES = (
 
 
 def __getattr__(name: str) -> Any:
-    """What a name of :data:`__all__` stands for."""
+    """Import what a name of :data:`__all__` stands for, when it is first used."""
     if name in __all__:
         for home in _HOMES:
             module = _import_module(f'{__name__}.{home}')
@@ -89,5 +89,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names, used or not."""
+    """Return the public names, used or not."""
     return sorted({*globals(), *__all__})

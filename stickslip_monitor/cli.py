@@ -62,7 +62,7 @@ _HEIRS = {
 
 
 class _ErrorStream(io.TextIOWrapper):
-    """The standard error: what it does not take, as on a full disk, changes nothing else."""
+    """Standard error that ignores what cannot be written, as on a full disk."""
 
     def write(self, text: str) -> int:
         try:
@@ -87,7 +87,7 @@ class _Paragraphs(argparse.HelpFormatter):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says in one sentence what is wrong with options, an unknown one before a missing one."""
+    """Parser that names one wrong option in a sentence, an unknown one before a missing one."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         for argument in self._own(args):
@@ -102,7 +102,7 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def _own(self, args: Sequence[str]) -> Iterator[str]:
-        """The options that are this parser's: of the program those before the command."""
+        """Return the options of this parser: of the program, those before the command."""
         for argument in args:
             if argument == '--' or (self._subparsers and not argument.startswith('-')):
                 return
@@ -117,7 +117,7 @@ class _Parser(argparse.ArgumentParser):
 def _parser(
     asked: str | None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> argparse.ArgumentParser:
-    """The parser; only the asked command's module is imported."""
+    """Build the parser; only the module of the given command is imported."""
     parser = _Parser(
         prog='stickslip',
         description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
@@ -148,7 +148,7 @@ def _loaded(place: str) -> Any:
 
 
 def module_of(command: str, package: str = PACKAGE) -> str:
-    """The module of a command."""
+    """Import the module of a command."""
     return f'{ELSEWHERE.get(command, package) if package == PACKAGE else package}.{command}'
 
 
@@ -279,7 +279,7 @@ def _to_nowhere(number: int) -> None:
 
 
 def _print_anything() -> None:
-    """Let letters that the terminal does not have be written as codes instead of failing."""
+    """Write letters that the terminal does not have as codes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')

@@ -48,7 +48,7 @@ class ConfigurationError(StickslipError, ValueError):
 
 
 class AlarmStateError(StickslipError, ValueError):
-    """What was kept of the alarms over a restart cannot be read."""
+    """The saved alarms cannot be read."""
 
 
 class SceneError(StickslipError, ValueError):
@@ -88,7 +88,7 @@ class LinkError(StickslipError):
 
 
 def no_ros(error: ImportError) -> RosError:
-    """The error where ROS 2 is needed and cannot be imported."""
+    """Return the error for a missing ROS 2."""
     return RosError(
         f'ROS 2 is not available ({error}): source its setup file, or install this package with'
         " the extra 'ros'"
@@ -96,13 +96,13 @@ def no_ros(error: ImportError) -> RosError:
 
 
 def cause(error: BaseException) -> str:
-    """Why something failed, without the number or the place in C that the system has for it."""
+    """Return why something failed, without the system's error number and place in C."""
     text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
     return re.sub(r'^\[SSL: \w+\] (.*) \(_ssl\.c:\d+\)$', r'TLS: \1', text)
 
 
 def program_fault(error: BaseException) -> str:
-    """The text for a user of an error that is raised by mistake and not on purpose."""
+    """Return the text that a user sees of an unexpected error."""
     return (
         f'this is a fault of the program, not of what it was given: {type(error).__name__}:'
         f' {error}. Please report it to its maintainers, with what the same command prints with'

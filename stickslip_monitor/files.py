@@ -54,7 +54,7 @@ def read_json(path: str | Path, most: int) -> Any:
 
 
 def is_same(one: str | Path, other: str | Path) -> bool:
-    """Whether two paths are one file, by whatever name, link or case."""
+    """Return whether two paths are one file, by any name, link or case."""
     try:
         return Path(one).samefile(other)
     except (OSError, ValueError):
@@ -90,7 +90,7 @@ def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = Fal
 
 
 def holds_mark(path: str | Path, mark: bytes) -> bool:
-    """Whether the beginning of a file contains what one of ours does."""
+    """Return whether the beginning of a file has the mark of one of ours."""
     try:
         with open_file(path) as file:
             return mark in (file.read(_HEAD) or b'')
@@ -152,7 +152,7 @@ def replace_file(target: Path, data: bytes) -> None:
 
 
 def printable(text: str) -> str:
-    """A text without what would do something to a terminal, and not longer than a few screens."""
+    """Replace control characters in a text, and cut it to a few screens."""
     if len(text) > _LONGEST_TEXT:
         left = len(text) - 2 * _ENDS
         text = f'{text[:_ENDS]} ... ({left} characters) ... {text[-_ENDS:]}'

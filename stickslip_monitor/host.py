@@ -59,7 +59,7 @@ class HostClock:
 
 
 def end_signals() -> list[signal.Signals]:
-    """The signals that end the program: Ctrl-C, a service manager, and that the terminal has gone.
+    """Return the signals that end the program: Ctrl-C, a service manager, a terminal that has gone.
 
     One that is ignored from the start (nohup) stays so.
     """
@@ -76,7 +76,7 @@ _CHUNK = 512
 
 
 class _Pump:
-    """Hands lines on from one file descriptor to another that may not take them."""
+    """Forwards lines from one file descriptor to another that may block."""
 
     def __init__(self, source: int, target: int) -> None:
         self._source, self._target = source, target
@@ -84,7 +84,7 @@ class _Pump:
         self._rest, self._lost = b'', 0
 
     def run(self) -> None:
-        """Hand on until the source ends; then what the reader takes in time."""
+        """Forward until the source ends, then what the reader takes in time."""
         is_open = True
         while is_open or self._lines:
             sources, targets = [self._source] * is_open, [self._target] * bool(self._lines)
@@ -97,7 +97,7 @@ class _Pump:
                 is_open = self._take()
 
     def _take(self) -> bool:
-        """Take what has come; whether the source goes on."""
+        """Read available data; return False at the end of the source."""
         data = os.read(self._source, 1 << 16)
         *lines, self._rest = (self._rest + data).split(b'\n')
         if self._rest and not data:
@@ -128,7 +128,7 @@ def _open_null(descriptor: int) -> None:
 
 @contextmanager
 def unblocked() -> Iterator[int]:
-    """Let nobody wait for the reader of standard error; without one it is the null device.
+    """Keep writers from waiting for the reader of standard error; without one it is the null device.
 
     Yields:
         A descriptor of the reader, for what is written when the program breaks.
@@ -158,7 +158,7 @@ def unblocked() -> Iterator[int]:
 
 
 class ServiceManager:
-    """What started the node, as far as it wants notice, by the datagrams of sd_notify(3).
+    """Service manager that started the node, notified by the datagrams of sd_notify(3).
 
     Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent.
     """
@@ -179,7 +179,7 @@ class ServiceManager:
                 own.sendto(state.encode(), self._address)
 
     def beat(self) -> None:
-        """Say that the node is alive, as often as the watchdog wants."""
+        """Notify the watchdog that the node is alive, as often as it wants."""
         now = time.monotonic()
         if now - self._told >= self._period:
             self._told = now

@@ -35,7 +35,7 @@ def raise_on_signals() -> None:
 
 
 def is_stopped() -> bool:
-    """Whether a signal has told the process to stop."""
+    """Return whether a signal has told the process to stop."""
     return bool(_received)
 
 

@@ -47,7 +47,7 @@ def _is_installed() -> bool:
 
 
 def has_compiler() -> bool:
-    """Whether this process may compile: numba is installed, and it is no live process."""
+    """Return whether this process may compile: numba is installed, and it is not a live process."""
     return not _live.is_set() and _is_installed()
 
 
@@ -85,7 +85,7 @@ def compiled(
 
 
 def _is_kept(function: Any) -> bool:
-    """Whether an earlier process has left the compiled code of a function."""
+    """Return whether an earlier process has left the compiled code of a function."""
     folder = function.stats.cache_path
     return bool(folder and any(Path(folder).glob(f'*.{function.py_func.__qualname__}-*.nbi')))
 

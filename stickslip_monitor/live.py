@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.parameters import ClipConfig
 
 
 def clip_store(config: ClipConfig) -> ClipStore:
-    """Where the clips of a node go.
+    """Return where the clips of a node go.
 
     Raises:
         BagError: The folder is not there and cannot be made.

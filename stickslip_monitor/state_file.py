@@ -104,7 +104,7 @@ class StateFile:
         return self.path.with_name(self.path.name + suffix)
 
     def lock(self) -> None:
-        """Keep the file for this process, until :meth:`unlock` or its end.
+        """Lock the file for this process, until :meth:`unlock` or its end.
 
         Raises:
             RosError: Another process has it.
@@ -125,13 +125,13 @@ class StateFile:
         self._lock = descriptor
 
     def unlock(self) -> None:
-        """Let others have the file."""
+        """Release the file for others."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
     def read(self) -> Any:
-        """The document; ``None`` where there is no file yet.
+        """Read the document; ``None`` where there is no file yet.
 
         Raises:
             AlarmStateError: It cannot be read.
@@ -242,7 +242,7 @@ class StateWriter(StateFile):
 
     @property
     def fault(self) -> str:
-        """Why the newest document is not in the file yet; empty otherwise."""
+        """Reason why the newest document is not in the file yet; empty otherwise."""
         return self._writer.fault and f'the alarms are not kept: {self._writer.fault}'
 
     def write(self, document: Any) -> None:

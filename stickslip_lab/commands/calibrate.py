@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     whole = load_config(args.config, args.node)
-    config = options.the_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
+    config = options.require_single_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
     source = source_of(args.reports, whole)
     with output.ProgressBar() as meter:
         evidence = _read_evidence(args.bags, config, source, meter)

@@ -48,14 +48,14 @@ def run(args: argparse.Namespace) -> int:
         output.print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:
-            output.console().print(_table(item, point))
+            output.console().print(_build_table(item, point))
             for question in asked(item, load):
                 output.console().print(f'question: {question}', soft_wrap=True)
     return int(warned)
 
 
 def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
-    """The assessment of scalars as the documented JSON object."""
+    """Return the assessment of scalars as the documented JSON object."""
     return {
         'schema': SCHEMA,
         'bearing': bearing,
@@ -66,7 +66,7 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
     }
 
 
-def _table(item: BearingConfig, point: Assessment) -> Table:
+def _build_table(item: BearingConfig, point: Assessment) -> Table:
     title = f'{item.name}: {point.regime.value}'
     table = output.table_of(title, 'quantity; value', caption=point.outcome.sentence)
     units = {'rpm': 1.0 / item.bearing.speed.factor('rpm'), '%': 100.0, 'mm': 1e3}

@@ -56,7 +56,7 @@ _REPORT_SUCCESSORS = {
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is wanted of every recording; it can be sent to another process or machine."""
+    """Work on each recording; it can be sent to another process or machine."""
 
     config: MonitorConfig
     is_reported: bool = False  # whether a report is wanted, which has pictures
@@ -66,8 +66,8 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What came of one recording: without its samples, which may be many."""
+class CheckResult:
+    """Result of one recording, without its samples."""
 
     document: dict[str, Any]  # what `check --json` prints of it
     part: RecordingPart | None = None  # its part of the report, where one is wanted
@@ -76,7 +76,7 @@ class Found:
 
     @property
     def code(self) -> int:
-        """The exit code of this recording alone."""
+        """Exit code of this recording alone."""
         if 'error' in self.document:
             return 3 if self.faulty else 2
         if self.unjudged:
@@ -92,7 +92,7 @@ class Found:
 
     @property
     def unjudged(self) -> list[str]:
-        """The bearings of which the recording gave no operating point: silence is not health."""
+        """Bearings without an operating point in the recording: silence is not health."""
         bearings = self.document.get('bearings', {})
         return [name for name, item in bearings.items() if not item['evaluations']]
 
@@ -161,7 +161,7 @@ def _check_bags(
 
         archive = Archive()
     for found in _check_all(task, bags, args, meter):
-        _tell(found, args, listed=listed, shown=shown)
+        _print_result(found, args, listed=listed, shown=shown)
         if archive is not None and found.part is not None:
             archive.add(found.part)
         all_found.append(replace(found, part=None))
@@ -173,14 +173,14 @@ def _check_bags(
     output.write_outputs(args, report=lambda: _report_page(args, task, archive))
     if args.mcap is not None:
         output.say_written(args.mcap)
-    sys.stdout.write(text if args.json else _advice(task.config))
+    sys.stdout.write(text if args.json else _advice_text(task.config))
     return code
 
 
-def _advice(config: MonitorConfig) -> str:
+def _advice_text(config: MonitorConfig) -> str:
     exact = printable(', '.join(own.name for own in config.bearings if own.belief is None))
     advice = f'{exact}: add a tolerance for probabilities (docs/calibration.md)'
-    return f'{_wrapped(advice, output.line_width())}\n' if exact else ''
+    return f'{_wrap_line(advice, output.line_width())}\n' if exact else ''
 
 
 def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
@@ -199,18 +199,18 @@ def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
 
 def _check_all(
     task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: output.ProgressBar
-) -> Iterator[Found]:
-    """What came of each recording, in the order asked for."""
+) -> Iterator[CheckResult]:
+    """Yield the result of each recording, in the order of the arguments."""
     if args.scheduler is not None:
         bags = [bag.absolute() for bag in bags]
     # What is left out is said once, with the first.
     rest = replace(task, left_out='')
     calls = {number: (rest if number else task, bag) for number, bag in enumerate(bags)}
-    waiting: dict[int, Found] = {}
+    waiting: dict[int, CheckResult] = {}
     following, total = 0, len(bags)
-    with contextlib.closing(_outcomes(calls, args, meter)) as arriving:
+    with contextlib.closing(_run_checks(calls, args, meter)) as arriving:
         for count, (number, outcome) in enumerate(arriving, 1):
-            waiting[number] = _as_found(*calls[number], outcome)
+            waiting[number] = _as_result(*calls[number], outcome)
             meter.hide()
             while following in waiting:
                 yield waiting.pop(following)
@@ -219,21 +219,23 @@ def _check_all(
                 meter.show(f'{count} of {total} recordings', count, total)
 
 
-def _outcomes(
+def _run_checks(
     calls: dict[int, tuple[Task, Path]], args: argparse.Namespace, meter: output.ProgressBar
 ) -> Any:
-    """A generator of the number of each recording, as it is done, and what came of it."""
+    """Return a generator of the number and the result of each recording, as it is done."""
     if args.scheduler is None and (args.jobs == 1 or len(calls) < 2):
-        return ((number, attempt(*call, meter.show)) for number, call in calls.items())
+        return ((number, check_one(*call, meter.show)) for number, call in calls.items())
     # Processes and clusters are not needed for one recording, and cost time to import.
     from stickslip_monitor.offline import processes
 
     if args.scheduler is not None:
-        return processes.on_cluster(args.scheduler, attempt, calls)
-    return processes.run_in_processes(attempt, calls, args.jobs or processes.core_count())
+        return processes.on_cluster(args.scheduler, check_one, calls)
+    return processes.run_in_processes(check_one, calls, args.jobs or processes.core_count())
 
 
-def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], None] | None = None) -> Found:
+def check_one(
+    task: Task, bag: Path, progress: Callable[[str, int, int | None], None] | None = None
+) -> CheckResult:
     """Check one recording; the result says why it cannot be checked.
 
     Args:
@@ -264,23 +266,25 @@ def attempt(task: Task, bag: Path, progress: Callable[[str, int, int | None], No
             checked.bag.note(task.left_out)
             checked = replace(checked, complete=False)
         document = to_json(checked)
-        part, counts = _part(task, document, checked), None if clips is None else clips.counts
-        return Found(document, part, counts)
+        part, counts = _report_part(task, document, checked), None if clips is None else clips.counts
+        return CheckResult(document, part, counts)
     except StickslipError as error:
-        return _failed(task, bag, str(error))
+        return _failed_result(task, bag, str(error))
 
 
-def _failed(task: Task, bag: Path, text: str, *, faulty: bool = False) -> Found:
-    """What came of a recording that could not be checked."""
+def _failed_result(task: Task, bag: Path, text: str, *, faulty: bool = False) -> CheckResult:
+    """Return the result of a recording that could not be checked."""
     from stickslip_monitor.offline.check import SCHEMA
 
     text = '; '.join(filter(None, (text, task.left_out)))
     document = {'schema': SCHEMA, 'path': str(bag), 'error': text}
-    return Found(document, _part(task, document), faulty=faulty)
+    return CheckResult(document, _report_part(task, document), faulty=faulty)
 
 
-def _part(task: Task, document: dict[str, Any], checked: CheckReport | None = None) -> RecordingPart | None:
-    """The recording's part of the report, where one is wanted."""
+def _report_part(
+    task: Task, document: dict[str, Any], checked: CheckReport | None = None
+) -> RecordingPart | None:
+    """Return the recording's part of the report, where one is wanted."""
     if not task.is_reported:
         return None
     # Drawing is not needed for a check as such, and costs time to import.
@@ -289,18 +293,18 @@ def _part(task: Task, document: dict[str, Any], checked: CheckReport | None = No
     return recording_part(document, checked)
 
 
-def _as_found(task: Task, bag: Path, outcome: Any) -> Found:
-    if isinstance(outcome, Found):
+def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
+    if isinstance(outcome, CheckResult):
         return outcome
     from stickslip_monitor.offline.processes import died
 
     if died(outcome):
-        return _failed(task, bag, 'the process that checked it died (was there enough memory?)')
+        return _failed_result(task, bag, 'the process that checked it died (was there enough memory?)')
     if isinstance(outcome, MemoryError):
-        return _failed(task, bag, 'there is not enough memory for it')
+        return _failed_result(task, bag, 'there is not enough memory for it')
     if isinstance(outcome, StickslipError | OSError):
-        return _failed(task, bag, errors.cause(outcome))
-    return _failed(task, bag, errors.program_fault(outcome), faulty=True)
+        return _failed_result(task, bag, errors.cause(outcome))
+    return _failed_result(task, bag, errors.program_fault(outcome), faulty=True)
 
 
 def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) -> bytes:
@@ -311,7 +315,7 @@ def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) 
     return html_page(list(archive.shown()), task.config, args.config, now, args.node)
 
 
-def _tell(found: Found, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
+def _print_result(found: CheckResult, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
     """Print what came of one recording."""
     document, error = found.document, found.document.get('error')
     if shown is not None:
@@ -346,7 +350,7 @@ _NARROW = 90
 
 
 def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int | None = None) -> str:
-    """The text of one recording.
+    """Write the text on one recording.
 
     Args:
         document: What ``check --json`` prints of it.
@@ -354,13 +358,13 @@ def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int |
         width: Letters on a line; any number if None.
     """
     # Those of events, which are indented, are broken as a table.
-    lines = _lines(document, width)
-    text = ''.join(f'{line if line.startswith(" ") else _wrapped(line, width)}\n' for line in lines)
-    return _painted(text, document) if coloured else text
+    lines = _text_lines(document, width)
+    text = ''.join(f'{line if line.startswith(" ") else _wrap_line(line, width)}\n' for line in lines)
+    return _colour_text(text, document) if coloured else text
 
 
-def _painted(text: str, document: Mapping[str, Any]) -> str:
-    """The same in colours: the path, marks of faults, and the conditions of events."""
+def _colour_text(text: str, document: Mapping[str, Any]) -> str:
+    """Colour the text of one recording: path, marks of faults, and conditions of events."""
 
     def paint(kind: str, part: str) -> str:
         return f'\x1b[{_COLOURS[kind]}m{part}\x1b[0m'
@@ -372,8 +376,8 @@ def _painted(text: str, document: Mapping[str, Any]) -> str:
     return re.sub(r'\A(.*): ', lambda m: f'{paint("bold", m[1])}: ', text)
 
 
-def _wrapped(line: str, width: int | None, indent: int = 2) -> str:
-    """A line, broken at a number of letters; whole if that is None."""
+def _wrap_line(line: str, width: int | None, indent: int = 2) -> str:
+    """Break a line at a number of letters; ``None`` leaves it whole."""
     if width is None:
         return line
     # The last column stays free: not every terminal breaks behind it. A path that is cut in two
@@ -382,7 +386,7 @@ def _wrapped(line: str, width: int | None, indent: int = 2) -> str:
     return fill(line, max(width - 1, 20), subsequent_indent=' ' * indent)
 
 
-def _lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
+def _text_lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
     seconds = document['duration'] or 0.0
     yield f'{printable(document["path"])}: {plural(document["messages"], "message")} in {seconds:.1f} s'
     topics = [(name, topic['problem']) for name, topic in document['topics'].items()]
@@ -422,15 +426,15 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
 def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
     seconds = (event['time'] - start) * 1e-9
     if width is not None and width < _NARROW:
-        yield _wrapped(f'  {seconds:.2f} s: {event["from"]} to {event["to"]}', width, 4)
-        yield _wrapped(f'    {text}', width, 4)
+        yield _wrap_line(f'  {seconds:.2f} s: {event["from"]} to {event["to"]}', width, 4)
+        yield _wrap_line(f'    {text}', width, 4)
     else:
         head = f'  {seconds:>10.2f}  {event["from"]:<15}  {event["to"]:<15}  '
-        yield _wrapped(f'{head}{text}', width, len(head))
+        yield _wrap_line(f'{head}{text}', width, len(head))
 
 
 def _input_text(item: Mapping[str, Any]) -> str:
-    """What came of an input: the range of its numbers, its rate, and the share used."""
+    """Write the range of an input's numbers, its rate, and the share used."""
     if 'assumed' in item:
         return f'{item["values"]}, assumed: nothing measures it'
     if not item['used']:

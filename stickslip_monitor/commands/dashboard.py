@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError('--log is for a running monitor: a replay is not kept')
     if args.bag is not None and len(args.node or ()) > 1:
         raise ConfigurationError('--bag replays for one monitor: give --node once at most')
-    nodes = _nodes(args)
+    nodes = _node_names(args)
     if len(args.config) not in (1, len(nodes)):
         raise ConfigurationError(
             f'--config is given {len(args.config)} times for {len(nodes)} nodes: give one for all,'
@@ -104,14 +104,14 @@ def run(args: argparse.Namespace) -> int:
     access = page_access(args)
     with event_log(args) as log, jit.interpreted():
         board = DashboardState(monitors, args.bag is not None, log)
-        asyncio.run(_serve(args, configs[0], board, access))
+        asyncio.run(_serve_page(args, configs[0], board, access))
     return 0
 
 
-def _nodes(args: argparse.Namespace) -> list[str]:
-    """The full names of the monitors, each in a namespace of its own."""
+def _node_names(args: argparse.Namespace) -> list[str]:
+    """Return the full names of the monitors, each in a namespace of its own."""
     nodes: list[str] = args.node or [f'/{NODE_NAME}']
-    spaces = [_space(node) for node in nodes]
+    spaces = [_namespace_of(node) for node in nodes]
     for k, space in enumerate(spaces):
         if space in spaces[:k]:
             raise ConfigurationError(
@@ -121,18 +121,18 @@ def _nodes(args: argparse.Namespace) -> list[str]:
     return nodes
 
 
-def _space(node: str) -> str:
-    """The namespace of a node's full name, without slashes around it."""
+def _namespace_of(node: str) -> str:
+    """Return the namespace of a node's full name, without slashes around it."""
     return node.strip('/').rpartition('/')[0]
 
 
 def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool = False) -> WatchedMonitor:
-    """A monitor that is to be shown: what it is called, and the full name of its node if any."""
+    """Return a monitor to be shown: its title, and the full name of its node if any."""
     from stickslip_monitor.dashboard.seen_monitors import WatchedMonitor
 
     views = [bearing_view(bearing) for bearing in config.bearings]
     shelve_time = config.shelve_time_ns * 1e-9
-    return WatchedMonitor(source, views, _space(node), replay, shelve_time)
+    return WatchedMonitor(source, views, _namespace_of(node), replay, shelve_time)
 
 
 @contextmanager
@@ -170,7 +170,7 @@ def need_extra() -> None:
 
 
 def page_access(args: argparse.Namespace) -> Access:
-    """Who may see the page.
+    """Return who may see the page.
 
     Raises:
         DashboardError: The page would be open to others without a token.
@@ -186,7 +186,7 @@ def page_access(args: argparse.Namespace) -> Access:
     return Access(token, frozenset(names))
 
 
-async def _serve(
+async def _serve_page(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
     from stickslip_monitor.dashboard.server import Server
@@ -214,7 +214,7 @@ async def _serve(
 
 
 def say_address(url: str) -> None:
-    """Say where the page is."""
+    """Print the address of the page."""
     Console(markup=False, highlight=False, soft_wrap=True).print(f'Dashboard on {url}')
     sys.stdout.flush()
 
@@ -240,7 +240,7 @@ def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator
 
 
 def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:
-    """The bearing with its stability map.
+    """Return the bearing with its stability map.
 
     Args:
         config: The bearing.
@@ -261,10 +261,10 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         speeds=speeds,
         loads=loads,
         curves={
-            'speed': _column(curves.speed),
-            'caution': _column(curves.caution_load),
-            'fold': _column(curves.fold_load),
-            'hopf': _column(curves.hopf_load),
+            'speed': _sample_column(curves.speed),
+            'caution': _sample_column(curves.caution_load),
+            'fold': _sample_column(curves.fold_load),
+            'hopf': _sample_column(curves.hopf_load),
         },
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
@@ -273,5 +273,5 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
     )
 
 
-def _column(values: Any) -> list[float | None]:
+def _sample_column(values: Any) -> list[float | None]:
     return [float(f'{value:.6g}') if np.isfinite(value) else None for value in values]

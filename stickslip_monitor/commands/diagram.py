@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    config = options.the_bearing(options.chosen(args))
+    config = options.require_single_bearing(options.chosen(args))
     bearing = config.bearing
     load = options.parse_loaded(args.load)
     speeds = options.speed_range(args.speeds, config) or diagram_speeds(bearing, load)

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         found[name] = level, text
 
     with receive_health(args.diagnostics, take):
-        _wait(found, node, args.timeout)
+        _wait_for_message(found, node, args.timeout)
     others = ', '.join(sorted(found))
     if node is None and len(found) > 1:
         raise RosError(f'several monitors run: choose one of {others} by --node')
@@ -92,7 +92,7 @@ def _of_page(args: argparse.Namespace) -> int:
     return int(not works)
 
 
-def _wait(found: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
+def _wait_for_message(found: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
     """Wait for a node; without a name for the first, and then whether there is another."""
     end = time.monotonic() + seconds
     while time.monotonic() < end and not (node in found if node else found):

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         output.print_json({'schema': SCHEMA, **record})
         return code
     out = output.console()
-    out.print(printable(_summary(record)), markup=False)
+    out.print(printable(_write_summary(record)), markup=False)
     values = isinstance(bag, TableRecording) and {name: topic.value for name, topic in bag.topics.items()}
     table = output.table_of('', f'topic; type; messages; {"value" if values else "problem"}', (0, 1, 3))
     # Columns stand as in the file.
@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _summary(record: Mapping[str, Any]) -> str:
-    """How much there is, and from when to when."""
+def _write_summary(record: Mapping[str, Any]) -> str:
+    """Write how many messages there are, and from when to when."""
     text = f'{record["path"]}: {plural(record["messages"], "message")}'
     if record['duration'] is None:
         return text

@@ -46,7 +46,7 @@ _SPREAD = re.compile(r'(.*?)\s*~\s*(\d+(?:\.\d*)?)\s*%\s*')
 
 
 class Quantity(NamedTuple):
-    """A value that is asked for: an option, and a question of the dialogue."""
+    """Value to be given, by an option or in the dialogue."""
 
     name: str
     units: dict[str, float]  # SI per unit
@@ -56,17 +56,17 @@ class Quantity(NamedTuple):
 
     @property
     def option(self) -> str:
-        """Its option."""
+        """Name of the option."""
         return f'--{self.name.replace("_", "-")}'
 
     @property
     def question(self) -> str:
-        """What is asked for, with the units it may have."""
+        """Question of the dialogue, with the units that an answer may have."""
         units = ' or '.join(unit for unit in self.units if unit)
         return self.text + (f', in {units}' if units else '')
 
     def read(self, text: str) -> Given:
-        """The value of a text such as ``20mm`` or ``0.15~30%``.
+        """Read the value of a text such as ``20mm`` or ``0.15~30%``.
 
         Raises:
             ConfigurationError: It is none; the text names the units and the bounds.
@@ -276,42 +276,43 @@ def _require_fall(given: Mapping[str, Given]) -> None:
         )
 
 
-def _written(value: float, places: int = 6) -> str:
-    """A number as ROS 2 reads a float."""
+def _format_number(value: float, places: int = 6) -> str:
+    """Write a number as ROS 2 reads a float."""
     text = f'{value:.{places}g}'
     return text if set(text) & set('.e') else f'{text}.0'
 
 
 def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
-    """The parameter file, with formula, source and spread of each value as comments.
+    """Write the parameter file, with formula, source and spread of each value as comments.
 
     Raises:
         ConfigurationError: The values are no configuration; the text says which.
     """
     own = {item.name: item for item in values}
-    spreads = ', '.join(f'{name}: {_written(own[name].spread, 2)}' for name in _TOLERANCES)
-    load = f'{{constant: {_written(own["load"].value / 1e3)}, unit: kN}}  # assumed'
+    spreads = ', '.join(f'{name}: {_format_number(own[name].spread, 2)}' for name in _TOLERANCES)
+    load = f'{{constant: {_format_number(own["load"].value / 1e3)}, unit: kN}}  # assumed'
     if args.load_topic is not None:
         load = f'{{topic: {args.load_topic}, unit: {args.load_unit}}}'
     elif table := _read_table(args.load_over_speed):
-        pairs = ', '.join(map(_written, table))
+        pairs = ', '.join(map(_format_number, table))
         load = (
             f'{{over_speed: [{pairs}], unit: {args.load_unit}}}  # rpm, load, rpm, load, ... of the alignment'
         )
-    gear = '' if args.gear is None else f', gear: {_written(_read_gear(args.gear))}'
-    law = ', '.join(f'{name}: {_written(own[name].value)}' for name in ('static', 'kinetic', 'decay'))
+    gear = '' if args.gear is None else f', gear: {_format_number(_read_gear(args.gear))}'
+    law = ', '.join(f'{name}: {_format_number(own[name].value)}' for name in ('static', 'kinetic', 'decay'))
     lines = [
         f'{MARK}. Each value says where it comes from; replace what you measure.',
         '/**:',
         '  ros__parameters:',
         f'    bearings: [{args.name}]',
         f'    {args.name}:',
-        f'      journal_diameter: {_written(own["journal_diameter"].value)}  # m, given',
+        f'      journal_diameter: {_format_number(own["journal_diameter"].value)}  # m, given',
     ]
     for name in ('mass', 'damping', 'stiffness'):
         item = own[name]
         lines.append(
-            f'      # {item.unit}; {item.origin}; +-{item.spread:.0%}\n      {name}: {_written(item.value)}'
+            f'      # {item.unit}; {item.origin}; +-{item.spread:.0%}\n'
+            f'      {name}: {_format_number(item.value)}'
         )
     lines += [
         f'      friction: {{law: stribeck, {law}}}',
@@ -324,7 +325,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
 
 
 def report(values: Sequence[Estimate]) -> str:
-    """The boundaries at the mean load, and what to measure next."""
+    """Write the boundaries at the mean load, and what to measure next."""
     bearing, load = bearing_of(values), values[-1].value
     per_rpm = bearing.speed.factor('rpm')
     fold, hopf = (float(at(bearing, load)) / per_rpm for at in (fold_speed, hopf_speed))
@@ -357,7 +358,7 @@ def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
 
 
 def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
-    """The estimates as the documented JSON object."""
+    """Return the estimates as the documented JSON object."""
     bearing, load = bearing_of(values), values[-1].value
     return {
         'schema': SCHEMA,

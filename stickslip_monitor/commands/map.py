@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
-    own = options.the_bearing(options.chosen(args))
+    own = options.require_single_bearing(options.chosen(args))
     speeds = options.speed_range(args.speeds, own)
     loads = options.parse_range(args.loads, 'loads', lambda part: options.parse_load(part, 'loads'))
 
@@ -41,13 +41,13 @@ def run(args: argparse.Namespace) -> int:
             drawn, _ = map_ranges(own.bearing, speeds, loads)
             curves = boundaries(own.bearing, drawn, own.alarm.caution_margin)
             return map_columns(own.bearing, curves)
-        return draw_map(own, speeds, loads, _track(args.track, own) if args.track else None)
+        return draw_map(own, speeds, loads, _read_track(args.track, own) if args.track else None)
 
     output.write_outputs(args, output=made)
     return 0
 
 
-def _track(path: str, own: BearingConfig) -> Track:
+def _read_track(path: str, own: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import Kept, check_recording
 

@@ -44,7 +44,7 @@ _Options = argparse._ActionsContainer  # a parser or a group of its options
 
 @dataclass(frozen=True, slots=True)
 class FileOption:
-    """An option that names what is read; or written, where it has marks or is a recording."""
+    """Option for a path to read, or to write where it has marks or is a recording."""
 
     dest: str
     spelling: str  # what a user knows it by
@@ -54,11 +54,11 @@ class FileOption:
 
     @property
     def is_read(self) -> bool:
-        """Whether it names an input."""
+        """Whether the option names an input."""
         return self.marks is None and self.is_folder is None
 
     def paths(self, args: argparse.Namespace) -> Sequence[str]:
-        """The paths that it was given; none if it was not.
+        """Return the paths that the argument was given; none without it.
 
         Raises:
             OutputError: One is empty.
@@ -165,7 +165,7 @@ class _Number(argparse.Action):
 
 
 def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, str]:
-    """Number and unit of a text such as ``'20rpm'``.
+    """Read number and unit of a text such as ``'20rpm'``.
 
     Letters in the wrong case are understood, but for the prefix M (mega); the unit '' is none.
 
@@ -209,7 +209,7 @@ def parse_loaded(text: str) -> float:
 
 
 def chosen(args: argparse.Namespace) -> MonitorConfig:
-    """The configuration, of all bearings or of that of ``--bearing`` only.
+    """Load the configuration, of all bearings or of the one of ``--bearing``.
 
     Raises:
         ConfigurationError: It cannot be read, or has no such bearing.
@@ -223,8 +223,8 @@ def chosen(args: argparse.Namespace) -> MonitorConfig:
     return replace(config, bearings=(config.bearing(args.bearing),))
 
 
-def the_bearing(config: MonitorConfig) -> BearingConfig:
-    """The only bearing there is.
+def require_single_bearing(config: MonitorConfig) -> BearingConfig:
+    """Return the only bearing of a configuration.
 
     Raises:
         ConfigurationError: There are several.

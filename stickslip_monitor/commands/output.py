@@ -36,7 +36,7 @@ _YAML = ('.yaml', '.yml')
 
 
 def ending(path: str | Path, marks: Marks) -> str:
-    """The ending of an output's path, in lower case, or '' for any other where that is allowed.
+    """Return the ending of an output's path in lower case; '' for any other where that is allowed.
 
     Raises:
         OutputError: It is none of those that can be written.
@@ -55,7 +55,7 @@ def check_files(args: argparse.Namespace) -> None:
         OutputError: An output has an ending that cannot be written, is an input by any name, or
             another output, or is there already and not ours.
     """
-    inputs, written = _inputs(args), list[str]()
+    inputs, written = _input_paths(args), list[str]()
     for option in getattr(args, 'files', ()):
         for path in () if option.is_read else option.paths(args):
             if option.marks is None:
@@ -68,8 +68,8 @@ def check_files(args: argparse.Namespace) -> None:
             written.append(path)
 
 
-def _inputs(args: argparse.Namespace) -> list[str]:
-    """All paths that are read."""
+def _input_paths(args: argparse.Namespace) -> list[str]:
+    """Return all paths that are read."""
     files = getattr(args, 'files', ())
     return [path for option in files if option.is_read for path in option.paths(args)]
 
@@ -96,7 +96,7 @@ def _check_output(path: str, option: FileOption, inputs: Sequence[str], *, force
 
 
 def _read_with(path: str) -> Iterator[Path]:
-    """The files that come with an input: itself, those in a folder, those that its text names."""
+    """Yield the files of an input: itself, those in a folder, and those that its text names."""
     yield Path(path)
     if Path(path).is_dir():
         for folder, _, names in os.walk(path):
@@ -105,7 +105,7 @@ def _read_with(path: str) -> Iterator[Path]:
         from stickslip_monitor.monitor.parameter_file import load_yaml
 
         try:
-            named = list(_texts(load_yaml(path)))
+            named = list(_find_texts(load_yaml(path)))
         except StickslipError:
             return  # the command itself says what is wrong with it
         for name in named:
@@ -113,11 +113,11 @@ def _read_with(path: str) -> Iterator[Path]:
             yield Path(name)
 
 
-def _texts(document: Any) -> Iterator[str]:
-    """All texts in a document that could be names of files."""
+def _find_texts(document: Any) -> Iterator[str]:
+    """Yield all texts in a document that could be names of files."""
     if isinstance(document, Mapping | list):
         for value in document.values() if isinstance(document, Mapping) else document:
-            yield from _texts(value)
+            yield from _find_texts(value)
     elif isinstance(document, str) and document and '\0' not in document:
         yield document
 
@@ -137,11 +137,11 @@ def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None
         path = getattr(args, dest)
         if path is not None:
             (marks,) = (option.marks for option in args.files if option.dest == dest)
-            _write(path, make(), marks or {}, force=args.force)
+            _write_file(path, make(), marks or {}, force=args.force)
             say_written(path)
 
 
-def _write(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
+def _write_file(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
     data = contents.encode() if isinstance(contents, str) else contents
     if isinstance(data, bytes):
         try:
@@ -156,12 +156,12 @@ def _write(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
 
 
 def say_written(path: str | Path) -> None:
-    """Say on the error stream that a file is written."""
+    """Report on the error stream that a file is written."""
     sys.stderr.write(f'{printable(str(path))} written\n')
 
 
 class ProgressBar:
-    """A progress bar on the standard error, where that is a terminal; a context manager."""
+    """Progress bar on standard error, where that is a terminal; a context manager."""
 
     def __init__(self) -> None:
         self._begin = time.monotonic()
@@ -202,7 +202,7 @@ class ProgressBar:
 
 
 def json_text(document: Any) -> str:
-    """One JSON document as text that ends its last line."""
+    """Return a JSON document as text with a final newline."""
     return json.dumps(document, indent=2, allow_nan=False) + '\n'
 
 
@@ -212,12 +212,12 @@ def print_json(document: Any) -> None:
 
 
 def line_width() -> int | None:
-    """Letters on a line of the terminal; None where the output goes elsewhere, unbroken."""
+    """Return the letters on a line of the terminal; ``None`` where the output goes elsewhere, unbroken."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def console() -> Console:
-    """The console for tables; plain text where the output is not a terminal."""
+    """Return the console for tables; plain text where the output is not a terminal."""
     from rich.console import Console  # costs time to import, and not every command prints with it
     from rich.table import Table
 
@@ -232,9 +232,9 @@ def console() -> Console:
             return super().render_str(safe, *arguments, **options)
 
         def print(self, *objects: Any, **options: Any) -> None:
-            super().print(*(self._fitted(item) for item in objects), **options)
+            super().print(*(self._fit_table(item) for item in objects), **options)
 
-        def _fitted(self, item: Any) -> Any:
+        def _fit_table(self, item: Any) -> Any:
             if not isinstance(item, Table):
                 return item
             drawn = (part.text for line in self.render_lines(item) for part in line)
@@ -244,7 +244,7 @@ def console() -> Console:
 
 
 def table_of(title: str, headings: str, left: Collection[int] = (0,), caption: str | None = None) -> Table:
-    """A table without rows; its headings, parted by ``;``, are at the right but for some."""
+    """Return a table without rows; its headings, parted by ``;``, are right-aligned but for some."""
     from rich.table import Table
 
     table = Table(title=title or None, title_justify='left', caption=caption)
@@ -254,7 +254,7 @@ def table_of(title: str, headings: str, left: Collection[int] = (0,), caption: s
 
 
 def _as_list(table: Table) -> Group:
-    """The same for a narrow screen: a block for each row, a line for each of its cells."""
+    """Lay a table out for a narrow screen: a block for each row, a line for each of its cells."""
     from rich.console import Group
 
     headings = [str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns]

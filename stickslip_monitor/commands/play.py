@@ -46,22 +46,22 @@ def run(args: argparse.Namespace) -> int:
         raise no_ros(error) from error
     types = {t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'}
     with open_player(types) as player:
-        _play(player, bag, args)
+        _play_recording(player, bag, args)
     return 0
 
 
-def _play(player: Player, bag: Recording, args: argparse.Namespace) -> None:
+def _play_recording(player: Player, bag: Recording, args: argparse.Namespace) -> None:
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"
         for t in bag.topics.values()
         if t.encoding != 'cdr'
     }
     for topic, reason in skipped.items():
-        _say(f'not played: {topic}: {reason}')
+        _print_line(f'not played: {topic}: {reason}')
     if not set(bag.topics) - set(skipped):
         raise RosError(f"bag '{bag.path}' has no topic that can be played")
     if args.wait > 0.0 and not player.wait_for_subscribers(args.wait):
-        _say('nobody listens yet; playing all the same')
+        _print_line('nobody listens yet; playing all the same')
     start, end = bag.start_ns or 0, bag.end_ns or 0
     with output.ProgressBar() as bar:
         for _ in range(args.loop):
@@ -71,10 +71,10 @@ def _play(player: Player, bag: Recording, args: argparse.Namespace) -> None:
                 lambda now: bar.show(str(bag.path), now - start, end - start),
             )
             bar.hide()
-            _say(f'played {plural(count, "message")}')
+            _print_line(f'played {plural(count, "message")}')
     for text in (*(cut.text for cut in bag.cuts), *bag.warnings):
-        _say(f'data: {text}')
+        _print_line(f'data: {text}')
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     sys.stderr.write(f'{printable(text)}\n')

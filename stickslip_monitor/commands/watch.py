@@ -97,8 +97,8 @@ def run(args: argparse.Namespace) -> int:
         config, links = load_watch(args.config, args.node)
         if args.request_token:
             return asyncio.run(_request_token(links))
-        with _board(args, config) as board:
-            asyncio.run(_watch(args, config, links, board))
+        with _open_page(args, config) as board:
+            asyncio.run(_watch_ship(args, config, links, board))
     return 0
 
 
@@ -122,13 +122,13 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
                     parameters.setdefault(f'{name}.water_temperature.topic', f'{name}/water_temperature')
         config = build_config(parameters, is_live=True)
         links = build_links(section, config)
-        return (config if with_node else _labelled(config, links)), links
+        return (config if with_node else _name_inputs(config, links)), links
     except ConfigurationError as error:
         raise ConfigurationError(f'{path}: {error}') from error
 
 
-def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
-    """The configuration with every input called what it is on its bus."""
+def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
+    """Return the configuration with each input named as on its bus."""
     labels, bearings = links.labels, []
     for bearing in config.bearings:
         if bearing.level is not None:
@@ -156,7 +156,7 @@ def _labelled(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
 
 
 class Feed(Sink):
-    """Hands what the monitor says to everything that shows it.
+    """Passes what the monitor publishes to every sink.
 
     ``monitors`` is the monitor as the page knows it, where there is a page; ``act`` takes what
     people ask of the monitor.
@@ -171,28 +171,28 @@ class Feed(Sink):
         self._watches = False
 
     @property
-    def there(self) -> bool:
-        """Whether data come from a monitor that watches its bearings, which one that is inactive does not."""
+    def is_receiving(self) -> bool:
+        """Whether an active monitor sends data."""
         return self._watches and time.monotonic() - self._heard < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """The record of a bearing has come."""
+        """Pass on the record of a bearing."""
         self._heard, self._watches = time.monotonic(), record.get('monitoring') is not False
         for sink in self.sinks:
             sink.take_record(record)
 
     def take_health(self, level: int, text: str) -> None:
-        """The status of a node beside has come; only a page shows it."""
+        """Pass on the status of a node beside; only a page shows it."""
         for monitor in self.monitors:
             monitor.take_health(level, text)
 
     def take_other(self, node: str) -> None:
-        """A message of another monitor has come."""
+        """Pass on that another monitor sends."""
         for monitor in self.monitors:
             monitor.take_other(node)
 
     def take_alarms(self, record: Any) -> None:
-        """The list of alarms has come; what is none is ignored."""
+        """Pass on the list of alarms; anything else is ignored."""
         if isinstance(record, dict) and record.get('schema') == ALARM_SCHEMA:
             for sink in self.sinks:
                 sink.take_alarms(record)
@@ -226,23 +226,23 @@ class LinkStates:
             (_log.error if works is False else _log.info)(f'{name}: {why or "works"}')
 
 
-async def _watch(
+async def _watch_ship(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, board: DashboardState | None
 ) -> None:
     feed = Feed(() if board is None else board.monitors)
     report = LinkStates({} if board is None else board.links).report
-    with _monitor(args, config, links, feed) as (take, run_monitor):
+    with _make_monitor(args, config, links, feed) as (take, run_monitor):
         names = [bearing.name for bearing in config.bearings]
-        clients = _clients(links, MonitorSide(names, take, feed.act, report, _log))
+        clients = _make_clients(links, MonitorSide(names, take, feed.act, report, _log))
         feed.sinks += clients
         for client in clients:
             await client.start()
         tasks = [
             asyncio.create_task(work)
             for work in (
-                _serve(args, board, feed),
+                _serve_clients(args, board, feed),
                 run_monitor(),
-                _tick(clients, feed),
+                _tick_clients(clients, feed),
                 *(client.run() for client in clients),
             )
         ]
@@ -259,7 +259,7 @@ async def _watch(
 
 
 @contextmanager
-def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[DashboardState | None]:
+def _open_page(args: argparse.Namespace, config: MonitorConfig) -> Iterator[DashboardState | None]:
     if args.port is None:
         yield None
         return
@@ -271,7 +271,7 @@ def _board(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dashboar
         yield DashboardState([monitor], log=log)
 
 
-async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
+async def _serve_clients(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page, or wait, until a signal comes."""
     if board is not None:
         from stickslip_monitor.dashboard.server import Server
@@ -287,21 +287,21 @@ async def _serve(args: argparse.Namespace, board: DashboardState | None, feed: F
     await stop.wait()
 
 
-async def _tick(clients: Sequence[Client], feed: Feed) -> None:
+async def _tick_clients(clients: Sequence[Client], feed: Feed) -> None:
     manager = ServiceManager()
     manager.notify('READY=1')
     while True:
         manager.beat()
         for client in clients:
-            client.tick(feed.there)
+            client.tick(feed.is_receiving)
         await asyncio.sleep(_TICK)
 
 
 @contextmanager
-def _monitor(
+def _make_monitor(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, feed: Feed
 ) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
-    """What takes samples, and what has to run for it."""
+    """Yield the sample handler and the coroutine that serves it."""
     if args.node is not None:
         with dashboard.listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
             from stickslip_monitor.ros.other_nodes import Bridge
@@ -346,7 +346,7 @@ async def _report_files(
 
 
 def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
-    """What passes samples on without their stamps, and therefore without copies.
+    """Return a handler that passes samples on without stamps, and drops copies.
 
     A server that repeats the last value of a dead source would keep it alive for a node, which
     sees no stamp. A copy has the stamp and the value of the one before.
@@ -370,15 +370,15 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
     return passed
 
 
-def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
-    """What speaks to the buses."""
+def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
+    """Return the clients of the buses."""
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk import SignalKInputs
     from stickslip_monitor.links.signalk_client import SignalKClient
 
     clients: list[Client] = []
     if links.signalk is not None:
-        token = _token(links.signalk.token_file)
+        token = _read_token(links.signalk.token_file)
         own = links.of(SIGNALK)
         theirs = {item.bearing for item in own if item.place is Input.LOAD}
         own_load = [name for name in side.bearings if name not in theirs]
@@ -394,8 +394,8 @@ def _clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     return clients
 
 
-def _token(path: str) -> str:
-    """The token of a file that nobody else can read; empty without a file."""
+def _read_token(path: str) -> str:
+    """Read the token from a file that nobody else can read; '' without a file."""
     if not path:
         return ''
     from stickslip_monitor.dashboard.access import read_token
@@ -407,7 +407,7 @@ def _token(path: str) -> str:
 
 
 def _is_token(path: Path) -> bool:
-    """Whether a file is empty or holds a JSON Web Token, as every token of a server is."""
+    """Return whether a file is empty or holds a JSON Web Token, as a server gives."""
     if not path.is_file() or path.is_symlink() or path.stat().st_size > _LONGEST_TOKEN:
         return False
     return re.fullmatch(rb'([\w-]+(\.[\w-]+){2,})?\n?', path.read_bytes()) is not None
