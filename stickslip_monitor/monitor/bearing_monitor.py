@@ -139,7 +139,9 @@ class BearingMonitor(Standing):
             raise ConfigurationError(
                 f"parameter '{self.config.name}.{name}.topic' is missing: no {name} is configured"
             )
-        update = self._update(place, time_ns, float(number), time_ns if arrival_ns is None else arrival_ns)
+        update = self._take_sample(
+            place, time_ns, float(number), time_ns if arrival_ns is None else arrival_ns
+        )
         status = update.status
         self.counts[place, status] += 1
         if rule.may_stand(self.settings.live, place) and not self.config.inputs[INPUTS[place]].is_assumed:
@@ -156,9 +158,9 @@ class BearingMonitor(Standing):
             if state.now < due_ns or state.stamp[place] == NEVER:
                 continue
             self._held[place] = number, state.now + repeat_step(state.now - state.came[place])
-            yield self._update(place, state.stamp[place], number, state.now - state.shift)
+            yield self._take_sample(place, state.stamp[place], number, state.now - state.shift)
 
-    def _update(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
+    def _take_sample(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
         state, settings = self.state, self.settings
         c = settings.live
         if rule.amplitude_due(state, c):

@@ -55,13 +55,13 @@ _FLOOR = Parameter('floor', 'float', REQUIRED, 'Deviation that no evidence takes
 
 def sensor_record(source: InputConfig) -> dict[str, Any]:
     """Return what a calibration depends on of the source of an input, as its file has it."""
-    found: dict[str, Any] = {'topic': source.topic, 'field': source.field_text}
-    found |= {'scale': source.scale, 'offset': source.offset, 'unit': source.unit}
+    record: dict[str, Any] = {'topic': source.topic, 'field': source.field_text}
+    record |= {'scale': source.scale, 'offset': source.offset, 'unit': source.unit}
     if isinstance(source, SpeedConfig) and source.gear != 1.0:
-        found['gear'] = source.gear
+        record['gear'] = source.gear
     if isinstance(source, LoadConfig) and source.over_speed:
-        found['over_speed'] = list(source.over_speed)
-    return found
+        record['over_speed'] = list(source.over_speed)
+    return record
 
 
 class _UnusableCalibration(ConfigurationError):
@@ -339,19 +339,21 @@ class _Section:
         if alarm.minimum_speed >= own['speed.maximum']:
             rest, most = self._shown('alarm.minimum_speed', 'm/s'), self._shown('speed.maximum', 'm/s')
             raise ConfigurationError(f'{rest} must be below {most}')
-        speed = self._speed(float(bearing.speed.factor(own['speed.unit'])), alarm.minimum_speed)
-        load = self._load(speed, float(bearing.speed.factor('rpm')))
+        speed = self._build_speed(float(bearing.speed.factor(own['speed.unit'])), alarm.minimum_speed)
+        load = self._build_load(speed, float(bearing.speed.factor('rpm')))
         if not load.is_assumed:
             self._require_other_field('load', load, {'speed': speed})
-        level = self._level({'speed': speed, 'load': load})
+        level = self._build_level({'speed': speed, 'load': load})
         try:
-            bearing, belief = self._believed(bearing, tolerance, {'speed': speed, 'load': load})
+            bearing, belief = self._apply_calibration(bearing, tolerance, {'speed': speed, 'load': load})
         except PhysicsError as error:
             raise ConfigurationError(f'{name}: {error}') from error
-        water = self._water({'speed': speed, 'load': load} | ({} if level is None else {'level': level}))
+        water = self._build_water(
+            {'speed': speed, 'load': load} | ({} if level is None else {'level': level})
+        )
         return BearingConfig(name, bearing, speed, load, alarm, tolerance, belief, level, water)
 
-    def _believed(
+    def _apply_calibration(
         self, bearing: Bearing, tolerance: Tolerance, inputs: Mapping[str, InputConfig]
     ) -> tuple[Bearing, Belief | None]:
         """Return the bearing by which alarms go, and its belief; ``None`` for no uncertainty."""
@@ -445,40 +447,40 @@ class _Section:
             elif row.name.endswith('_probability') and not config.alarms_by_chance:
                 yield f'{shown}: alarms go by margins without tolerances, and after a calibration'
 
-    def _speed(self, factor: float, rest: float) -> SpeedConfig:
+    def _build_speed(self, factor: float, rest: float) -> SpeedConfig:
         """Return the input of the speed, over the gear of an engine; ``factor`` is its unit in m/s."""
-        own = self._own
-        if own['speed.gear'] != 1.0:
+        settings = self._own
+        if settings['speed.gear'] != 1.0:
             gear = self._shown('speed.gear')
-            if own['speed.scale'] != 1.0:
+            if settings['speed.scale'] != 1.0:
                 raise ConfigurationError(
                     f'{gear} and {self._shown("speed.scale")} are both given: a gear takes the place of a'
                     ' scale'
                 )
-            if own['speed.unit'] == 'm/s':
+            if settings['speed.unit'] == 'm/s':
                 raise ConfigurationError(
-                    f"{gear} is given and {self.name}.speed.unit = 'm/s' is the journal's own speed: an"
+                    f"{gear} is given and {self.name}.speed.unit = 'm/s' is the journal's settings speed: an"
                     f" engine's is in {', '.join(TURNING_UNITS)}"
                 )
-        return self._input(SpeedConfig, 'speed', factor / own['speed.gear'], rest)
+        return self._build_input(SpeedConfig, 'speed', factor / settings['speed.gear'], rest)
 
-    def _load(self, speed: InputConfig, per_rpm: float) -> LoadConfig:
+    def _build_load(self, speed: InputConfig, per_rpm: float) -> LoadConfig:
         """Return the input of the load, or what is assumed in its place, which comes with the speed."""
-        own, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
-        given = [key for key in parameters.ASSUMED_LOADS if not _is_left_out(own[key])]
+        settings, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
+        given = [key for key in parameters.ASSUMED_LOADS if not _is_left_out(settings[key])]
         if not given:
-            return self._input(LoadConfig, 'load', factor)
-        shown = self._shown(given[0], own['load.unit'])
-        for key in (*given[1:], *(key for key in ('load.topic', 'load.column') if own[key])):
+            return self._build_input(LoadConfig, 'load', factor)
+        shown = self._shown(given[0], settings['load.unit'])
+        for key in (*given[1:], *(key for key in ('load.topic', 'load.column') if settings[key])):
             raise ConfigurationError(
                 f'{shown} and {self._shown(key)} are both given: the load is measured, constant, or from a'
                 ' table'
             )
-        table = self._load_table(factor, per_rpm) if own['load.over_speed'] else ((), ())
-        for load in table[1] or (own['load.constant'] * factor,):
-            if not 0.0 < load <= own['load.maximum']:
-                most = self._shown('load.maximum', 'N')
-                raise ConfigurationError(f'{shown} must be above 0 and not above {most}')
+        table = self._load_table(factor, per_rpm) if settings['load.over_speed'] else ((), ())
+        for load in table[1] or (settings['load.constant'] * factor,):
+            if not 0.0 < load <= settings['load.maximum']:
+                limit = self._shown('load.maximum', 'N')
+                raise ConfigurationError(f'{shown} must be above 0 and not above {limit}')
         beside = {
             'load.topic': speed.topic,
             'load.type': speed.type,
@@ -486,19 +488,19 @@ class _Section:
             'load.column': speed.column,
             'load.where': speed.where,
             'load.scale': 0.0,
-            'load.offset': 0.0 if table[1] else own['load.constant'],
-            'load.timeout': own['speed.timeout'],
-            'load.hold': own['speed.hold'],
+            'load.offset': 0.0 if table[1] else settings['load.constant'],
+            'load.timeout': settings['speed.timeout'],
+            'load.hold': settings['speed.hold'],
         }
         more = {'field': speed.field, 'factor': factor, 'is_assumed': True, 'table': table}
-        return filled(LoadConfig, 'load.', own | beside, **more)
+        return filled(LoadConfig, 'load.', settings | beside, **more)
 
     def _load_table(self, factor: float, per_rpm: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return surface speeds [m/s] and the loads there [N] of a load over the shaft speed."""
         speeds, loads = load_points(f'{self.name}.load.over_speed', self._own['load.over_speed'])
         return tuple(rpm * per_rpm for rpm in speeds), tuple(load * factor for load in loads)
 
-    def _input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
+    def _build_input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
         """Return the configuration of one input, of that dataclass."""
         name, own = f'{self.name}.{quantity}', self._own
         topic = own[f'{quantity}.topic']
@@ -533,37 +535,37 @@ class _Section:
                     f' {own.topic} {own.field_text}: it must be a number of its own'
                 )
 
-    def _is_measured(self, name: str, what: str, beside: Sequence[str] = ()) -> bool:
+    def _is_measured(self, name: str, subject: str, beside: Sequence[str] = ()) -> bool:
         """Return whether an input that may be left out is measured; parameters ``beside`` may go without.
 
         Raises:
             ConfigurationError: It has no topic, and another of its parameters is given.
         """
-        own = self._own
-        if own[f'{name}.topic'] or own[f'{name}.column']:
+        settings = self._own
+        if settings[f'{name}.topic'] or settings[f'{name}.column']:
             return True
         for row in parameters.INPUT_PARAMETERS[name]:
-            if row.name not in beside and not row.is_default(own[row.name]):
+            if row.name not in beside and not row.is_default(settings[row.name]):
                 raise ConfigurationError(
                     f"parameter '{self.name}.{name}.topic' is missing, and {self._shown(row.name)} is"
-                    f' given: name the topic of {what}'
+                    f' given: name the topic of {subject}'
                 )
         return False
 
-    def _water(self, others: Mapping[str, InputConfig]) -> parameters.WaterConfig | None:
+    def _build_water(self, others: Mapping[str, InputConfig]) -> parameters.WaterConfig | None:
         """Return the input of the water's temperature; ``None`` where nothing measures it."""
         beside = 'water_temperature.constant', 'water_temperature.salinity'
         if not self._is_measured('water_temperature', 'the temperature of the water', beside):
             return None
-        water = self._input(parameters.WaterConfig, 'water_temperature', 1.0)
+        water = self._build_input(parameters.WaterConfig, 'water_temperature', 1.0)
         self._require_other_field('water_temperature', water, others)
         return water
 
-    def _level(self, others: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
+    def _build_level(self, others: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
         """Return the input of measured vibration; ``None`` where there is none."""
         if not self._is_measured('level', 'the measured vibration'):
             return None
-        level = self._input(parameters.LevelConfig, 'level', 1.0)
+        level = self._build_input(parameters.LevelConfig, 'level', 1.0)
         threshold = self._shown('level.threshold', level.unit)
         if level.threshold <= 0.0 and level.unit != 'dB':
             raise ConfigurationError(

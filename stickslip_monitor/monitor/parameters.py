@@ -145,7 +145,7 @@ class InputConfig:
 
     @property
     def stands_ns(self) -> int:
-        """How long a value counts [ns]."""
+        """Time for which a value counts [ns]."""
         return max(self.timeout_ns, self.hold_ns)
 
     @property
@@ -216,7 +216,7 @@ class LoadConfig(InputConfig):
 
     @property
     def origin(self) -> str:
-        """Where an assumed load is from, for a person; empty for a measured one."""
+        """Origin of an assumed load, for a person; empty for a measured one."""
         return 'from the alignment table' if self.table[1] else 'assumed' if self.is_assumed else ''
 
 
@@ -351,7 +351,7 @@ class BearingConfig:
 
     @property
     def places(self) -> tuple[Input, ...]:
-        """Which of all inputs the :attr:`inputs` are, in their order."""
+        """Places of the :attr:`inputs` among all that a bearing may have, in order."""
         return tuple(Input[name.upper()] for name in self.inputs)
 
     @property

@@ -338,14 +338,14 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         viscosity_then=float(viscosity(own.temperature, own.salinity)),
         salinity=own.water_salinity,
         has_load_table=int(bool(config.load.table[0])),
-        load_speed=_padded(config.load.table[0], math.inf),
-        load_there=_padded(config.load.table[1], math.nan),
+        load_speed=_pad_points(config.load.table[0], math.inf),
+        load_there=_pad_points(config.load.table[1], math.nan),
     )
     chances = np.zeros(1) if belief is None else belief.table
     return RuleSettings(live, scalar_law(bearing.friction), table, chances)
 
 
-def _padded(points: Sequence[float], end: float) -> list[float]:
+def _pad_points(points: Sequence[float], end: float) -> list[float]:
     """Return the points of a table, then ``end`` up to the room there is."""
     return [*points, *[end] * (MAX_LOAD_POINTS - len(points))]
 

@@ -218,7 +218,7 @@ class Session:
                 name, place, odd, time_ns, mixed=source is not None and source.is_mixed
             )
         update = self._take_update(name, update, changes, now, latest=latest)
-        self._repeat(name, now)
+        self._repeat_values(name, now)
         return update
 
     def _take_update(
@@ -237,7 +237,7 @@ class Session:
         self._alarm(changes, update.events)
         return update
 
-    def _repeat(self, name: str, now: Moment) -> None:
+    def _repeat_values(self, name: str, now: Moment) -> None:
         """Count the values of a bearing that stand once more, where it is time."""
         for update in self.monitor.bearings[name].repeats():
             self._take_update(name, update, [], now, latest=True)
@@ -262,7 +262,7 @@ class Session:
         events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
         self._announce(events)
         self._alarm([], events)
-        self._repeat(name, now)
+        self._repeat_values(name, now)
 
     def excuse(self, held_ns: int) -> None:
         """We were held up for so long [ns]: no input is to blame for that time."""

@@ -24,7 +24,7 @@ class HeldValues:
         self._numbers = settings_of(config).live
         held = ((place, config.inputs[name]) for place, name in enumerate(QUANTITIES))
         self._schedules = {
-            place: _schedule(source.hold_ns)
+            place: _repeat_schedule(source.hold_ns)
             for place, source in held
             if source.hold_ns and not source.is_assumed
         }
@@ -42,9 +42,9 @@ class HeldValues:
         none = np.zeros(stream.time_ns.size, np.bool_)
         if not self._schedules or until_ns is None:
             return stream, none
-        found = [self._repeats(place, stream, until_ns) for place in self._schedules]
-        stamp_ns, arrival_ns, value = (np.concatenate(columns) for columns in zip(*found, strict=True))
-        inputs = np.repeat(np.array([*self._schedules], np.int8), [each[0].size for each in found])
+        columns = [self._make_repeats(place, stream, until_ns) for place in self._schedules]
+        stamp_ns, arrival_ns, value = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+        inputs = np.repeat(np.array([*self._schedules], np.int8), [stamps.size for stamps, *_ in columns])
         order = np.argsort(arrival_ns, kind='stable')
         # Times that leap back are left in the order of the recording.
         place = np.searchsorted(np.maximum.accumulate(stream.arrival_ns), arrival_ns[order], 'right')
@@ -56,10 +56,12 @@ class HeldValues:
         )
         return filled, np.insert(none, place, True)
 
-    def _repeats(self, place: int, stream: Stream, until_ns: int) -> tuple[IntArray, IntArray, FloatArray]:
+    def _make_repeats(
+        self, place: int, stream: Stream, until_ns: int
+    ) -> tuple[IntArray, IntArray, FloatArray]:
         """Return stamps, arrivals and values of the repeats of one input."""
-        own, schedule = stream.inputs == place, self._schedules[place]
-        stamp_ns, arrival_ns, value = stream.time_ns[own], stream.arrival_ns[own], stream.value[own]
+        rows, schedule = stream.inputs == place, self._schedules[place]
+        stamp_ns, arrival_ns, value = stream.time_ns[rows], stream.arrival_ns[rows], stream.value[rows]
         made = np.zeros(value.size, np.int64)
         if place in self._latest:
             stamp, arrival, number = self._latest[place]
@@ -75,9 +77,9 @@ class HeldValues:
         due = np.maximum(due, made)
         self._made[place] = int(due[-1])
         count = due - made
-        rows = np.repeat(np.arange(value.size), count)
-        steps = np.arange(rows.size) - np.repeat(np.cumsum(count) - count, count) + made[rows]
-        return stamp_ns[rows], arrival_ns[rows] + schedule[steps], value[rows]
+        of = np.repeat(np.arange(value.size), count)
+        steps = np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + made[of]
+        return stamp_ns[of], arrival_ns[of] + schedule[steps], value[of]
 
     def _is_valid(self, place: int, number: float) -> bool:
         return (
@@ -86,10 +88,10 @@ class HeldValues:
         )
 
 
-def _schedule(hold_ns: int) -> IntArray:
+def _repeat_schedule(hold_ns: int) -> IntArray:
     """Return how long after its arrival a value is repeated, up to a time [ns]."""
-    found, passed_ns = list[int](), repeat_step(0)
+    offsets, passed_ns = list[int](), repeat_step(0)
     while passed_ns <= hold_ns:
-        found.append(passed_ns)
+        offsets.append(passed_ns)
         passed_ns += repeat_step(passed_ns)
-    return np.array(found, np.int64)
+    return np.array(offsets, np.int64)
