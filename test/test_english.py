@@ -17,7 +17,7 @@ MOST = {
     'stickslip_monitor/drawing': 38,
     'stickslip_monitor/links': 140,
     'stickslip_monitor/monitor': 215,
-    'stickslip_monitor/offline': 223,
+    'stickslip_monitor/offline': 221,
     'stickslip_monitor/physics': 322,
     'stickslip_monitor/report': 17,
     'stickslip_monitor/ros': 117,
