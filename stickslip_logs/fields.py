@@ -126,7 +126,8 @@ def signalk_source(update: Mapping[str, Any]) -> str:
     if '$source' in update:
         return str(update['$source'])
     own = update.get('source')
-    if not isinstance(own, Mapping):
+    if not isinstance(own, dict):
         return '' if own is None else str(own)
+    begin = own.get('label') or own.get('type')
     end = own.get('src') if own.get('src') or own.get('pgn') else own.get('talker') or 'XX'
-    return '.'.join(str(part) for part in (own.get('label') or own.get('type'), end) if part)
+    return f'{begin}.{end}' if begin and end else str(begin or end or '')
