@@ -166,11 +166,13 @@ class TableRecording(Recording):
             return
         name, value = self.names
         place = self.unit_place
-        seen: dict[str, str] = {}
+        seen: dict[str, Counter[str]] = {}
         for row in self._all_rows(name):
-            seen.setdefault(row[name], row[place] if place is not None and len(row) > place else '')
-        for own, unit in seen.items():
-            heading, known = with_unit(own, unit)
+            units = seen.setdefault(row[name], Counter())
+            units[row[place] if place is not None and len(row) > place else ''] += 1
+        for own, units in seen.items():
+            # The unit of most lines: one line may be damaged.
+            heading, known = with_unit(own, units.most_common(1)[0][0])
             yield LogColumn(heading, value, own, known, self.is_sent and first_name(own) in seen)
 
     @property

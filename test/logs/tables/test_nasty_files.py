@@ -164,3 +164,13 @@ def test_a_database_that_is_no_recording_is_named(tmp_path: Path) -> None:
         BagError, match=r"no recording of ROS 2: it has the tables states; .*'SELECT \* FROM states'"
     ):
         open_bag(tmp_path / 'home.db')
+
+
+def test_a_damaged_unit_of_the_first_line_is_that_of_no_other(tmp_path: Path) -> None:
+    lines = ''.join(f'{k},speed,{30 + k},rpm\n{k},load,900,N\n' for k in range(20))
+    (tmp_path / 'a.csv').write_text('time,name,value,unit\n' + lines.replace('rpm', '1e17', 1))
+    recording = open_bag(tmp_path / 'a.csv')
+    found = recording.read([Request('speed', 'data')])
+    (series,) = found.values()
+    assert series.value[1:].tolist() == [31.0 + k for k in range(19)]
+    assert "'speed' changes its unit: lines in 1e17 are left out" in recording.warnings
