@@ -73,7 +73,7 @@ class Evidence:
 
 
 def read_levels(bearing: str, found: Sequence[Evidence]) -> list[Evidence]:
-    """The evidence with the reports that its levels give, all by one threshold.
+    """Return the evidence with the reports that its levels give, all by one threshold.
 
     Raises:
         CalibrationError: The levels have no two modes.
@@ -174,7 +174,7 @@ class Calibration:
         return Belief(self.reference.bearing, self.prior, self.floor)
 
     def hopf_speeds(self, load: float) -> list[float]:
-        """The Hopf speed at a load, at :data:`QUANTILES` [m/s], of what may be skew: quiet bounds it."""
+        """Return the Hopf speed at a load, at :data:`QUANTILES` [m/s]; it may be skew: quiet bounds it."""
         grid = self.posterior.by_all
         hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
         low, middle, high = grid.quantiles(hopf, QUANTILES)
@@ -340,7 +340,7 @@ def _drop_repeated(
 
 
 def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
-    """The damping and the law of a bearing as parameters of a configuration."""
+    """Return the damping and the law of a bearing as parameters of a configuration."""
     law, kind = bearing.friction, 'stribeck'
     values = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
     if isinstance(law, Tabulated):
@@ -352,7 +352,7 @@ def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
 
 
 def to_document(config: BearingConfig, found: Calibration, created: str, version: str) -> dict[str, Any]:
-    """The calibration as the documented JSON object."""
+    """Return the calibration as the documented JSON object."""
     log_r, log_q = found.factors
     doubtful = {id(end): p for end, p in found.doubts}
     return {
@@ -393,7 +393,7 @@ def _round_values(values: Any) -> Any:
 
 
 def fragment(config: BearingConfig, calibration: Calibration) -> str:
-    """The law and the damping that have the calibrated boundaries, as configuration."""
+    """Write the law and the damping that have the calibrated boundaries, as configuration."""
     rows = parameters_of_law(calibration.bearing)
     damping = rows.pop('damping')
     law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())
@@ -416,7 +416,7 @@ class EvidenceSource:
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
 
     def of_recording(self, kept: Kept, config: BearingConfig) -> Evidence:
-        """The evidence of one recording.
+        """Return the evidence of one recording.
 
         Raises:
             CalibrationError: It has no truth, and there is no other source.
@@ -444,7 +444,7 @@ class EvidenceSource:
     def calibrated(
         self, config: BearingConfig, evidence: Sequence[Evidence], forget: float = 0.0
     ) -> Calibration:
-        """What all recordings together give of a bearing; see :func:`.calibrate`.
+        """Calibrate a bearing by all recordings together; see :func:`.calibrate`.
 
         Raises:
             CalibrationError: They give nothing; the text says why.
@@ -471,7 +471,7 @@ def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
 
 
 def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
-    """The valid values of a bearing's level, over the speed."""
+    """Return the valid values of a bearing's level, over the speed."""
     assert config.level is not None
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]

@@ -174,7 +174,7 @@ class ReportedCourse:
 def track_of(
     course: TelemetryBins, reports: Sequence[VibrationReport], reference: Reference
 ) -> ReportedCourse | None:
-    """A course with the reports about it; ``None`` where nothing was reported of it."""
+    """Return a course with the reports about it; ``None`` where nothing was reported of it."""
     used = (course.speed > 0.0) & (course.load > 0.0)
     if np.count_nonzero(used) < _FEWEST:
         return None
@@ -195,7 +195,7 @@ def edges_of(
     reference: Reference,
     onsets: bool = True,
 ) -> Edges:
-    """What the reports about some courses tell.
+    """Find the edges of vibration in the reports about some courses.
 
     Args:
         courses: Each with the reports about it.
@@ -335,5 +335,5 @@ def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
 
 
 def _first_true(is_true: BoolArray, clock: FloatArray) -> FloatArray:
-    """The first time at which each row is true; ``inf`` for never."""
+    """Return the first time at which each row is true; ``inf`` for never."""
     return np.where(is_true.any(axis=1), clock[np.argmax(is_true, axis=1)], np.inf)

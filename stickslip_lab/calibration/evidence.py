@@ -136,7 +136,7 @@ def _parse_number(where: str, row: dict[str, str], name: str, default: float, hi
 
 
 def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
-    """Reports by bearing and time.
+    """Sort reports by bearing and time.
 
     Raises:
         CalibrationError: Two of them contradict each other.
@@ -153,7 +153,7 @@ def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
 
 
 def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
-    """The truth of a simulated recording: squeal in the episodes, quiet between them."""
+    """Report the truth of a simulated recording: squeal in the episodes, quiet between them."""
     edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
     bounds = TRUTH_TOLERANCE, TRUTH_TRUST
     return tuple(
@@ -213,7 +213,7 @@ class LevelBins:
 def level_over_speed(
     time: FloatArray, decibels: FloatArray, speed_time: FloatArray, speed: FloatArray
 ) -> LevelBins:
-    """A level in bins, less ``20 lg V``, while the shaft turned.
+    """Return a level in bins, less ``20 lg V``, while the shaft turned.
 
     Args:
         time: Times of the level, shape (n,) [s].
@@ -246,7 +246,7 @@ class NoTwoModes(CalibrationError):
 
 
 def threshold_of(levels: Sequence[LevelBins]) -> float:
-    """What parts the two modes of a level over all recordings [dB].
+    """Return the level that parts its two modes over all recordings [dB].
 
     Raises:
         NoTwoModes: The text says what it has.

@@ -115,7 +115,7 @@ class Posterior(NamedTuple):
 
 
 def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Posterior:
-    """The posterior of both factors, from a prior about 0 with a covariance of ``(ln r, ln q)``."""
+    """Infer the posterior of both factors, from a prior about 0 with a covariance of ``(ln r, ln q)``."""
     low, high = edges.loads
     load = 0.5 * (math.log(low) + math.log(high))
     log_q = _REACH * math.sqrt(prior[1, 1]) * np.linspace(-1.0, 1.0, _LOADS)
@@ -139,7 +139,7 @@ def _fold_grid(
     u: FloatArray,
     quick: bool = False,
 ) -> Grid:
-    """The prior with the ends, on a grid; ``quick`` finds where it is, without what is common."""
+    """Weigh a grid by prior and ends; ``quick`` finds where it is, without what is common."""
     bend = reference.fold(load + log_q) - reference.fold(np.array([load]))
     log_r = u[:, None] - bend
     inverse = np.linalg.inv(prior)
@@ -208,7 +208,7 @@ def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: fl
 
 
 def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spreads) -> Grid:
-    """The grid with what onsets, and passages without one, tell.
+    """Weigh a grid by onsets, and by passages without one, too.
 
     Of a bearing that wears, those of the newest recording: the errors that older ones have by its
     drift are no more independent than the steps of a walk.
