@@ -138,13 +138,16 @@ class StateFile:
         """
         try:
             content = read_file(self.path, MAX_SIZE)
-            return json.loads(content) if content else None
+            document = json.loads(content) if content else None
         except FileNotFoundError:
             return None
         except OSError as error:
             raise AlarmStateError(f'it cannot be read: {cause(error)}') from error
         except (ValueError, RecursionError) as error:
             raise AlarmStateError(f'it is not JSON: {error}') from error
+        if not content:  # as a power cut leaves one
+            raise AlarmStateError('it is empty')
+        return document
 
     def set_aside(self) -> str:
         """Rename a damaged file, so that somebody can look at it; return where it is now."""

@@ -134,6 +134,15 @@ def test_an_empty_or_damaged_one_keeps_nobody_from_monitoring(tmp_path: Path, co
     assert path.read_bytes() == content
 
 
+def test_an_empty_one_has_lost_its_alarms(tmp_path: Path) -> None:
+    """As a power cut leaves it: it is damaged, and not a first start."""
+    path = tmp_path / 'state.json'
+    assert StateFile(str(path)).read() is None
+    path.touch()
+    with pytest.raises(AlarmStateError, match=r'^it is empty$'):
+        StateFile(str(path)).read()
+
+
 def test_one_that_cannot_be_set_aside_is_named(tmp_path: Path) -> None:
     path = tmp_path / 'state.json'
     path.write_bytes(bytes(9))
