@@ -354,8 +354,8 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             "bag file '{}' is cut: nothing of it can be unpacked",
         ),
         (folder_of_logs, "bag '{0}' has no .mcap and no .db3 file: name one of its logs, as '{0}/b.csv'"),
-        (make_sqlite, "bag file '{}' cannot be read: no such table: topics"),
-        (make_sqlite_folder, "bag file '{}/bag_0.db3' cannot be read: no such table: topics"),
+        (make_sqlite, "'{}' is a database and no recording of ROS 2"),
+        (make_sqlite_folder, "'{}/bag_0.db3' is a database and no recording of ROS 2"),
         (
             folder_with({'a.mcap': [1]}, storage_identifier='other'),
             f"bag '{{}}' is stored as 'other': {CONVERT}",
