@@ -10,7 +10,7 @@ from typing import Any
 
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording, listed
-from stickslip_logs.tables.dialect import parse_heading
+from stickslip_logs.tables.dialect import parse_heading, unit_of
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.parameters import (
     LOAD_UNITS,
@@ -26,27 +26,19 @@ from stickslip_monitor.physics.bearing import TURNING_UNITS
 _TIMEOUT_LINES = 3.0
 # Of ten years, to which any time of a log can be added [ns].
 _LONGEST_NS = 10 * 31_557_600 * 10**9
-# In the unit of an input, but named as another quantity: never guessed.
-_OTHERS = {
-    # C663 is a turbocharger in the ISO 19848 names of DNV.
+# A column is taken by its unit only if its heading has one of these words, or is a unit, and no others than
+# these, those of its bearing and topic, and numbers: what else has the unit is named by its owner.
+_HEADINGS = {
     'speed': {
-        *('turbo', 'turbocharger', 'tc', 'c663', 'pump', 'fan', 'generator', 'genset', 'alternator'),
-        *('wind', 'winch', 'thruster', 'grid', 'mains', 'busbar', 'sampling'),
+        *('speed', 'rpm', 'shaftrpm', 'revolutions', 'revolution', 'revs', 'n', 'drehzahl', 'wellendrehzahl'),
+        *('propellerdrehzahl', 'rotational', 'rotation', 'shaft', 'propeller', 'welle'),
     },
-    'load': {
-        *('thrust', 'torque', 'power', 'schub', 'drehmoment', 'leistung'),
-        *('rudder', 'steering', 'crane', 'rope', 'chain', 'anchor', 'ice', 'mooring', 'towing', 'winch'),
-    },
+    'load': {'load', 'force', 'f', 'bearing', 'brg', 'lagerkraft', 'lagerlast', 'last', 'kraft'},
 }
-# What has a frequency, or an angle; in rpm they are words of propellers.
-_OF_MOTIONS = {'blade', 'gyro', 'turn', 'roll', 'pitch', 'yaw', 'heave'}
-# In the unit of an input, but not what is measured.
-_UNMEASURED = {
-    *('setpoint', 'set', 'sp', 'demand', 'command', 'cmd', 'order', 'target', 'reference', 'ref'),
-    *('limit', 'alarm', 'error', 'deviation', 'delta', 'std', 'stddev', 'stdev', 'rate', 'counter'),
+_BESIDE = {
+    *('prop', 'lager', 'sensor', 'measured', 'actual', 'value'),
+    *('mean', 'avg', 'average', 'of', 'the'),
 }
-# What is measured in spite of such a word.
-_MEASURED = re.compile(r'\bset \d+|\brate of (?:rev|rot)\w+|\brot\w+ rate')
 # 'RPM S 01' is 'RPM S 1'.
 _ZEROS = re.compile(r'\b0+(?=\d)')
 # Words of one side or end of a ship, and of the other.
@@ -54,8 +46,6 @@ _SIDES = (
     ({'port', 'ps', 'bb', 'backbord', 'babord'}, {'starboard', 'stbd', 'sb', 'stb', 'steuerbord', 'tribord'}),
     ({'aft', 'after', 'achtern', 'hinten'}, {'forward', 'fwd', 'fore', 'vorn'}),
 )
-# What may turn the shaft by a gear; E is an engine of NMEA 0183, and propulsion one of Signal K.
-_GEARED = {'engine', 'motor', 'maschine', 'e', 'propulsion'}
 # How local IDs of ISO 19848 name a quantity; they have no units.
 _LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
 
@@ -202,19 +192,16 @@ class ColumnBinding:
         ]
         # The bearing may be that of a thruster.
         called = {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
-        others = (_UNMEASURED | _OTHERS.get(quantity, set())) - called
+        others = set[str]()
         for one, other in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
+            called |= one if called & one else set()
             others |= other if called & one and not called & other else set()
-        motions = _OF_MOTIONS - called
-        words = [{*_MEASURED.sub('', parse_heading(c.heading).name).split()} for c in able]
-        able = [
-            c
-            for c, own in zip(able, words, strict=True)
-            if not own & (others if c.unit == 'rpm' or quantity != 'speed' else others | motions)
-        ]
+        able = [c for c in able if not others & {*parse_heading(c.heading).name.split()}]
         plain = [parse_heading(c.heading).name for c in able]
         like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
-        by_unit = [c for c in able if c.unit in units]
+        by_unit = [
+            c for c in able if c.unit in units and (self._log.is_sent or _is_plain(c, quantity, called))
+        ]
         local = _LOCAL_IDS.get(quantity, '\0')
         by_name = [c for c, name in zip(able, plain, strict=True) if name in own or local in c.heading]
         return of_topic or like or by_unit or by_name
@@ -224,10 +211,8 @@ class ColumnBinding:
     ) -> InputConfig:
         """An input as the table gives it; what was guessed is said."""
         unit = column.unit if column.unit in _units_of(quantity, source) else None
-        is_geared = quantity == 'speed' and bool(_GEARED & {*parse_heading(column.heading).name.split()})
-        # What came over a bus is what the sensor sent, the scale of an engine's speed is its gear, and
-        # what is written beside a named column is meant for it.
-        is_scaled = unit is not None and not (self._log.is_sent or is_geared or source.column)
+        # What came over a bus is what the sensor sent, and what is written beside a named column is meant.
+        is_scaled = unit is not None and not (self._log.is_sent or source.column)
         sent = SourceColumn(column)
         if unit is not None:
             ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
@@ -258,7 +243,7 @@ class ColumnBinding:
             said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
         elif isinstance(source, SpeedConfig) and source.gear_text:
             said += f', {source.gear_text}'
-        elif is_geared and not source.column:
+        elif quantity == 'speed' and not (source.column or _is_plain(column, quantity, {'s'})):
             self.asked[bearing.name, quantity] = (
                 f"is column '{column.heading}': is it the shaft's own? Write"
                 f' {bearing.name}.{quantity}.column, and gear where one is between'
@@ -275,6 +260,15 @@ def _names(column: LogColumn, bearing: str, topic: str = '') -> bool:
     """Whether a heading names a bearing, or is a topic."""
     is_topic = bool(topic) and column.heading.strip('/').startswith(topic.strip('/'))
     return is_topic or {*bearing.split('_')} <= {*parse_heading(column.heading).name.split()}
+
+
+def _is_plain(column: LogColumn, quantity: str, called: set[str]) -> bool:
+    """Return whether a heading says the quantity, or is a unit, and nothing else but some words."""
+    words = {word for word in parse_heading(column.heading).name.split() if not word.isdecimal()}
+    unit = {*parse_heading(parse_heading(column.heading).unit or '').name.split()}
+    unit |= {word for word in words if unit_of(word, 'force')}
+    own = _HEADINGS.get(quantity, set())
+    return bool(words & own or words <= unit) and words <= own | _BESIDE | called | unit
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:

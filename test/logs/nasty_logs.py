@@ -713,6 +713,15 @@ LOGS = {
 COLUMNS = {
     'no heading': ('#2', '#3'),
     'words of quality beside columns by their places': ('#2', '#4'),
+    'sets, rates of revolution and pitch propellers': ('#2', ''),
+    'Windows-1252': ('#2', ''),
+    'units behind underscores': ('ME1_RPM', ''),
+    'Graphtec: names of channels, blanks behind signs': ('CH1', 'CH2'),
+    'a number in the heading that is no factor': ('#2', '#3'),
+    'ISO 19848: local IDs, a turbocharger beside': (
+        '/dnv-v2/vis-3-4a/411.1/C101.31/meta/qty-rotational.frequency',
+        '',
+    ),
     'no heading, a line without a time': ('#2', '#3'),
     'no heading, a status in words': ('#3', '#3'),
     'blanks': ('#2', '#3'),
