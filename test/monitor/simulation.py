@@ -153,7 +153,9 @@ class Run:
         self.time, self.calm, self.deaf = 0.0, False, False
         self.truth = {name: TrueBearing(bearing, 1.6) for name, bearing in self.bearings.items()}
         self.manoeuvres = {name: Manoeuvres(name, truth) for name, truth in self.truth.items()}
-        self.senders = [self._sender(name, place) for name in NAMES for place in Input]
+        self.senders = [
+            self._sender(name, place) for name in NAMES for place in (Input.SPEED, Input.LOAD, Input.LEVEL)
+        ]
         del self.senders[2]  # the first bearing has no level
         # Twice as often as the first, with its clock.
         self.senders += [
