@@ -16,7 +16,7 @@ from stickslip_monitor.offline.input_columns import Bound, ColumnBinding
 
 
 def bind(bag: Recording, config: MonitorConfig) -> Bound:
-    """The configuration as it holds for this recording, and which inputs are not in it.
+    """Return the configuration as it holds for this recording, and which inputs are not in it.
 
     Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
 

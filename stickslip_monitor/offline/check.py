@@ -101,7 +101,7 @@ class StretchSink:
     """Takes what comes of a recording; see :func:`check_recording`."""
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """A recording begins, by the clock of the samples [ns]."""
+        """Begin a recording, by the clock of the samples [ns]."""
 
     def take(self, stretch: Stretch) -> None:
         """Take the next stretch."""
@@ -251,7 +251,7 @@ class _BearingCheck:
     def report(
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]], clock: str
     ) -> BearingReport:
-        """The complaints about the whole recording, with the faults of messages and clock."""
+        """Return the report on the whole recording, with the faults of messages and clock."""
         known_ns = self._extremes.lasting_ns
         seconds = dict(zip(REGIMES, (known_ns * 1e-9).tolist(), strict=True))
         silent_ns = max(0, span.length_ns - int(known_ns.sum()))
@@ -292,7 +292,7 @@ def is_long(bag: Recording, config: MonitorConfig) -> bool:
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
-    """What to read for a bearing: one request for each of its inputs."""
+    """Return what to read for a bearing: one request for each of its inputs."""
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
@@ -342,7 +342,7 @@ class Kept(StretchSink):
         self._parts: list[Stretch] = []
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """A recording begins."""
+        """Begin a recording."""
         self.bag, self.start_ns, self.end_ns = bag, start_ns, bag.end_ns
 
     def take(self, stretch: Stretch) -> None:
@@ -350,7 +350,7 @@ class Kept(StretchSink):
         self._parts.append(stretch)
 
     def stream(self, name: str) -> Stream:
-        """The samples of a bearing."""
+        """Return the samples of a bearing."""
         parts = [part.bearings[name].stream for part in self._parts]
         time_ns, inputs, value, arrival_ns = (
             np.concatenate([getattr(part, name) for part in parts])
@@ -359,12 +359,12 @@ class Kept(StretchSink):
         return Stream(time_ns, inputs, value, arrival_ns=arrival_ns)
 
     def scan(self, name: str) -> Scan:
-        """The verdicts on a bearing."""
+        """Return the verdicts on a bearing."""
         return joined([part.bearings[name].scan for part in self._parts])
 
 
 def to_json(report: CheckReport) -> dict[str, Any]:
-    """The report as a JSON object."""
+    """Return the report as a JSON object."""
     return {
         'schema': SCHEMA,
         **bag_record(report.bag),
@@ -374,7 +374,7 @@ def to_json(report: CheckReport) -> dict[str, Any]:
 
 
 def bag_record(bag: Recording) -> dict[str, Any]:
-    """What a recording holds, whatever it is checked for."""
+    """Return what a recording holds, whatever it is checked for."""
     start, end = bag.start_ns, bag.end_ns
     return {
         'path': str(bag.path),

@@ -102,7 +102,7 @@ class ClipFolder:
         return True
 
     def clips(self) -> list[Path]:
-        """The clips of the folder, the oldest first.
+        """Return the clips of the folder, the oldest first.
 
         A clip has a name and a label of ours: one that was renamed is somebody's to keep.
         """
@@ -114,7 +114,7 @@ class ClipFolder:
         return [path for *_, path in sorted(found)]
 
     def _free(self, clip: Clip) -> Path:
-        """A name that is not taken: when, which bearing, what."""
+        """Return a name that is not taken: when, which bearing, what."""
         when = _EPOCH + timedelta(seconds=clip.time_ns // 10**9)
         stem = f'{when:%Y%m%dT%H%M%SZ}_{clip.bearing}_{clip.condition.value}'
         for number in itertools.count(1):
@@ -161,7 +161,7 @@ class ClipWriter(StretchSink):
         self.counts = ClipCounts()
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """A recording begins."""
+        """Begin a recording."""
         self._bag, self._topics = bag, input_topics(bag, config)
         definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}
         self._recorder = ClipRecorder(config.clips, definitions)

@@ -129,7 +129,7 @@ class Outliner:
         return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
     def outline(self) -> Outline:
-        """The outline of what was taken; of few points all of them."""
+        """Return the outline of what was taken; of few points all of them."""
         config = self._config
         rows = self._thinned(self._rows)
         water = None if config.water_temperature is None else rows['water']
@@ -148,7 +148,7 @@ class Outliner:
 
 
 def _first(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
-    """The first that is chosen of each stretch that begins at the starts."""
+    """Return the first that is chosen of each stretch that begins at the starts."""
     places = np.flatnonzero(chosen)
     owner = np.searchsorted(starts, places, 'right')
     return places[np.flatnonzero(np.diff(owner, prepend=0))]
@@ -169,7 +169,7 @@ class ConditionInterval:
 
 
 def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> list[ConditionInterval]:
-    """The conditions of a recording one after the other.
+    """Return the conditions of a recording one after the other.
 
     Args:
         events: The changes of one bearing's alarm, in order.
@@ -214,7 +214,7 @@ def coarsened(parts: Sequence[ConditionInterval], most: int) -> list[ConditionIn
 def together(
     parts: Iterable[ConditionInterval], conditions: Collection[Condition]
 ) -> list[ConditionInterval]:
-    """The spells spent in any of some conditions; those that follow each other are one."""
+    """Return the spells spent in any of some conditions; those that follow each other are one."""
     found: list[ConditionInterval] = []
     for spell in parts:
         if spell.condition not in conditions:
@@ -226,7 +226,7 @@ def together(
 
 
 def _outermost(speed: FloatArray, load: FloatArray) -> IndexArray:
-    """The points than which no other is both faster and more loaded, shape (m,).
+    """Return the points than which no other is both faster and more loaded, shape (m,).
 
     At one speed the amplitude of the exact cycle rises with the load, and at one load, as a rule,
     with the speed: one of these has the greatest, however a recording is cut.
@@ -282,7 +282,7 @@ class Extremes:
             self._take(scan, rows[_outermost(size[rows], scan.load[rows])], 'amplitude')
 
     def _heaviest(self, scan: Scan) -> Assessments:
-        """A point at least as heavy as some, that known or one of these, if not much heavier.
+        """Return a point at least as heavy as some, that known or one of these, if not much heavier.
 
         No boundary of these is higher than its boundaries. They rise with the load but for the fold,
         which may fall again: here it is the highest of any load up to this.
@@ -312,7 +312,7 @@ class Extremes:
             self._take(scan, rows[size[rows] <= self._slow(top)], *_MARGINS)
 
     def _slow(self, top: Assessments) -> FloatArray:
-        """The highest speed at which a margin may be lower than is known; nan without a boundary [m/s]."""
+        """Return the highest speed [m/s] at which a margin may be lower than is known; nan without one."""
         known = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
         ends = zip(known, (top.hopf_speed, top.fold_speed), strict=True)
         slow: FloatArray = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
@@ -332,6 +332,6 @@ class Extremes:
 
 
 def lasting_ns(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:
-    """The time of each of some kinds, from the kind and the time of each point [ns]."""
+    """Return the time of each of some kinds, from the kind and the time of each point [ns]."""
     # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
     return np.bincount(codes, lasting, minlength=kinds).astype(np.int64)

@@ -81,7 +81,7 @@ class ColumnBinding:
         self.asked: dict[tuple[str, str], str] = {}
 
     def bind(self, config: MonitorConfig) -> Bound:
-        """The configuration with the topics and timeouts that hold for the table."""
+        """Return the configuration with the topics and timeouts that hold for the table."""
         absent: dict[tuple[str, str], str] = {}
         changed: dict[str, dict[str, Any]] = {}
         wanted = [(b, *each) for b in config.bearings for each in b.inputs.items() if not each[1].is_assumed]
@@ -113,7 +113,7 @@ class ColumnBinding:
         return Bound(replace(config, bearings=bearings), absent, self.asked)
 
     def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
-        """The one column that is an input.
+        """Return the one column that is an input.
 
         Raises:
             BagError: None is, or several may be.
@@ -168,7 +168,7 @@ class ColumnBinding:
         )
 
     def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
-        """The columns that may be an input, by the first rule that fits any."""
+        """Return the columns that may be an input, by the first rule that fits any."""
         if source.column:
             asked = _ZEROS.sub('', parse_heading(source.column).name)
             same = [c for c in self._all if c.heading == source.column]
@@ -209,7 +209,7 @@ class ColumnBinding:
     def _bound(
         self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn, every: float
     ) -> InputConfig:
-        """An input as the table gives it; what was guessed is said."""
+        """Return an input as the table gives it, and note what was guessed."""
         unit = column.unit if column.unit in _units_of(quantity, source) else None
         # What came over a bus is what the sensor sent, and what is written beside a named column is meant.
         is_scaled = unit is not None and not (self._log.is_sent or source.column)
@@ -272,7 +272,7 @@ def _is_plain(column: LogColumn, quantity: str, called: set[str]) -> bool:
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
-    """The units by which a column is known to be a quantity."""
+    """Return the units by which a column is known to be a quantity."""
     if quantity == 'speed':
         # A column in m/s may be the ship's own speed.
         return (*TURNING_UNITS, *(['m/s'] if source.unit == 'm/s' else []))
@@ -280,7 +280,7 @@ def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
 
 
 def _factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
-    """What a unit is in SI."""
+    """Return what a unit is in SI."""
     if quantity == 'speed':
         return bearing.bearing.speed.factor(unit)
     return LOAD_UNITS[unit] if quantity == 'load' else 1.0

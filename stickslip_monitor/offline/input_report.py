@@ -152,7 +152,7 @@ class Gaps:
 
 
 def _passed(interval: IntArray) -> int:
-    """The time of some intervals, of which those back are none [ns]."""
+    """Return the time of some intervals, of which those back are none [ns]."""
     return int(np.maximum(interval, 0).sum())
 
 
@@ -257,7 +257,7 @@ class InputCheck:
         return input_fault(replace(received, share=share, reason=Status.IMPLAUSIBLE))
 
     def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...], clock: str) -> InputReport:
-        """What came of the input, by the faults of its messages and clock, and questions."""
+        """Return the report on the input, with the faults of its messages and clock, and questions."""
         used = int(self._counts[Status.ACCEPTED])
         if self._assumed is not None:
             # It comes with the speed, and what is wrong with that is said there.
@@ -299,7 +299,7 @@ class InputCheck:
         return is_sparse and not self._source.hold_ns and equal <= _CHANGES_EQUAL * self._messages
 
     def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:
-        """The valid values in the unit of the configuration, in SI, and as they were sent."""
+        """Return the valid values in the unit of the configuration, in SI, and as they were sent."""
         source = self._source
         low, high = sorted(source.scale * end + source.offset for end in (first, last))
         si_unit = {'speed': 'm/s', 'load': 'N'}.get(self.quantity, source.unit)
@@ -314,7 +314,7 @@ def _range(low: float, high: float) -> str:
 
 
 def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
-    """The configuration as it holds for a recording, and why an input is not in it.
+    """Return the configuration as it holds for a recording, and why an input is not in it.
 
     One that is absent costs its bearing and no other.
 
@@ -331,7 +331,7 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
 
 
 def _facts(source: InputConfig) -> InputFacts:
-    """An input of which nothing has come."""
+    """Return the facts of an input without messages."""
     return InputFacts(source.topic, source.type, lost=True)
 
 

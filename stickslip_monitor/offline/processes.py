@@ -103,7 +103,7 @@ def _done(
 
 @contextlib.contextmanager
 def processes(jobs: int) -> Iterator[Executor]:
-    """Processes of this machine, which go at once when the work is broken off."""
+    """Yield processes of this machine, which go at once when the work is broken off."""
     others = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))
@@ -120,7 +120,7 @@ def processes(jobs: int) -> Iterator[Executor]:
 
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Processes started here leave Ctrl-C, which reaches a whole terminal, to this one."""
+    """Let processes started here leave Ctrl-C, which reaches a whole terminal, to this one."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -189,7 +189,7 @@ def on_cluster(
 
 
 def versions() -> dict[str, str]:
-    """What must be the same here and on every worker, for the same results."""
+    """Return what must be the same here and on every worker, for the same results."""
     import distributed
 
     python = '.'.join(platform.python_version_tuple()[:2])

@@ -68,7 +68,7 @@ class MessageColumn(NamedTuple):
 
 
 def check_target(path: str | Path) -> Path:
-    """The path of a recording of verdicts, which is one MCAP file that is not there yet.
+    """Return the path of a recording of verdicts, which is one MCAP file that is not there yet.
 
     Raises:
         BagError: It ends in something else, or exists.
@@ -119,7 +119,7 @@ class VerdictWriter(StretchSink):
         self._writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
 
     def _until(self, end_ns: int) -> Iterator[Message]:
-        """The messages of the inputs up to a log time [ns]."""
+        """Yield the messages of the inputs up to a log time [ns]."""
         while self._next is not None and self._next.log_time_ns <= end_ns:
             yield self._next
             self._next = next(self._inputs, None)
@@ -134,7 +134,7 @@ def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, st
 
 
 def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
-    """The topics that the bearings read and the recording has, each once."""
+    """Return the topics that the bearings read and the recording has, each once."""
     wanted = dict.fromkeys(i.topic for b in config.bearings for i in b.inputs.values())
     return [name for name in wanted if name in bag.topics]
 
@@ -169,7 +169,7 @@ class VerdictMessages:
         self._due: list[Event] = []
 
     def of(self, stretch: Stretch, spans: TimeSpans = ALWAYS) -> Iterator[MessageColumn]:
-        """The messages of a stretch.
+        """Yield the messages of a stretch.
 
         Args:
             stretch: The stretch, after all that came before it.
@@ -193,7 +193,7 @@ class VerdictMessages:
     def _diagnostics(
         self, stretch: Stretch, events: Sequence[Event], spans: TimeSpans
     ) -> Iterator[MessageColumn]:
-        """The states at every second and every change."""
+        """Yield the states at every second and every change."""
         arrivals = [heard.stream.arrival_ns for heard in stretch.bearings.values()]
         is_last = not any(arrival.size for arrival in arrivals)
         # More may have arrived at the same time.
@@ -230,7 +230,7 @@ class VerdictMessages:
 
 
 def events_of(stretch: Stretch) -> list[Event]:
-    """The changes of all bearings' alarms in a stretch, in order of time."""
+    """Return the changes of all bearings' alarms in a stretch, in order of time."""
     events = [event for heard in stretch.bearings.values() for event in heard.scan.events]
     return sorted(events, key=lambda event: event.time_ns)
 
@@ -261,7 +261,7 @@ class _Follower:
     def _encoded(
         self, points: Assessments, measured: Any, rows: IndexArray
     ) -> Iterator[tuple[str, Messages]]:
-        """What the topics of a bearing say of some points, by their last part."""
+        """Return what the topics of a bearing say of some points, by their last part."""
         for name in topic_numbers(self._config):
             yield name, float64_rows(topic_number(name, points))
         for name in topic_words(self._config):
@@ -292,7 +292,7 @@ class _Follower:
         return [until - state.shift]
 
     def states(self, heard: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
-        """The state after all that had arrived at some times, as it is seen then [ns]."""
+        """Return the state after all that had arrived at some times, as it is seen then [ns]."""
         ends = np.searchsorted(heard.stream.arrival_ns, ticks, 'right')
         found = list(self._scan.memories(heard.stream, ends.tolist()))
         points = self._assessed([point for _, point in found if point is not None])
@@ -303,7 +303,7 @@ class _Follower:
         ]
 
     def _assessed(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
-        """The assessments of some points, whose numbers are worked out together."""
+        """Yield the assessments of some points, whose numbers are worked out together."""
         if points:
             speed, load, water, *chances = np.array(points).T
             own, table = self._config, self._bearing.settings.boundaries
@@ -314,7 +314,7 @@ class _Follower:
             yield from (together.at(k) for k in range(len(points)))
 
     def _counted(self, heard: Heard, ends: IntArray) -> IntArray:
-        """Samples by input and status after so many of a stretch."""
+        """Return the samples by input and status after so many of a stretch."""
         kinds = heard.stream.inputs.astype(np.int64) * len(Status) + heard.scan.status
         counted = ~heard.repeats
         own = np.zeros((ends.size, self._counts.size), np.int64)
@@ -336,7 +336,7 @@ class _Follower:
     def _standing(
         self, place: int, stream: Stream, rows: IndexArray, ends: IndexArray, ticks: Sequence[int]
     ) -> list[SourceFault | None]:
-        """The fault of an input's source at some times; rows are those of its valid values."""
+        """Return the fault of an input's source at some times; rows are those of its valid values."""
         if self._config.inputs[INPUTS[place]].is_assumed:
             return [None] * len(ticks)
         watch, arrival_ns = self._sources[place], stream.arrival_ns[rows]
