@@ -28,7 +28,7 @@ def caches(tmp_path_factory: pytest.TempPathFactory):
 
 @pytest.fixture(autouse=importlib.util.find_spec('stickslip_monitor') is not None, scope='session')
 def examples(doctest_namespace: dict[str, Any]) -> None:
-    """The names that docs/api.md says its examples begin with."""
+    """Return the names that docs/api.md says its examples begin with."""
     import stickslip_monitor
     from stickslip_monitor.physics.scalar_law import scalar_law
 
@@ -40,7 +40,7 @@ def examples(doctest_namespace: dict[str, Any]) -> None:
 
 @pytest.fixture
 def loop() -> Iterator[asyncio.AbstractEventLoop]:
-    """The event loop of a test that is a coroutine; its tasks end with it."""
+    """Yield the event loop of a test that is a coroutine; its tasks end with it."""
     loop = asyncio.new_event_loop()
     yield loop
     loop.run_until_complete(_end_all())

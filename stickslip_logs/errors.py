@@ -23,14 +23,14 @@ class OutputError(StickslipError):
     """An output is an input, or would replace a file that this package did not write."""
 
 
-def plural(number: int, what: str) -> str:
+def plural(number: int, noun: str) -> str:
     """Return a number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
-    return f'{number} {what}{"" if number == 1 else "s"}'
+    return f'{number} {noun}{"" if number == 1 else "s"}'
 
 
-def did_you_mean(given: object, known: Iterable[str]) -> str:
+def did_you_mean(given: object, candidates: Iterable[str]) -> str:
     """Return the end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
-    text, names = str(given), list(known)
+    text, names = str(given), list(candidates)
     # The dashes of options make no two of them alike.
     bare = {name.lstrip('-'): name for name in names}
     close = difflib.get_close_matches(text.lstrip('-'), bare, n=1, cutoff=0.65)

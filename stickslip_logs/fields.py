@@ -95,7 +95,7 @@ class NumberField:
             if isinstance(step, str):
                 parent, value = value, getattr(value, step)
                 continue
-            place = step if isinstance(step, int) else _place(parent, step)
+            place = step if isinstance(step, int) else _field_place(parent, step)
             if isinstance(step, int):
                 self._check_name(number, parent, place)
             value = value[place]
@@ -110,7 +110,7 @@ class NumberField:
             raise LookupError(f'element {place} is another one')
 
 
-def _place(parent: Any, step: ByName) -> int:
+def _field_place(parent: Any, step: ByName) -> int:
     names = getattr(parent, NAMES)
     if step.name not in names:
         raise NoSuchElementError(step.name, names)
@@ -125,9 +125,9 @@ def signalk_source(update: Mapping[str, Any]) -> str:
     """
     if '$source' in update:
         return str(update['$source'])
-    own = update.get('source')
-    if not isinstance(own, dict):
-        return '' if own is None else str(own)
-    begin = own.get('label') or own.get('type')
-    end = own.get('src') if own.get('src') or own.get('pgn') else own.get('talker') or 'XX'
+    source = update.get('source')
+    if not isinstance(source, dict):
+        return '' if source is None else str(source)
+    begin = source.get('label') or source.get('type')
+    end = source.get('src') if source.get('src') or source.get('pgn') else source.get('talker') or 'XX'
     return f'{begin}.{end}' if begin and end else str(begin or end or '')

@@ -59,18 +59,18 @@ def near_name(path: str | Path) -> str:
     return did_you_mean(path.name, names)
 
 
-def read_file(path: str | Path, most: int) -> bytes:
+def read_file(path: str | Path, max_bytes: int) -> bytes:
     """Read a regular file as a whole, up to a size [bytes].
 
     Raises:
         OSError: It cannot be read, is no regular file, or is larger.
     """
     with open_file(path) as file:
-        data = file.read(most + 1)
+        data = file.read(max_bytes + 1)
     if data is None:
         raise OSError(errno.EAGAIN, 'it has nothing to read yet', str(path))
-    if len(data) > most:
-        raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
+    if len(data) > max_bytes:
+        raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
     return data
 
 

@@ -82,7 +82,7 @@ _END = (1 << 63) - 1
 
 @dataclass
 class TimeCourse:
-    """How a recording went: what to add to its times, and how long rows wait for their turn.
+    """Course of a recording: what to add to its times, and how long rows wait for their turn.
 
     Attributes:
         wait_ns: The longest that a row comes behind a later one [ns]; None where all have to be sorted.
@@ -127,8 +127,8 @@ class TimeCourse:
                 ' what follows is taken to go on behind what was before'
             )
         if self.ahead_count:
-            few = plural(self.ahead_count, 'time')
-            yield f'the clock {owner} leapt ahead and back: {few} taken from those beside'
+            times_text = plural(self.ahead_count, 'time')
+            yield f'the clock {owner} leapt ahead and back: {times_text} taken from those beside'
         if self.gap_ns and self.start_ns is not None and self.end_ns is not None:
             rest_ns = self.end_ns - self.start_ns - self.gap_ns
             yield (
@@ -170,11 +170,14 @@ class _Source:
             segments = np.array([[int(place[0]) + offset, self._count, first, last, first, last, step[0]]])
         else:
             self._steps += int(np.count_nonzero(step < -_MIN_STEP_NS))
-            begin = np.flatnonzero(self._begins(step, time_ns))
-            least, most = np.minimum.reduceat(time_ns, begin), np.maximum.reduceat(time_ns, begin)
+            begin = np.flatnonzero(self._begins_segment(step, time_ns))
+            smallest_ns, greatest_ns = (
+                np.minimum.reduceat(time_ns, begin),
+                np.maximum.reduceat(time_ns, begin),
+            )
             last_ns = time_ns[np.append(begin[1:], time_ns.size) - 1]
             where = place[begin] + offset, begin + self._count, time_ns[begin], last_ns
-            segments = np.stack([*where, least, most, step[begin]], axis=1)
+            segments = np.stack([*where, smallest_ns, greatest_ns, step[begin]], axis=1)
         self.last_place, self._last_ns = int(place[-1]) + offset, int(time_ns[-1])
         self._count += time_ns.size
         span = int(segments[:, 4].min()), int(segments[:, 5].max())
@@ -183,7 +186,7 @@ class _Source:
             self._parts.append(segments)
             self._size += len(segments)
             while self._size > 2 * _MAX_SEGMENTS:
-                self._coarsen()
+                self._halve_resolution()
         return span
 
     def _is_one(self, time_ns: IntArray, step_ns: IntArray) -> bool:
@@ -193,20 +196,20 @@ class _Source:
         cells = time_ns[[0, -1]] // self._resolution_ns
         return self._is_in_blocks or bool(cells[0] == cells[1])
 
-    def _begins(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
+    def _begins_segment(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
         """Return which rows, or segments, begin a segment; the first one does."""
         cell = time_ns // self._resolution_ns
         begins: BoolArray = _is_leap(step_ns, self._leap_ns) | (np.diff(cell, prepend=cell[0]) != 0)
         begins[0] = True
         return begins
 
-    def _coarsen(self) -> None:
+    def _halve_resolution(self) -> None:
         """Halve the resolution, and forget pauses of less than it."""
         self._resolution_ns *= 2
         self._leap_ns = max(self._leap_ns, self._resolution_ns // 4)
         segments = self.segments
-        begins = self._begins(segments[:, 6], segments[:, 2])
-        self._parts = [_joined(segments, np.flatnonzero(begins))]
+        begins = self._begins_segment(segments[:, 6], segments[:, 2])
+        self._parts = [_join_segments(segments, np.flatnonzero(begins))]
         self._size = len(self._parts[0])
 
     @property
@@ -222,8 +225,8 @@ class _Source:
     @property
     def steps_often(self) -> bool:
         """Whether it steps back more often than clocks are set."""
-        few = max(_FEW_STEPS, _MAX_STEP_FRACTION * self._count)
-        return self._steps > min(few, _MAX_STEPS)
+        allowed = max(_FEW_STEPS, _MAX_STEP_FRACTION * self._count)
+        return self._steps > min(allowed, _MAX_STEPS)
 
     @property
     def segments(self) -> IntArray:
@@ -236,7 +239,7 @@ class _Source:
         segments = self.segments
         is_first = _is_leap(segments[:, 6], self.leap_ns)
         is_first[:1] = True
-        runs = _joined(segments, np.flatnonzero(is_first)) if len(segments) else segments
+        runs = _join_segments(segments, np.flatnonzero(is_first)) if len(segments) else segments
         return [_Run(*values) for values in runs.tolist()]
 
 
@@ -245,7 +248,7 @@ def _is_leap(step_ns: IntArray, leap_ns: int) -> BoolArray:
     return result
 
 
-def _joined(segments: IntArray, begin: IntArray) -> IntArray:
+def _join_segments(segments: IntArray, begin: IntArray) -> IntArray:
     """Join the segments from each beginning to the next."""
     result = segments[begin]
     result[:, 3] = segments[np.append(begin[1:], len(segments)) - 1, 3]
@@ -278,8 +281,8 @@ class TimeOrder:
             self.add_to(int(source[0]), time_ns, place)
             return
         for key in np.unique(source).tolist():
-            own = source == key
-            self.add_to(key, time_ns[own], place[own])
+            rows = source == key
+            self.add_to(key, time_ns[rows], place[rows])
 
     def add_to(self, source: int, time_ns: IntArray, place: IntArray, offset: int = 0) -> tuple[int, int]:
         """Take up the next rows of one source, whose places are less by an offset; return their span [ns]."""
@@ -289,41 +292,41 @@ class TimeOrder:
 
     def course(self, wanted: Collection[int] | None = None) -> TimeCourse:
         """Judge the order of some sources, or of all."""
-        sources = {k: own for k, own in self._sources.items() if wanted is None or k in wanted}
+        sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
         if not sources:
             return TimeCourse()
         course = TimeCourse()
-        if any(own.steps_often for own in sources.values()) or not _explain(course, sources):
+        if any(segments.steps_often for segments in sources.values()) or not _explain_steps(course, sources):
             course = TimeCourse(wait_ns=None, is_unordered=True)
-            course.start_ns = min(own.least_ns for own in sources.values())
-            course.end_ns = max(own.most_ns for own in sources.values())
+            course.start_ns = min(segments.least_ns for segments in sources.values())
+            course.end_ns = max(segments.most_ns for segments in sources.values())
             return course
         _find_wait(course, sources)
         return course
 
 
-def _explain(course: TimeCourse, sources: dict[int, _Source]) -> bool:
+def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     """Find the reasons of all steps back; return False where the rows have to be sorted instead."""
     steps: list[_Step] = []
-    fits, max_leap_ns = True, max(own.leap_ns for own in sources.values())
-    runs = {key: own.runs() for key, own in sources.items()}
-    if any(run.last_ns < run.first_ns - _MIN_STEP_NS for each in runs.values() for run in each):
+    fits, max_leap_ns = True, max(source.leap_ns for source in sources.values())
+    runs = {key: source.runs() for key, source in sources.items()}
+    if any(run.last_ns < run.first_ns - _MIN_STEP_NS for source_runs in runs.values() for run in source_runs):
         return False
-    if all(_fit(each, max_leap_ns) for each in runs.values()):
+    if all(_fit_together(source_runs, max_leap_ns) for source_runs in runs.values()):
         return True
-    for key, own in sources.items():
-        open_runs = _close_excursions(course, key, own, runs[key])
+    for key, source in sources.items():
+        open_runs = _close_excursions(course, key, source, runs[key])
         for before, behind in itertools.pairwise(open_runs):
             if behind.step_ns < 0:
-                back_ns = before.last_ns + own.interval_ns - behind.first_ns
-                steps.append(_Step(behind.place, key, behind.first_ns, back_ns, own.interval_ns))
-        fits &= _fit(open_runs, max_leap_ns)
-        if _are_disorder([-run.step_ns for run in open_runs if run.step_ns < 0], own):
+                back_ns = before.last_ns + source.interval_ns - behind.first_ns
+                steps.append(_Step(behind.place, key, behind.first_ns, back_ns, source.interval_ns))
+        fits &= _fit_together(open_runs, max_leap_ns)
+        if _are_disorder([-run.step_ns for run in open_runs if run.step_ns < 0], source):
             return False
     if steps and fits:
         return False
     _set_clocks(course, sources, sorted(steps), max_leap_ns)
-    latest_ns = max(own.most_ns for own in sources.values())
+    latest_ns = max(source.most_ns for source in sources.values())
     return latest_ns + sum(course.steps_ns) < MAX_TIME_NS or not course.steps_ns
 
 
@@ -335,7 +338,7 @@ def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
     return is_unequal or max(back_ns) <= 2 * source.leap_ns
 
 
-def _fit(runs: Sequence[_Run], leap_ns: int) -> bool:
+def _fit_together(runs: Sequence[_Run], leap_ns: int) -> bool:
     """Return whether runs fit together without a seam when they are sorted."""
     spans = sorted((run.least_ns, run.most_ns) for run in runs)
     seams = (behind[0] - before[1] for before, behind in itertools.pairwise(spans))
@@ -352,17 +355,17 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
     for number, run in enumerate(runs):
         next_run = runs[number + 1] if number + 1 < len(runs) else None
         while len(result) > 1:
-            before, odd = result[-2:]
-            if _is_late(before, odd, run, source) or _is_early(before, odd, run, source):
-                course.late_count += run.row - odd.row
-                most_ns = max(before.most_ns, odd.most_ns)
+            before, excursion = result[-2:]
+            if _is_late(before, excursion, run, source) or _is_early(before, excursion, run, source):
+                course.late_count += run.row - excursion.row
+                most_ns = max(before.most_ns, excursion.most_ns)
             # Rows that are about to come back to where they were were late instead.
-            elif _is_ahead(before, odd, run, source) and not (
-                next_run is not None and _is_late(odd, run, next_run, source)
+            elif _is_ahead(before, excursion, run, source) and not (
+                next_run is not None and _is_late(excursion, run, next_run, source)
             ):
-                add_ns = (before.last_ns + run.first_ns - odd.first_ns - odd.last_ns) // 2
-                course.shifts.append(_Shift(odd.place, run.place, key, add_ns))
-                course.ahead_count += run.row - odd.row
+                add_ns = (before.last_ns + run.first_ns - excursion.first_ns - excursion.last_ns) // 2
+                course.shifts.append(_Shift(excursion.place, run.place, key, add_ns))
+                course.ahead_count += run.row - excursion.row
                 most_ns = before.most_ns
             else:
                 break
@@ -376,27 +379,29 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
     return result
 
 
-def _is_ahead(before: _Run, odd: _Run, run: _Run, source: _Source) -> bool:
+def _is_ahead(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether a source leapt ahead for a run, and came back to where it would have been."""
-    passed_ns = odd.last_ns - odd.first_ns + 2 * source.interval_ns
+    passed_ns = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns
     error_ns = run.first_ns - before.last_ns - passed_ns
-    return run.step_ns < 0 < odd.step_ns and abs(error_ns) <= source.leap_ns + source.interval_ns
+    return run.step_ns < 0 < excursion.step_ns and abs(error_ns) <= source.leap_ns + source.interval_ns
 
 
-def _is_late(before: _Run, odd: _Run, run: _Run, source: _Source) -> bool:
+def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether a source dropped back for a run, and came back to where it was."""
     gap_ns = run.first_ns - before.last_ns
-    is_brief = odd.last_ns - odd.first_ns <= _MAX_LATE_NS
+    is_brief = excursion.last_ns - excursion.first_ns <= _MAX_LATE_NS
     has_returned = -_MIN_STEP_NS <= gap_ns <= source.leap_ns + source.interval_ns
-    return odd.step_ns < 0 < run.step_ns and is_brief and has_returned
+    return excursion.step_ns < 0 < run.step_ns and is_brief and has_returned
 
 
-def _is_early(before: _Run, odd: _Run, run: _Run, source: _Source) -> bool:
+def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether rows that are not missing where they stand leave a gap behind that is no leap."""
-    is_there = odd.last_ns - odd.first_ns + 2 * source.interval_ns <= source.leap_ns
-    is_soon = odd.last_ns - run.first_ns <= _MAX_LATE_NS
+    is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.leap_ns
+    is_soon = excursion.last_ns - run.first_ns <= _MAX_LATE_NS
     gap_ns = run.first_ns - before.last_ns
-    return is_there and is_soon and run.step_ns < 0 < odd.step_ns and 2 * gap_ns <= 3 * source.interval_ns
+    return (
+        is_there and is_soon and run.step_ns < 0 < excursion.step_ns and 2 * gap_ns <= 3 * source.interval_ns
+    )
 
 
 def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
@@ -414,8 +419,8 @@ def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_St
         back_ns = max(step.back_ns for step in group if step.interval_ns <= 2 * fastest_ns)
         voices = {
             key
-            for key, own in sources.items()
-            if own.first_place < place <= own.last_place and own.interval_ns <= back_ns // 2
+            for key, source in sources.items()
+            if source.first_place < place <= source.last_place and source.interval_ns <= back_ns // 2
         }
         if voices <= {step.source for step in group}:
             course.shifts.append(_Shift(place, _END, None, back_ns))
@@ -428,12 +433,12 @@ def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_St
 def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     """Find start, end, and how long rows have to wait for their turn."""
     parts, own_late_ns = [], 0
-    for key, own in sources.items():
-        segments = own.segments
+    for key, times_of_source in sources.items():
+        segments = times_of_source.segments
         source = np.full(len(segments), key)
-        least, most = (course.follow(segments[:, k], source, segments[:, 0]) for k in (4, 5))
-        parts.append(np.stack([segments[:, 0], least, most], axis=1))
-        own_late_ns = max(own_late_ns, _lateness(parts[-1][:-1, 2], parts[-1][1:, 1]))
+        first_ns, last_ns = (course.follow(segments[:, k], source, segments[:, 0]) for k in (4, 5))
+        parts.append(np.stack([segments[:, 0], first_ns, last_ns], axis=1))
+        own_late_ns = max(own_late_ns, _longest_delay(parts[-1][:-1, 2], parts[-1][1:, 1]))
     segments = np.concatenate(parts)
     segments = segments[segments[:, 0].argsort(kind='stable')]
     course.start_ns, course.end_ns = int(segments[:, 1].min()), int(segments[:, 2].max())
@@ -441,7 +446,7 @@ def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     gap_ns = int((by_time[1:, 1] - np.maximum.accumulate(by_time[:-1, 2])).max(initial=0))
     if gap_ns > max(_MIN_GAP_NS, _MIN_GAP_SHARE * (course.end_ns - course.start_ns - gap_ns)):
         course.gap_ns = gap_ns
-    late_ns = _lateness(segments[:, 2], segments[:, 1])
+    late_ns = _longest_delay(segments[:, 2], segments[:, 1])
     course.wait_ns = late_ns + _MIN_STEP_NS
     # Segments of two sources overlap in the file: what is late within them is not known.
     blur_ns = 2 * int((segments[:, 2] - segments[:, 1]).max()) + _MIN_STEP_NS
@@ -449,7 +454,7 @@ def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     course.is_unordered = is_waiting and not course.late_count
 
 
-def _lateness(before_ns: IntArray, time_ns: IntArray) -> int:
+def _longest_delay(before_ns: IntArray, time_ns: IntArray) -> int:
     """Return the longest that a time is behind those beside or before it [ns]."""
     return int((np.maximum.accumulate(before_ns) - time_ns).max(initial=0))
 
@@ -482,7 +487,7 @@ class Sorter:
             yield columns
 
     def _in_order(self) -> Columns:
-        columns = tuple(np.concatenate(each, axis=-1) for each in zip(*self._waiting, strict=True))
+        columns = tuple(np.concatenate(arrays, axis=-1) for arrays in zip(*self._waiting, strict=True))
         if (columns[0][1:] >= columns[0][:-1]).all():
             return columns
         rows = columns[0].argsort(kind='stable')

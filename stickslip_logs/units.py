@@ -80,16 +80,16 @@ def factors_of(*names: str) -> dict[str, float]:
     return {name: _BY_NAME[name].factor / _BY_NAME[name].divisor for name in names}
 
 
-def conversion(name: str, other: str) -> float | None:
+def conversion(name: str, target: str) -> float | None:
     """Return how many of another unit one of a unit is; None where they measure different quantities.
 
     >>> conversion('kN', 'N')
     1000.0
     """
-    own, to = _BY_NAME.get(name), _BY_NAME.get(other)
-    if own is None or to is None or own.quantity != to.quantity:
+    source, to = _BY_NAME.get(name), _BY_NAME.get(target)
+    if source is None or to is None or source.quantity != to.quantity:
         return None
-    return own.factor * to.divisor / (own.divisor * to.factor)
+    return source.factor * to.divisor / (source.divisor * to.factor)
 
 
 def turning_factor(name: str, diameter: float) -> float:
@@ -117,5 +117,5 @@ def find_unit(text: str, quantity: str = '') -> Unit | None:
     'rpm'
     """
     plain = ''.join(text.strip(' []()').translate(_JOINERS).split())
-    found = _BY_SPELLING.get(plain) or _BY_SPELLING.get(plain.lower())
-    return found or _BESIDE_QUANTITY.get((quantity, plain))
+    unit = _BY_SPELLING.get(plain) or _BY_SPELLING.get(plain.lower())
+    return unit or _BESIDE_QUANTITY.get((quantity, plain))

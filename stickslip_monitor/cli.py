@@ -90,18 +90,18 @@ class _Parser(argparse.ArgumentParser):
     """Parser that names one wrong option in a sentence, an unknown one before a missing one."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        for argument in self._own(args):
+        for argument in self._own_options(args):
             # A value may follow a short option at once.
             long = argument.startswith('--')
             option = argument.partition('=')[0] if long else argument[:2]
-            if not any(known.startswith(option) for known in self._option_string_actions):
+            if not any(option_text.startswith(option) for option_text in self._option_string_actions):
                 if heir := _HEIRS.get(option):
                     self.error(f"option '{option}' is gone: {heir}")
                 hint = did_you_mean(option, self._option_string_actions)
                 self.error(f"option '{argument}' is not known{hint}")
         return super().parse_known_args(args, namespace)
 
-    def _own(self, args: Sequence[str]) -> Iterator[str]:
+    def _own_options(self, args: Sequence[str]) -> Iterator[str]:
         """Return the options of this parser: of the program, those before the command."""
         for argument in args:
             if argument == '--' or (self._subparsers and not argument.startswith('-')):
@@ -114,7 +114,7 @@ class _Parser(argparse.ArgumentParser):
         raise ConfigurationError(f'{message} (see {self.prog} --help)')
 
 
-def _parser(
+def _make_parser(
     asked: str | None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> argparse.ArgumentParser:
     """Build the parser; only the module of the given command is imported."""
@@ -129,7 +129,7 @@ def _parser(
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, text in known.items():
         place = module_of(name, package)
-        module = _loaded(place) if name == asked else None
+        module = _load_command(place) if name == asked else None
         command = commands.add_parser(
             name, help=text, description=module.__doc__ if module else text, formatter_class=_Paragraphs
         )
@@ -140,7 +140,7 @@ def _parser(
     return parser
 
 
-def _loaded(place: str) -> Any:
+def _load_command(place: str) -> Any:
     top = place.partition('.')[0]
     if importlib.util.find_spec(top) is None:
         raise ConfigurationError(f'this command is part of {top}, which is not installed')
@@ -162,13 +162,13 @@ def _add_traceback(parser: argparse.ArgumentParser, *, default: object) -> None:
 
 
 def main(
-    argv: Sequence[str] | None = None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
+    argv: Sequence[str] | None = None, commands: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> int:
     """Run a command.
 
     Args:
         argv: Arguments without the program's name; those of the process if ``None``.
-        known: The commands, with a line about each.
+        commands: The commands, with a line about each.
         package: Where their modules are.
 
     Returns:
@@ -179,20 +179,22 @@ def main(
         _open_streams()
         _hide_warnings()
     _print_anything()
-    code = _exit_code(arguments, known, package, takes_signals=argv is None)
+    code = _exit_code(arguments, commands, package, takes_signals=argv is None)
     if argv is None:
         interruption.ignore_signals()
     return code
 
 
-def _exit_code(arguments: list[str], known: Mapping[str, str], package: str, *, takes_signals: bool) -> int:
+def _exit_code(
+    arguments: list[str], commands: Mapping[str, str], package: str, *, takes_signals: bool
+) -> int:
     """Run a command; print what is wrong as one sentence and return the exit code for it."""
     try:
         if takes_signals:
             interruption.raise_on_signals()
-        return _run(arguments, known, package)
+        return _run_command(arguments, commands, package)
     except StickslipError as error:
-        return _failed(str(error), 2)
+        return _print_failure(str(error), 2)
     except BrokenPipeError:
         # The reader (head, less) has gone. What it has not read may be a warning.
         _to_nowhere(sys.stdout.fileno())
@@ -200,47 +202,47 @@ def _exit_code(arguments: list[str], known: Mapping[str, str], package: str, *, 
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
         place = f"'{error.filename}': " if error.filename else ''
-        return _failed(f'{place}{error.strerror or error}', 2)
+        return _print_failure(f'{place}{error.strerror or error}', 2)
     except MemoryError:
-        return _failed('there is not enough memory for this', 2)
+        return _print_failure('there is not enough memory for this', 2)
     except KeyboardInterrupt:
         return interruption.EXIT_CODE
     except Exception as error:
         if '--traceback' in arguments and not interruption.is_stopped():
             traceback.print_exc()
-        return _failed(program_fault(error), 3)
+        return _print_failure(program_fault(error), 3)
 
 
-def _run(arguments: list[str], known: Mapping[str, str], package: str) -> int:
+def _run_command(arguments: list[str], commands: Mapping[str, str], package: str) -> int:
     arguments = _with_negative_values(arguments)
     if '_ARGCOMPLETE' in os.environ:
-        _complete()
-    asked = _asked(arguments)
-    if asked == 'help':
+        _complete_line()
+    command = _asked_command(arguments)
+    if command == 'help':
         arguments.remove('help')
-        arguments, asked = [*arguments, '--help'], _asked(arguments)
-    if asked in _MOVED and asked not in known:
-        raise ConfigurationError(f"command '{asked}' has moved to {_MOVED[asked]}")
-    if asked is not None and asked not in known:
-        hint = did_you_mean(asked, known) or f'; there are: {", ".join(known)}'
-        raise ConfigurationError(f"command '{asked}' is not known{hint}")
-    args = _parser(asked, known, package).parse_args(arguments)
+        arguments, command = [*arguments, '--help'], _asked_command(arguments)
+    if command in _MOVED and command not in commands:
+        raise ConfigurationError(f"command '{command}' has moved to {_MOVED[command]}")
+    if command is not None and command not in commands:
+        hint = did_you_mean(command, commands) or f'; there are: {", ".join(commands)}'
+        raise ConfigurationError(f"command '{command}' is not known{hint}")
+    args = _make_parser(command, commands, package).parse_args(arguments)
     check_files(args)
     code: int = args.run(args)
     sys.stdout.flush()
     return code
 
 
-def _asked(arguments: Sequence[str]) -> str | None:
+def _asked_command(arguments: Sequence[str]) -> str | None:
     return next((argument for argument in arguments if not argument.startswith('-')), None)
 
 
-def _complete() -> None:
+def _complete_line() -> None:
     """Answer the shell, which asks what the line being typed can go on with, and end."""
     import argcomplete
 
-    command = _asked(os.environ.get('COMP_LINE', '').split()[1:])
-    argcomplete.autocomplete(_parser(command if command in COMMANDS else None))
+    command = _asked_command(os.environ.get('COMP_LINE', '').split()[1:])
+    argcomplete.autocomplete(_make_parser(command if command in COMMANDS else None))
 
 
 def _with_negative_values(arguments: list[str]) -> list[str]:
@@ -285,7 +287,7 @@ def _print_anything() -> None:
             stream.reconfigure(errors='backslashreplace')
 
 
-def _failed(text: str, code: int) -> int:
+def _print_failure(text: str, code: int) -> int:
     if interruption.is_stopped():
         # A library that was being loaded has made an error of its own of the signal.
         return interruption.EXIT_CODE

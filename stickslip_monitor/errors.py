@@ -116,7 +116,7 @@ def require_finite(name: str, value: float, unit: str = '') -> None:
     >>> require_finite('speed', 0.1, 'm/s')
     """
     if not math.isfinite(value):
-        raise PhysicsError(f'{name} = {_shown(value, unit)} must be a finite number')
+        raise PhysicsError(f'{name} = {_show_value(value, unit)} must be a finite number')
 
 
 def require_positive(name: str, value: float, unit: str = '') -> None:
@@ -126,7 +126,7 @@ def require_positive(name: str, value: float, unit: str = '') -> None:
     """
     require_finite(name, value, unit)
     if not value > 0.0:
-        raise PhysicsError(f'{name} = {_shown(value, unit)} must be greater than 0')
+        raise PhysicsError(f'{name} = {_show_value(value, unit)} must be greater than 0')
 
 
 def require_not_negative(name: str, value: float, unit: str = '') -> None:
@@ -136,8 +136,8 @@ def require_not_negative(name: str, value: float, unit: str = '') -> None:
     """
     require_finite(name, value, unit)
     if value < 0.0:
-        raise PhysicsError(f'{name} = {_shown(value, unit)} must not be negative')
+        raise PhysicsError(f'{name} = {_show_value(value, unit)} must not be negative')
 
 
-def _shown(value: float, unit: str) -> str:
+def _show_value(value: float, unit: str) -> str:
     return f'{value:g} {unit}'.rstrip()

@@ -40,7 +40,7 @@ _LONGEST_TEXT = 4000
 _ENDS = 1000
 
 
-def read_json(path: str | Path, most: int) -> Any:
+def read_json(path: str | Path, max_bytes: int) -> Any:
     """Read a regular file as JSON, up to a size [bytes].
 
     Raises:
@@ -48,17 +48,17 @@ def read_json(path: str | Path, most: int) -> Any:
         ValueError: It is not JSON in UTF-8, or nested too deeply.
     """
     try:
-        return json.loads(read_file(path, most).decode('utf-8'))
+        return json.loads(read_file(path, max_bytes).decode('utf-8'))
     except RecursionError as error:
         raise ValueError('it is nested too deeply') from error
 
 
-def is_same(one: str | Path, other: str | Path) -> bool:
+def is_same(one: str | Path, second: str | Path) -> bool:
     """Return whether two paths are one file, by any name, link or case."""
     try:
-        return Path(one).samefile(other)
+        return Path(one).samefile(second)
     except (OSError, ValueError):
-        return os.path.realpath(one) == os.path.realpath(other)
+        return os.path.realpath(one) == os.path.realpath(second)
 
 
 def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = False) -> None:

@@ -92,11 +92,11 @@ class _Pump:
             if not (readable or writable):
                 return
             if writable:
-                self._give()
+                self._write_available()
             if readable:
-                is_open = self._take()
+                is_open = self._read_available()
 
-    def _take(self) -> bool:
+    def _read_available(self) -> bool:
         """Read available data; return False at the end of the source."""
         data = os.read(self._source, 1 << 16)
         *lines, self._rest = (self._rest + data).split(b'\n')
@@ -107,7 +107,7 @@ class _Pump:
             self._lines.append(line + b'\n')
         return bool(data)
 
-    def _give(self) -> None:
+    def _write_available(self) -> None:
         line = self._lines.popleft()
         if self._lost:
             line = b'[%d lines of the log are lost: nobody read them]\n' % self._lost + line
@@ -175,8 +175,8 @@ class ServiceManager:
         """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
         if self._address:
             kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
-            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as own:
-                own.sendto(state.encode(), self._address)
+            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as unix_socket:
+                unix_socket.sendto(state.encode(), self._address)
 
     def beat(self) -> None:
         """Notify the watchdog that the node is alive, as often as it wants."""

@@ -31,7 +31,7 @@ def end_at_once() -> None:
 
 def raise_on_signals() -> None:
     """Have signals raise KeyboardInterrupt, so that a command clears away what it has begun."""
-    _call_on_signals(_interrupt)
+    _call_on_signals(_raise_interrupt)
 
 
 def is_stopped() -> bool:
@@ -54,7 +54,7 @@ def _call_on_signals(handler: Callable[..., object]) -> None:
             signal.signal(number, handler)
 
 
-def _interrupt(number: int, _: object) -> NoReturn:
+def _raise_interrupt(number: int, _: object) -> NoReturn:
     _received.append(number)
     raise KeyboardInterrupt
 

@@ -76,12 +76,12 @@ def compiled(
         The compiled function.
     """
     try:
-        found = _compile(entry, modules, law, inline=inline, cache=True)
+        function = _compile_function(entry, modules, law, inline=inline, cache=True)
     except RuntimeError:  # numba has no folder that it may write to
-        found = _compile(entry, modules, law, inline=inline, cache=False)
-    if sys.stderr.isatty() and not _is_kept(found):
+        function = _compile_function(entry, modules, law, inline=inline, cache=False)
+    if sys.stderr.isatty() and not _is_kept(function):
         sys.stderr.write('compiling for long work: seconds, once for this version\n')
-    return found
+    return function
 
 
 def _is_kept(function: Any) -> bool:
@@ -90,14 +90,14 @@ def _is_kept(function: Any) -> bool:
     return bool(folder and any(Path(folder).glob(f'*.{function.py_func.__qualname__}-*.nbi')))
 
 
-def _compile(
+def _compile_function(
     entry: str, modules: tuple[ModuleType, ...], law: ModuleType | None, *, inline: bool, cache: bool
 ) -> Callable[..., Any]:
     numba = import_module('numba')
     _know_bisect_right()
     everything = (*modules, law) if law else modules
-    digest = _digest(everything)
-    found: dict[FunctionType, Any] = {}
+    digest = _digest_modules(everything)
+    compiled_functions: dict[FunctionType, Any] = {}
     spaces = {module.__name__: dict(vars(module)) for module in everything}
     for name, space in spaces.items():
         for function in list(space.values()):
@@ -107,14 +107,18 @@ def _compile(
                 copy.__qualname__ = f'{own}_{digest}'
                 # Inlining the entry itself would leave nothing to call.
                 inlined = {'inline': 'always'} if inline and own != entry else {}
-                found[function] = numba.njit(cache=cache, **_OPTIONS, **inlined)(copy)
+                compiled_functions[function] = numba.njit(cache=cache, **_OPTIONS, **inlined)(copy)
     given = {key: vars(law)[key] for key in _OF_A_LAW if hasattr(law, key)}
     for space in spaces.values():
         for key, value in space.items():
             if isinstance(value, FunctionType):
                 function = given.get(key, value)
-                space[key] = found.get(function, function)
-    return next(each for plain, each in found.items() if plain.__name__ == entry)
+                space[key] = compiled_functions.get(function, function)
+    return next(
+        function_compiled
+        for plain, function_compiled in compiled_functions.items()
+        if plain.__name__ == entry
+    )
 
 
 @functools.cache
@@ -139,7 +143,7 @@ def _search_of(values: Any, wanted: Any) -> Callable[[Any, Any], int]:
     return search
 
 
-def _digest(modules: tuple[ModuleType, ...]) -> str:
+def _digest_modules(modules: tuple[ModuleType, ...]) -> str:
     """Name of the cached functions: numba does not see when a function they call has changed."""
     sources = [Path(str(module.__file__)).read_bytes() for module in modules]
     return f'{zlib.crc32(repr((_OPTIONS, sources)).encode()):08x}'

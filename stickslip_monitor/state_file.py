@@ -69,15 +69,15 @@ class StateFile:
         try:
             self.path = Path(path).expanduser()
             for suffix in _SUFFIXES:
-                self._beside(suffix).exists()
-            found = self.path.stat().st_mode if self.path.exists() else stat.S_IFREG
+                self._path_beside(suffix).exists()
+            mode = self.path.stat().st_mode if self.path.exists() else stat.S_IFREG
             folder = self.path.parent.is_dir()
         except (OSError, RuntimeError, ValueError) as error:
             raise RosError(f'{self._given} cannot be used: {cause(error)}') from error
         if not folder:
             raise RosError(f'{self._given}: there is no folder {self.path.parent}')
-        if not stat.S_ISREG(found):
-            kind = 'a folder' if stat.S_ISDIR(found) else 'a device, pipe or socket'
+        if not stat.S_ISREG(mode):
+            kind = 'a folder' if stat.S_ISDIR(mode) else 'a device, pipe or socket'
             raise RosError(f'{self._given} must be a file, but is {kind}')
         self._lock: int | None = None
 
@@ -100,7 +100,7 @@ class StateFile:
         begin = b'{"schema":"' + self._family
         return self._family in head or begin.startswith(b''.join(head.split()))
 
-    def _beside(self, suffix: str) -> Path:
+    def _path_beside(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
 
     def lock(self) -> None:
@@ -112,7 +112,7 @@ class StateFile:
         descriptor = -1
         try:
             flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-            descriptor = os.open(self._beside('.lock'), flags, 0o644)
+            descriptor = os.open(self._path_beside('.lock'), flags, 0o644)
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             os.close(descriptor)
@@ -152,7 +152,7 @@ class StateFile:
     def set_aside(self) -> str:
         """Rename a damaged file, so that somebody can look at it; return where it is now."""
         try:
-            return f'it is now {self.path.replace(self._beside(".damaged"))}'
+            return f'it is now {self.path.replace(self._path_beside(".damaged"))}'
         except OSError as error:
             return f'it cannot be set aside: {cause(error)}'
 
@@ -177,10 +177,10 @@ class Background(Generic[T]):
         fault: Why the last thing is not written yet; empty otherwise.
     """
 
-    def __init__(self, name: str, write: Callable[[T], object], most: int = 1) -> None:
+    def __init__(self, name: str, write: Callable[[T], object], max_waiting: int = 1) -> None:
         self.fault = ''
         self._name, self._write = name, write
-        self._waiting: deque[T] = deque(maxlen=most)
+        self._waiting: deque[T] = deque(maxlen=max_waiting)
         self._closing = False
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -192,7 +192,7 @@ class Background(Generic[T]):
             self._changed.notify()
             if self._thread is None:
                 self._closing = False
-                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread = threading.Thread(target=self._run_writer, name=self._name, daemon=True)
                 self._thread.start()
 
     def close(self, patience: float) -> bool:
@@ -205,7 +205,7 @@ class Background(Generic[T]):
             thread.join(patience)
         return thread is None or not thread.is_alive()
 
-    def _run(self) -> None:
+    def _run_writer(self) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._closing)
@@ -217,9 +217,9 @@ class Background(Generic[T]):
                 self.fault = ''
             except Exception as error:
                 self.fault = cause(error)
-                self._wait(thing)
+                self._wait_for_retry(thing)
 
-    def _wait(self, thing: T) -> None:
+    def _wait_for_retry(self, thing: T) -> None:
         """Before the next attempt, with this one unless there is a newer one by then."""
         with self._changed:
             if not self._closing:

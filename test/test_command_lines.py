@@ -101,7 +101,7 @@ def test_every_command_line_is_understood(capsys: pytest.CaptureFixture[str]) ->
     for line in COMMANDS:
         words = shlex.split(line)[1:]
         try:
-            cli._parser(words[0]).parse_args(words)
+            cli._make_parser(words[0]).parse_args(words)
         except SystemExit as stop:
             # --help ends well.
             if stop.code:

@@ -130,7 +130,7 @@ def test_a_fault_of_the_program_has_a_sentence_and_a_code(
     def broken(*_: object) -> object:
         raise ZeroDivisionError('\x1b[31mred')
 
-    monkeypatch.setattr(cli, '_run', broken)
+    monkeypatch.setattr(cli, '_run_command', broken)
     assert cli.main(['check']) == 3
     error = capsys.readouterr().err
     assert error.startswith('ERROR: this is a fault of the program, not of what it was given: Zero')

@@ -187,7 +187,7 @@ def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Pat
     assert json.loads(lines['ENTRYPOINT']) == ['monitor']
     assert json.loads(lines['CMD'])[:2] == ['--ros-args', '--params-file']
     health = json.loads(lines['HEALTHCHECK'].partition('CMD ')[2])
-    assert cli._parser(health[1]).parse_args(health[1:]).timeout < 15.0
+    assert cli._make_parser(health[1]).parse_args(health[1:]).timeout < 15.0
     (extras,) = re.findall(r"'/src\[(.*)\]'", text)
     listed = (ROOT / 'setup.py').read_text('utf-8')
     assert all(f"'{extra}': " in listed for extra in extras.split(','))

@@ -79,7 +79,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How long to measure."""
+    """Effort of a measurement."""
 
     budget: float = 0.5  # time to spend on one method at one case [s]
     sample: float = 2e-3  # shortest sample; faster calls are repeated within it [s]
@@ -175,7 +175,7 @@ class Summary:
 
 
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
-    """One summary a method, in the order of their first rows; times over those of ``base``."""
+    """Return one summary a method, in the order of their first rows; times over those of ``base``."""
     unit = {row.case: row.seconds for row in rows if row.method == base}
     summaries = []
     for name in dict.fromkeys(row.method for row in rows):
@@ -200,7 +200,7 @@ def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
 
 
 def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
-    """Which points no other point beats in time and error together, by rising time.
+    """Return which points no other point beats in time and error together, by rising time.
 
     Points that are not finite take no part; errors below rounding are equal.
     """

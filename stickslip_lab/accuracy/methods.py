@@ -41,7 +41,7 @@ CYCLE, NO_CYCLE, NOT_CONVERGED, REFUSED = 'cycle', 'no_cycle', 'not_converged', 
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """What a method says of one operating point."""
+    """Result of a method at one operating point."""
 
     amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
     outcome: str
@@ -399,7 +399,7 @@ def half_range(q: FloatArray) -> float:
 
 
 def has_resolvent(bearing: Bearing) -> bool:
-    """Whether the method applies: a jump at breakaway leaves the stick force undetermined."""
+    """Return whether the method applies: a jump at breakaway leaves the stick force undetermined."""
     law = bearing.friction
     return not isinstance(law, Coulomb) or law.static == law.kinetic
 
@@ -436,7 +436,7 @@ def averaging(points: int, bearing: Bearing, speed: float, load: float) -> Metho
 
 
 def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """One slip phase from breakaway, the law set-valued (Filippov 1988); stick is a line."""
+    """Follow one slip phase from breakaway, the law set-valued (Filippov 1988); stick is a line."""
     cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
     if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
         return not_converged(None)

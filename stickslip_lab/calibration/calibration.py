@@ -63,7 +63,7 @@ FRAGMENT_MARK = b'Made by stickslip calibrate'
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What one recording tells of a bearing."""
+    """Evidence of one recording about a bearing."""
 
     name: str  # of the recording
     courses: tuple[TelemetryBins, ...]  # speed and load between two jumps of the clock
@@ -72,15 +72,15 @@ class Evidence:
     knocks: tuple[VibrationReport, ...] = ()  # vibrations too short to be episodes
 
 
-def read_levels(bearing: str, found: Sequence[Evidence]) -> list[Evidence]:
+def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
     """Return the evidence with the reports that its levels give, all by one threshold.
 
     Raises:
         CalibrationError: The levels have no two modes.
     """
-    threshold = threshold_of([one.level for one in found if one.level is not None])
+    threshold = threshold_of([one.level for one in evidence if one.level is not None])
     read = []
-    for one in found:
+    for one in evidence:
         if one.level is not None:
             reports, knocks = level_reports(bearing, one.level, threshold, one.name)
             one = replace(one, reports=tuple(reports), knocks=tuple(knocks))
@@ -101,7 +101,7 @@ def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the evidence gives of a bearing."""
+    """Result of a calibration."""
 
     reference: Reference  # the bearing that is configured
     prior: FloatArray  # covariance of both factors, before
@@ -129,8 +129,8 @@ class Calibration:
 
     def _middle_factors(self, grid: Grid) -> tuple[float, float]:
         u, log_q = grid.middle
-        there, here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
-        return u - float(there - here), log_q
+        log_fold_there, log_fold_here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
+        return u - float(log_fold_there - log_fold_here), log_q
 
     def _factor_covariance(self, grid: Grid) -> FloatArray:
         """Covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
@@ -194,16 +194,16 @@ class Calibration:
     def doubts(self) -> list[tuple[End, float]]:
         """Ends and bounds that are more likely worthless than not, with that probability."""
         log_r, log_q = self.factors
-        count, each = len(self.edges.ends), []
+        count, texts = len(self.edges.ends), []
         for k, end in enumerate(self.edges.ends):
             moved_on = self.spreads.forget * math.sqrt(count - 1 - k)
             spread = math.hypot(0.02, self.spreads.load, moved_on)
-            each.append((end, doubt(end, self.reference, log_r, log_q, spread)))
-        return [(end, p) for end, p in each if p > _DOUBTFUL]
+            texts.append((end, doubt(end, self.reference, log_r, log_q, spread)))
+        return [(end, p) for end, p in texts if p > _DOUBTFUL]
 
     @property
     def warnings(self) -> list[str]:
-        """What makes the result worth less, a sentence each."""
+        """Sentences on what makes the result worth less."""
         texts, seen = [], self.edges.seen
         if not self.episodes:
             texts.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
@@ -250,7 +250,7 @@ class Calibration:
 
     @property
     def remarks(self) -> list[str]:
-        """What else is to be known, a sentence each."""
+        """Sentences on what else is to be known."""
         (low, high), texts = self.loads, []
         if off := [over_fold(end, self.reference) for end in self.edges.seen]:
             middle = 100.0 * (float(np.median(off)) - 1.0)
@@ -283,7 +283,7 @@ def over_fold(end: End, reference: Reference) -> float:
 
 
 def calibrate(
-    found: Sequence[Evidence],
+    evidence: Sequence[Evidence],
     bearing: Bearing,
     tolerance: Tolerance,
     forget: float = 0.0,
@@ -292,7 +292,7 @@ def calibrate(
     """Infer a bearing's boundaries.
 
     Args:
-        found: The recordings, with their reports.
+        evidence: The recordings, with their reports.
         bearing: The bearing that is configured.
         tolerance: What its configuration states of it.
         forget: Standard deviation that ``ln q`` is given anew before each recording: it wears.
@@ -302,7 +302,7 @@ def calibrate(
         CalibrationError: The evidence is none, or of another bearing.
     """
     reference = Reference(bearing)
-    pairs, repeated = _drop_repeated(found)
+    pairs, repeated = _drop_repeated(evidence)
     edges = edges_of(pairs, reference, onsets)
     if not edges.tracks or not edges.loads[0] > 0.0:
         raise CalibrationError(
@@ -311,7 +311,7 @@ def calibrate(
         )
     prior, spreads = prior_of(bearing, tolerance), Spreads(tolerance.load or _LOAD, forget)
     posterior = infer(edges, reference, prior, spreads)
-    result = Calibration(reference, prior, tolerance, spreads, edges, posterior, tuple(found), repeated)
+    result = Calibration(reference, prior, tolerance, spreads, edges, posterior, tuple(evidence), repeated)
     wrong = [end for end, _ in result.doubts if not end.is_bound]
     if len(edges.seen) > 1 and 2 * len(wrong) > len(edges.seen):
         over = [over_fold(end, reference) for end in wrong]
@@ -326,7 +326,7 @@ def calibrate(
 def _drop_repeated(
     evidence: Sequence[Evidence],
 ) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
-    """Each course once with its reports, and the names of recordings that repeat one."""
+    """Return each course once with its reports, and the names of recordings that repeat one."""
     courses: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
     repeated: dict[str, None] = {}
     for one in evidence:
@@ -351,10 +351,12 @@ def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
     return {'damping': _round_values(bearing.damping), 'friction.law': kind, **written}
 
 
-def to_document(config: BearingConfig, found: Calibration, created: str, version: str) -> dict[str, Any]:
+def to_document(
+    config: BearingConfig, calibration: Calibration, created: str, version: str
+) -> dict[str, Any]:
     """Return the calibration as the documented JSON object."""
-    log_r, log_q = found.factors
-    doubtful = {id(end): p for end, p in found.doubts}
+    log_r, log_q = calibration.factors
+    doubtful = {id(end): p for end, p in calibration.doubts}
     return {
         'schema': CALIBRATION_SCHEMA,
         'bearing': config.name,
@@ -362,13 +364,13 @@ def to_document(config: BearingConfig, found: Calibration, created: str, version
             name: sensor_record(input_config)
             for name, input_config in (('speed', config.speed), ('load', config.load))
         },
-        'parameters': parameters_of_law(found.bearing),
-        'believed': parameters_of_law(found.belief.bearing),
-        'covariance': _round_values(found.belief.covariance),
-        'loads': _round_values(found.loads),
-        'floor': found.floor,
+        'parameters': parameters_of_law(calibration.bearing),
+        'believed': parameters_of_law(calibration.belief.bearing),
+        'covariance': _round_values(calibration.belief.covariance),
+        'loads': _round_values(calibration.loads),
+        'floor': calibration.floor,
         'factors': {'speeds': _round_values(math.exp(log_r)), 'loads': _round_values(math.exp(log_q))},
-        'boundaries': _round_values(found.boundaries()),
+        'boundaries': _round_values(calibration.boundaries()),
         'ends': [
             {
                 'recording': end.recording,
@@ -379,10 +381,10 @@ def to_document(config: BearingConfig, found: Calibration, created: str, version
                 'bound': end.is_bound,
                 'worthless': _round_values(doubtful.get(id(end), 0.0)),
             }
-            for end in found.edges.ends
+            for end in calibration.edges.ends
         ],
-        'warnings': found.warnings,
-        'remarks': found.remarks,
+        'warnings': calibration.warnings,
+        'remarks': calibration.remarks,
         'created': created,
         'version': version,
     }
@@ -415,18 +417,18 @@ class EvidenceSource:
 
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
 
-    def of_recording(self, kept: Kept, config: BearingConfig) -> Evidence:
+    def of_recording(self, outline: Kept, config: BearingConfig) -> Evidence:
         """Return the evidence of one recording.
 
         Raises:
             CalibrationError: It has no truth, and there is no other source.
         """
-        bag, scan = kept.bag, kept.scan(config.name)
+        bag, scan = outline.bag, outline.scan(config.name)
         name, courses = bag.path.name, courses_of(bag.path.name, scan)
         if self.reports is not None:
             return Evidence(name, courses, self._reports_of(config))
         if self._is_level_source(config):
-            return Evidence(name, courses, level=level_of(config, kept.stream(config.name), scan))
+            return Evidence(name, courses, level=level_of(config, outline.stream(config.name), scan))
         if not has_truth(bag, config.name):
             raise CalibrationError(
                 f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
@@ -438,7 +440,7 @@ class EvidenceSource:
         return tuple(report for report in self.reports or () if report.bearing == config.name)
 
     def _is_level_source(self, config: BearingConfig) -> bool:
-        """Whether the bearing's level is the source."""
+        """Return whether the bearing's level is the source."""
         return config.level is not None and self.reports is None
 
     def calibrated(

@@ -75,10 +75,10 @@ class Reference:
         with np.errstate(all='ignore'):
             fold = table.fold(load)
             hopf = np.asarray(averaging.hopf_speed(bearing, load))
-        known = np.isfinite(fold) & (fold > 0.0)
-        self.log_load = self.log_load[known]
-        self.log_fold = np.log(fold[known])
-        self.log_hopf = np.log(np.where(hopf > 0.0, hopf, 1e-9))[known]
+        is_known = np.isfinite(fold) & (fold > 0.0)
+        self.log_load = self.log_load[is_known]
+        self.log_fold = np.log(fold[is_known])
+        self.log_hopf = np.log(np.where(hopf > 0.0, hopf, 1e-9))[is_known]
 
     def fold(self, log_load: FloatArray) -> FloatArray:
         """``ln V_F`` [ln m/s]; below the least load with a fold it is that of this load."""
@@ -246,7 +246,7 @@ def _find_passage(
 
 
 def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:
-    """By how much ``ln V`` changes in a second about a time [1/s]."""
+    """Return the rate of ``ln V`` about a time [1/s]."""
     near = np.abs(time - at) <= _ONSET
     if np.count_nonzero(near) < 2:
         return 0.0
@@ -273,7 +273,7 @@ def _end_of(
 
 
 def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
-    """Whether V/V_F has risen when a vibration ends, and goes on: the shaft did not stop."""
+    """Return whether V/V_F has risen when a vibration ends, and goes on: the shaft did not stop."""
     wide = _moving_average(track.over, _WIDE)
     after = (track.time > time) & (track.time <= time + _GOES_ON)
     least_ratio = (1.0 + _RISEN) * wide[inside].min()
@@ -285,7 +285,7 @@ def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
 
 
 def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
-    """When a vibration was farthest out, and speed and load there, shape (1, 2)."""
+    """Return when a vibration was farthest out, and speed and load there, shape (1, 2)."""
     rows = np.flatnonzero(inside)
     time = float(track.time[rows[np.argmax(_moving_average(track.over, 3)[rows])]])
     return time, np.array([track.at(time)])
@@ -297,7 +297,7 @@ def _moving_average(values: FloatArray, width: int) -> FloatArray:
 
 
 def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
-    """For how long an undisturbed cycle has outlived its fold when its level ends [s].
+    """Return for how long an undisturbed cycle has outlived its fold when its level ends [s].
 
     With ``y = a/V``, 1 inside, ``d ln y/dt = (c/2m) (N/N_b(y) - 1)``, where ``ln N_b`` goes from
     that of the Hopf speed at ``y = 0`` to that of the fold at ``y = 1`` as ``y^2`` does. For each
@@ -313,8 +313,8 @@ def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
     load = np.log(np.interp(clock, track.time, track.load))
     # At the fold's own scale of speed: from which loads on is there a cycle, is it unstable?
     fold, hopf = (
-        np.interp(speed, np.maximum.accumulate(each), reference.log_load, left=-_NOWHERE)
-        for each in (reference.log_fold, reference.log_hopf)
+        np.interp(speed, np.maximum.accumulate(boundary), reference.log_load, left=-_NOWHERE)
+        for boundary in (reference.log_fold, reference.log_hopf)
     )
     rate = reference.bearing.damping / (2.0 * reference.bearing.mass)
     y = np.ones((passed.size, clock.size))

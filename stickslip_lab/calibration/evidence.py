@@ -324,13 +324,13 @@ def level_reports(
 
 
 def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
-    """When a spell of vibration, of rows ``a`` to before ``b``, begins and ends, and what its fall lags."""
+    """Return when a spell, of rows ``a`` to before ``b``, begins and ends, and what its fall lags."""
     # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
-    own, there = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
-    rise = float(np.median(own[t[a:b] <= there[0] + _PLATEAU]))
-    fall = float(np.median(own[(t[a:b] >= there[-1] - _PLATEAU) & (t[a:b] <= there[-1])]))
-    on = float(t[a + int(np.argmax(own >= rise - EDGE))]) if a else float(t[0])
-    edge = b - 1 - int(np.argmax(own[::-1] >= fall - EDGE))
+    levels, high_times = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
+    rise = float(np.median(levels[t[a:b] <= high_times[0] + _PLATEAU]))
+    fall = float(np.median(levels[(t[a:b] >= high_times[-1] - _PLATEAU) & (t[a:b] <= high_times[-1])]))
+    on = float(t[a + int(np.argmax(levels >= rise - EDGE))]) if a else float(t[0])
+    edge = b - 1 - int(np.argmax(levels[::-1] >= fall - EDGE))
     off = float(t[edge])
     foot = np.flatnonzero((x[edge:] < fall - FOOT) & (t[edge:] <= off + SLOWEST_FALL))
     if not foot.size or b == t.size:

@@ -80,7 +80,7 @@ class Grid:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of ``u`` and ``ln q``, shape (2, 2).
+        """Return the covariance of ``u`` and ``ln q``, shape (2, 2).
 
         The deviation of ``u`` is that of a normal distribution with its 90 % interval: a report
         that may be worthless leaves long tails.
@@ -101,14 +101,14 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Spreads:
-    """What is uncertain besides the bearing."""
+    """Uncertainties besides those of the bearing."""
 
     load: float = 0.0  # of the load between recordings
     forget: float = 0.0  # of ln q, given anew before each recording
 
 
 class Posterior(NamedTuple):
-    """What the evidence leaves of a prior."""
+    """Posterior of both factors."""
 
     by_ends: Grid
     by_all: Grid  # by the onsets too
@@ -143,7 +143,7 @@ def _fold_grid(
     bend = reference.fold(load + log_q) - reference.fold(np.array([load]))
     log_r = u[:, None] - bend
     inverse = np.linalg.inv(prior)
-    both = inverse[0, 0] * log_r**2 + 2.0 * inverse[0, 1] * log_r * log_q + inverse[1, 1] * log_q**2
+    distance = inverse[0, 0] * log_r**2 + 2.0 * inverse[0, 1] * log_r * log_q + inverse[1, 1] * log_q**2
     nodes = [len(SHARES) * len(LAGS) // 2] if quick else range(len(SHARES) * len(LAGS))
     scatter = np.array([_SCATTER[-2]]) if quick else _SCATTER
     common = np.zeros(1) if quick else _common_prior()
@@ -159,7 +159,7 @@ def _fold_grid(
         for end in ends:
             bias = spreads.load * math.sqrt(len(ends))
             total += log_end(end, reference, log_r, log_q, nodes, scatter, bias)
-    log_p = -0.5 * both + logsumexp(total, axis=(0, 1))
+    log_p = -0.5 * distance + logsumexp(total, axis=(0, 1))
     weight = np.exp(log_p - log_p.max())
     return Grid(u, log_q, log_r, weight / weight.sum(), load)
 

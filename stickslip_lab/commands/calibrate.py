@@ -102,9 +102,9 @@ def _read_evidence(
     evidence = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
-        kept = Kept()
-        check_recording(path, MonitorConfig((config,)), [kept])
-        evidence.append(source.of_recording(kept, config))
+        outline = Kept()
+        check_recording(path, MonitorConfig((config,)), [outline])
+        evidence.append(source.of_recording(outline, config))
     return evidence
 
 

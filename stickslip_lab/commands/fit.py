@@ -120,10 +120,10 @@ def _bearing_belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belie
 
 def boundaries(belief: Belief, load: float) -> Boundaries:
     """Both boundary speeds at a load: the 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
-    both = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
+    functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
     return {
         name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in _INTERVAL]
-        for name, of in both.items()
+        for name, of in functions.items()
     }
 
 
@@ -241,7 +241,7 @@ def fragment(source: str, fit: StribeckFit) -> str:
 
 
 def viscous_sentence(fit: StribeckFit, option: str) -> str:
-    """Why the law has a viscous slope or not."""
+    """Say why the law has a viscous slope or not."""
     used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'

@@ -133,7 +133,7 @@ def _is_vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
 
 
 def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Each value of the levels over the speed, coloured by what it was taken for."""
+    """Draw each value of the levels over the speed, coloured by what it was taken for."""
     by_name = {one.name: one.level for one in calibration.evidence}
     rows = []
     for track in calibration.edges.tracks:
@@ -151,7 +151,7 @@ def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Each passage as a line, thick where it was reported to vibrate."""
+    """Draw each passage as a line, thick where it was reported to vibrate."""
     names = 'passage', 'vibration reported'
     for k, track in enumerate(calibration.edges.tracks, 1):
         loud = np.where(_is_vibrating(track, track.time), track.over, np.nan)
@@ -168,13 +168,13 @@ def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> 
     doubtful = {id(end) for end, _ in calibration.doubts}
     tracks = {track.name: (k, track) for k, track in enumerate(calibration.edges.tracks, 1)}
     low, high = axes.get_ylim()
-    for mark, text, edge, own in (
+    for mark, text, edge, chosen in (
         ('^', 'end at the fold', canvas.PAPER, [e for e in calibration.edges.seen if id(e) not in doubtful]),
         ('>', 'fold is not below', canvas.PAPER, [e for e in calibration.edges.ends if e.is_bound]),
         ('x', 'worthless', canvas.INK, [e for e in calibration.edges.ends if id(e) in doubtful]),
     ):
         at = []
-        for end in own:
+        for end in chosen:
             k, track = tracks[end.recording]
             over = float(np.interp(end.time, track.time, track.over))
             at.append((over, low + 0.5 * (high - low) if has_level else float(k)))

@@ -272,11 +272,11 @@ def _require_one_decimal_sign(
     chosen = set(columns)
     cells = [(row.line, row.cells[k]) for row in rows for k in chosen if k < len(row.cells)]
     points, commas = ([cell for cell in cells if sign in cell[1]] for sign in '.,')
-    may_part = any(all(_GROUPED.fullmatch(text) for _, text in each) for each in (points, commas))
+    may_part = any(all(_GROUPED.fullmatch(text) for _, text in marked) for marked in (points, commas))
     if points and commas and may_part and delimiter != ',':
-        (line, point), (other, comma) = points[0], commas[0]
+        (line, point), (second_line, comma) = points[0], commas[0]
         raise FitError(
-            f"{path}: '{point}' (line {line}) has a point and '{comma}' (line {other}) a comma:"
+            f"{path}: '{point}' (line {line}) has a point and '{comma}' (line {second_line}) a comma:"
             ' which parts thousands? Write numbers with a decimal sign and no other'
         )
 
@@ -288,7 +288,7 @@ def _is_number(text: str) -> bool:
 def _parse_number(
     path: str | Path, row: TableRow, headings: TableRow, index: int, quantity: str, delimiter: str
 ) -> float:
-    """One cell as a number that keeps the rule of its quantity."""
+    """Parse one cell as a number that keeps the rule of its quantity."""
     where = f"{path}, line {row.line}, column '{headings.cells[index]}'"
     if index >= len(row.cells):
         raise FitError(

@@ -94,7 +94,7 @@ class StribeckFit:
 
     @property
     def free_count(self) -> int:
-        """How many numbers are fitted."""
+        """Number of fitted coefficients."""
         return len(self.names)
 
     @property
@@ -147,7 +147,7 @@ class StribeckFit:
 
     @property
     def t_quantile(self) -> float:
-        """How many standard errors make a 95 % interval."""
+        """Number of standard errors in a 95 % interval."""
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.degrees_of_freedom))
 
     @property
@@ -163,7 +163,7 @@ class StribeckFit:
 
     @property
     def full_covariance(self) -> FloatArray:
-        """That of all that is fitted."""
+        """Covariance of all that is fitted."""
         return self.covariance
 
     @property
@@ -183,7 +183,7 @@ class StribeckFit:
 
     @property
     def decay_factor(self) -> float:
-        """By which factor the decay may be higher or lower at 95 %."""
+        """Factor by which the decay may be higher or lower at 95 %."""
         of_log = self.standard_error[self.names.index('decay')] / self.law.decay
         return math.exp(min(self.t_quantile * float(of_log), 700.0))
 
@@ -204,7 +204,7 @@ class StribeckFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know before using the fit, one sentence each."""
+        """Sentences on what a user should know before using the fit."""
         return tuple(_fit_warnings(self))
 
     def _law_gradient(self, speed: FloatArray) -> FloatArray:
@@ -286,12 +286,12 @@ def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) 
 
     A ``scale`` > 0 is that of the residuals, in place of one by their median.
     """
-    found, given = StribeckFit(curve, names, _start_values(curve, names), 1.0), scale
+    fit, given = StribeckFit(curve, names, _start_values(curve, names), 1.0), scale
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
     for loss, at in (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY)):
-        scale = given or _robust_scale(found)
-        found = replace(found, median_scale=scale, values=_minimise_loss(found, scale, loss, at))
-    return found
+        scale = given or _robust_scale(fit)
+        fit = replace(fit, median_scale=scale, values=_minimise_loss(fit, scale, loss, at))
+    return fit
 
 
 def _start_values(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
@@ -343,7 +343,7 @@ def _robust_scale(fit: StribeckFit) -> float:
 
 
 def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
-    """Whether there are too few points or too few different speeds, as a sentence."""
+    """Say whether there are too few points or too few different speeds."""
     n, k = curve.speed.size, len(names)
     coefficients = f'{k} coefficients ({", ".join(names)})'
     if n < k + SPARE_POINTS:
@@ -489,7 +489,7 @@ def unchecked(fit: StribeckFit) -> str:
 
 
 def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
-    """Whether neighbours are too much alike: along the speeds, and in the order of measurement."""
+    """Say whether neighbours are too much alike: along the speeds, and in the order of measurement."""
     if fit.scale <= _rounding_scale(fit.curve):
         return
     along = np.argsort(fit.curve.speed, kind='stable')

@@ -54,12 +54,12 @@ class PooledFit(StribeckFit):
 
     @property
     def free_count(self) -> int:
-        """How many numbers are fitted."""
+        """Number of fitted coefficients."""
         return len(self.names) + int(self.has_exponent)
 
     @property
     def covariance(self) -> FloatArray:
-        """That of the coefficients, whatever the exponent is."""
+        """Covariance of the coefficients, whatever the exponent is."""
         return self.full_covariance[: len(self.names), : len(self.names)]
 
     @property
@@ -91,7 +91,7 @@ class PooledFit(StribeckFit):
 
     @property
     def sentence(self) -> str:
-        """What the load does to the friction."""
+        """Sentence on what the load does to the friction."""
         if not self.has_exponent:
             return 'the points are of one load' if self.load == self.load else ''
         low, high = self.exponent_interval

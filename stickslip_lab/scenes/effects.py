@@ -127,7 +127,7 @@ ChannelEffect = Callable[[Settings, Channel, SceneRun], Change | None]
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a scene file may ask for by a name."""
+    """Effect that a scene file may ask for by a name."""
 
     stage: str  # when it acts: see ``scene.STAGES``
     keys: tuple[str, ...]  # the settings it takes
@@ -293,7 +293,7 @@ def _telegraph_speeds(settings: Settings, unit: str) -> dict[str, float]:
 def _read_orders(
     settings: Settings, speeds: dict[str, float], duration: float
 ) -> tuple[FloatArray, FloatArray]:
-    """When each order is given, and the speed it asks for."""
+    """Return when each order is given, and the speed it asks for."""
     rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
     for name, order in rows:
         if not isinstance(order, list) or len(order) != 2:

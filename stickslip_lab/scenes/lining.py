@@ -90,7 +90,7 @@ class FrictionCourse:
     def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
         """Return the law at a time since the scene's start [s], with or without its common factor."""
         step = np.array([time // STEP * STEP])
-        moved = {name: own for name, own in self.drifts.items() if scaled or name != FACTOR}
+        moved = {name: course for name, course in self.drifts.items() if scaled or name != FACTOR}
         values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
         return with_parameters(self.law, values) if values else self.law
 
@@ -301,11 +301,11 @@ class Lining:
 
     @property
     def reached(self) -> float:
-        """How far it was followed [s]."""
+        """Time up to which it was followed [s]."""
         return float(self._nodes[0, -1])
 
     def next_end(self, end: float) -> float:
-        """Where a stretch ends that must reach ``end``: at the end of a piece [s]."""
+        """Return where a stretch ends that must reach ``end``: at the end of a piece [s]."""
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
@@ -388,17 +388,19 @@ class Lining:
         return motion
 
     def _stick_changes(self, motion: Motion) -> list[Change]:
-        """Where sticking begins and ends, at knocks and changes of the law too."""
-        found = []
+        """Return where sticking begins and ends, at knocks and changes of the law too."""
+        changes = []
         starts = motion.start.phase is Phase.STICK
         if starts != self._sticking:
-            found.append((motion.span[0], True, starts))
+            changes.append((motion.span[0], True, starts))
         change = motion.transitions
-        own = (change.before == Phase.STICK) | (change.after == Phase.STICK)
-        now = (change.after[own] == Phase.STICK).tolist()
-        found += [(t, True, sticks) for t, sticks in zip(change.time[own].tolist(), now, strict=True)]
+        is_stick_change = (change.before == Phase.STICK) | (change.after == Phase.STICK)
+        now = (change.after[is_stick_change] == Phase.STICK).tolist()
+        changes += [
+            (t, True, sticks) for t, sticks in zip(change.time[is_stick_change].tolist(), now, strict=True)
+        ]
         self._sticking = motion.final.phase is Phase.STICK
-        return found
+        return changes
 
     def _rest_changes(self, nodes: FloatArray) -> list[Change]:
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)

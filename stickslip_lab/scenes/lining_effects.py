@@ -196,7 +196,7 @@ def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float
 
 
 def _unit_blow(settings: Settings, config: BearingConfig) -> float:
-    """One unit of a blow [N s]; of ``fold``, what gives the lining the nominal fold speed."""
+    """Return one unit of a blow [N s]; of ``fold``, what gives the lining the nominal fold speed."""
     if 'knock_unit' not in settings or settings.choice('knock_unit', ('N s', 'fold')) == 'N s':
         return 1.0
     return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
@@ -206,8 +206,8 @@ def _read_rate(settings: Settings, key: str, max_rate: float) -> float:
     """Return the rate of what is asked for [Hz], 0 where it is not."""
     if key not in settings:
         return 0.0
-    own = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')
-    return own.number('rate', 'Hz', above=0.0, maximum=max_rate)
+    sampled = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')
+    return sampled.number('rate', 'Hz', above=0.0, maximum=max_rate)
 
 
 def _level_channel(run: SceneRun, config: BearingConfig, max_rate: float) -> Channel | None:
@@ -286,10 +286,10 @@ class FollowedLining:
             take(block, *samples.due(due))
 
     def _follow_until(self, end: float) -> None:
-        asked = [samples.until(end) for samples, _ in self._asked]
-        times = np.unique(np.concatenate([np.empty(0), *asked]))
+        requested = [samples.until(end) for samples, _ in self._asked]
+        times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)
-        for (samples, _), instants in zip(self._asked, asked, strict=True):
+        for (samples, _), instants in zip(self._asked, requested, strict=True):
             samples.add(motion[:, np.searchsorted(times, instants)])
         ended, events = self._episodes.see(changes, end)
         self._sticks += [(round(time, INSTANTS), round(duration, INSTANTS)) for time, duration in ended]

@@ -168,15 +168,15 @@ def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path 
 
 def _join_effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
     """Return what happens and what the sensors make of it; where both name an effect the scene's."""
-    own = read_effects(settings.value('effects', 'the list of what happens'))
+    own_effects = read_effects(settings.value('effects', 'the list of what happens'))
     if sensors is None or 'effects' not in sensors:
-        return own
-    named = {effect.name for effect in own}
+        return own_effects
+    named = {effect.name for effect in own_effects}
     given = read_effects(sensors.value('effects', 'what the sensors do'))
     for name in (effect.name for effect in given):
         if name not in SENSOR_EFFECTS:
             raise SceneError(f"effect '{name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}")
-    return in_order([*own, *(effect for effect in given if effect.name not in named)])
+    return in_order([*own_effects, *(effect for effect in given if effect.name not in named)])
 
 
 def read_effects(listed: Any) -> tuple[Settings, ...]:

@@ -243,7 +243,7 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 
 def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """When the clock jumps [s], and by how much [s]."""
+    """Return when the clock jumps [s], and by how much [s]."""
     rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
     jumps = check_points(rows, duration)
     for (name, _), (_, by) in zip(rows, jumps, strict=True):

@@ -68,7 +68,7 @@ class Settings:
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
-        """One of some texts."""
+        """Return one of some texts."""
         value = self.value(key, f'one of {", ".join(options)}')
         self._check_value(key, Parameter(key, 'str', REQUIRED, '', choices=tuple(options)))
         return str(value)
@@ -125,7 +125,7 @@ def suggestion(key: Any, candidates: Sequence[str]) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of a YAML file is a number of usable size."""
+    """Return whether a value of a YAML file is a number of usable size."""
     return _is_numeric(value) and -LARGEST <= value <= LARGEST
 
 
@@ -350,18 +350,22 @@ def _draw_error(limits: Any, seed: int, place: str) -> float:
 def _number_repeated(entries: list[Any]) -> list[str]:
     """Return the names of a list's entries: effects by name, so that others change nothing."""
     seen: Counter[str] = Counter()
-    found = []
+    unique = []
     for number, entry in enumerate(entries):
         is_effect = isinstance(entry, Mapping) and ('effect' in entry or len(entry) == 1)
         name = str(entry.get('effect', next(iter(entry)))) if is_effect else ''
-        found.append(f'{name}{seen[name]}' if name else str(number))
+        unique.append(f'{name}{seen[name]}' if name else str(number))
         seen[name] += 1
-    return found
+    return unique
 
 
 def read_parameter_error(settings: Settings) -> dict[str, float]:
     """Return the ``parameter_error``: by parameter the largest relative error."""
     if 'parameter_error' not in settings:
         return {}
-    own = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')
-    return {name: own.number(name, '-', minimum=0.0, maximum=0.9) for name in PARAMETERS if name in own}
+    error_settings = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')
+    return {
+        name: error_settings.number(name, '-', minimum=0.0, maximum=0.9)
+        for name in PARAMETERS
+        if name in error_settings
+    }

@@ -91,12 +91,12 @@ class Channel:
         return self.input.type in STAMPED_FIELDS
 
     def serves(self, bearing: str) -> bool:
-        """Whether a bearing reads it."""
+        """Return whether a bearing reads it."""
         return bearing in [b.name for b in self.bearings]
 
     @property
     def stamps_end_ns(self) -> int:
-        """Where its time stamps end: in 2038 in a header, in 2262 by the recorder [ns]."""
+        """End of its time stamps: in 2038 in a header, in 2262 by the recorder [ns]."""
         return STAMP_END if self.is_stamped else 1 << 63
 
     def factor(self, unit: str) -> float:
@@ -177,11 +177,11 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
     """
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:
-        own = _telemetry_section(telemetry, bearing.name, [b.name for b in config.bearings])
-        for quantity in QUANTITIES if 'level' not in own else CHANNELS:
+        settings = _telemetry_section(telemetry, bearing.name, [b.name for b in config.bearings])
+        for quantity in QUANTITIES if 'level' not in settings else CHANNELS:
             if quantity not in bearing.inputs:
                 raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
-            sampling = own.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
+            sampling = settings.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
             rate = sampling.number('rate', 'Hz', minimum=_LOWEST_RATE, maximum=_HIGHEST_RATE)
             channel = Channel(quantity, (bearing,), rate)
             _check_input(f'{bearing.name}.{quantity}', channel.input)
@@ -213,19 +213,19 @@ def _check_input(name: str, settings: InputConfig) -> None:
         )
 
 
-def _share_channel(known: Channel, other: Channel) -> Channel:
-    """One channel for two bearings, which must take its numbers to mean the same."""
-    first, second = known.bearings[0], other.bearings[0]
-    where = f'topic {known.topic} serves {first.name} and {second.name}'
-    if known.quantity != other.quantity:
-        raise SceneError(f'{where}, as {known.quantity} and as {other.quantity}: use two topics')
-    if (known.input.type, known.input.field) != (other.input.type, other.input.field):
+def _share_channel(existing: Channel, added: Channel) -> Channel:
+    """Return one channel for two bearings, which must take its numbers to mean the same."""
+    first, second = existing.bearings[0], added.bearings[0]
+    where = f'topic {existing.topic} serves {first.name} and {second.name}'
+    if existing.quantity != added.quantity:
+        raise SceneError(f'{where}, as {existing.quantity} and as {added.quantity}: use two topics')
+    if (existing.input.type, existing.input.field) != (added.input.type, added.input.field):
         raise SceneError(f'{where} with different types or fields: they must agree')
-    if known.rate != other.rate:
-        raise SceneError(f'{where}: its rate cannot be both {known.rate:g} and {other.rate:g} Hz')
-    if not all(map(math.isclose, _channel_meaning(known, first), _channel_meaning(other, second))):
+    if existing.rate != added.rate:
+        raise SceneError(f'{where}: its rate cannot be both {existing.rate:g} and {added.rate:g} Hz')
+    if not all(map(math.isclose, _channel_meaning(existing, first), _channel_meaning(added, second))):
         raise SceneError(f'{where} with different units, scales or offsets: they must agree')
-    return replace(known, bearings=(*known.bearings, second))
+    return replace(existing, bearings=(*existing.bearings, second))
 
 
 def _channel_meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
@@ -356,7 +356,7 @@ class Sensor:
         self._next = 0
 
     def read(self, numbers: range) -> FloatArray:
-        """Its readings at instants ``k / rate`` of the channel, which follow on the last ones."""
+        """Return its readings at instants ``k / rate`` of the channel, which follow on the last ones."""
         if not numbers:
             return np.empty(0)
         shortest = min(memory.scale for memory in self.memories)

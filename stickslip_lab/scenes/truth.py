@@ -51,7 +51,7 @@ class TruthRecord:
 
 
 def has_truth(bag: Recording, bearing: str) -> bool:
-    """Whether a recording holds the truth about a bearing."""
+    """Return whether a recording holds the truth about a bearing."""
     return topic(bearing, 'events') in bag.topics
 
 
@@ -63,7 +63,9 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
     """
     name = topic(bearing, 'events')
     if not has_truth(bag, bearing):
-        names = ', '.join(each for each in _bearing_names(bag) if has_truth(bag, each))
+        names = ', '.join(
+            bearing_name for bearing_name in _bearing_names(bag) if has_truth(bag, bearing_name)
+        )
         have = 'only simulated recordings of a scene with the effect lining_motion have it'
         raise BagError(
             f"bag '{bag.path}' holds no truth about {bearing}: topic '{name}' is not in it; "

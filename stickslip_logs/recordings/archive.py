@@ -57,11 +57,11 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
         path under which there is none, and a folder that cannot be read, stay as they are:
         opening them says why.
     """
-    found: dict[Path, Path] = {}
+    bags: dict[Path, Path] = {}
     for path in map(as_it_is_kept, map(Path, paths)):
         for bag in _find_within(path) or [path]:
-            found.setdefault(Path(os.path.realpath(bag)), bag)
-    return list(found.values())
+            bags.setdefault(Path(os.path.realpath(bag)), bag)
+    return list(bags.values())
 
 
 def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
@@ -75,15 +75,15 @@ def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
         The sentence; empty where everything else is excluded by a rule: hidden and empty files,
         documents, pictures, programs, and texts without lines of numbers.
     """
-    known = {os.path.realpath(path) for path in found}
-    others = {
+    checked = {os.path.realpath(path) for path in found}
+    unread = {
         folder / name
         for path in map(Path, paths)
-        for folder, names in _walk(path, [])
+        for folder, names in _walk_folders(path, [])
         for name in names
         if _kind_of(folder / name) in (_LOG, _OTHER)
     }
-    listed = sorted(str(file) for file in others if os.path.realpath(file) not in known)
+    listed = sorted(str(file) for file in unread if os.path.realpath(file) not in checked)
     if not listed:
         return ''
     named = ', '.join(f"'{file}'" for file in listed[:MOST_NAMED]) + ', ...' * (len(listed) > MOST_NAMED)
@@ -96,7 +96,7 @@ def _find_within(path: Path) -> list[Path]:
     if not os.path.isdir(path):  # noqa: PTH112
         return [path]
     closed, recordings, logs = list[Path](), list[Path](), list[Path]()
-    for folder, names in _walk(path, closed):
+    for folder, names in _walk_folders(path, closed):
         kinds = {name: _kind_of(folder / name) for name in names}
         loose = [name for name, kind in kinds.items() if kind == _RECORDING]
         recordings += _group_parts(folder, loose, has_metadata=METADATA_NAME in names)
@@ -104,20 +104,21 @@ def _find_within(path: Path) -> list[Path]:
     return sorted([*recordings, *closed] or logs, key=lambda bag: [natural(part) for part in bag.parts])
 
 
-def _walk(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
+def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
     """Yield each folder below one with the names of its files; note the folders that cannot be read."""
     for where, folders, files in os.walk(folder, onerror=lambda error: closed.append(Path(error.filename))):
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
-        own = Path(where)
+        subfolder = Path(where)
         # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
         # stays: whoever reads it says so.
         yield (
-            own,
+            subfolder,
             [
                 name
                 for name in files
-                if not name.startswith('.') and (os.path.isfile(own / name) or os.path.islink(own / name))  # noqa: PTH113, PTH114
+                if not name.startswith('.')
+                and (os.path.isfile(subfolder / name) or os.path.islink(subfolder / name))  # noqa: PTH113, PTH114
             ],
         )
 

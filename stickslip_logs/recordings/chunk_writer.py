@@ -74,11 +74,11 @@ class ChunkWriter:
 
     def start(self, profile: str, library: str) -> None:
         """Begin the file."""
-        self._file.write(MAGIC + _encoded(Header(profile, library)))
+        self._file.write(MAGIC + _encode_records(Header(profile, library)))
 
     def add_metadata(self, name: str) -> None:
         """Add a mark without contents, before the first message."""
-        offset, data = self._file.tell(), _encoded(Metadata(name=name, metadata={}))
+        offset, data = self._file.tell(), _encode_records(Metadata(name=name, metadata={}))
         self._file.write(data)
         self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
@@ -103,9 +103,9 @@ class ChunkWriter:
         """
         log_time = np.concatenate([time for _, time, _ in columns])
         order = np.argsort(log_time, kind='stable')
-        channel = np.repeat([own for own, *_ in columns], [time.size for _, time, _ in columns])
-        sequence = self._counted(channel, order)
-        parts = list(_records(messages for *_, messages in columns))
+        channel = np.repeat([number for number, *_ in columns], [time.size for _, time, _ in columns])
+        sequence = self._number_messages(channel, order)
+        parts = list(_make_records(messages for *_, messages in columns))
         size = np.empty(log_time.size, np.int64)
         for rows, records in parts:
             size[rows] = records.dtype.itemsize
@@ -116,85 +116,87 @@ class ChunkWriter:
         for rows, records in parts:
             records['channel'], records['sequence'] = channel[rows], sequence[rows]
             records['log_time'] = records['publish_time'] = log_time[rows]
-            _lay(records, begins[rows], block)
+            _copy_records(records, begins[rows], block)
         self._write_block(block, ends, channel[order], log_time[order])
 
     def finish(self) -> None:
         """Write what is left and the summary: definitions, counts and where each chunk lies."""
         self._end_chunk()
-        self._file.write(_encoded(DataEnd(0)))
+        self._file.write(_encode_records(DataEnd(0)))
         begin, summary, offsets = self._file.tell(), b'', []
         groups: Mapping[Opcode, Sequence[McapRecord]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
-            Opcode.STATISTICS: [self._statistics()],
+            Opcode.STATISTICS: [self._make_statistics()],
             Opcode.CHUNK_INDEX: self._chunks,
             Opcode.ATTACHMENT_INDEX: [],
             Opcode.METADATA_INDEX: self._metadata,
         }
         for opcode, records in groups.items():
-            data = _encoded(*records)
+            data = _encode_records(*records)
             offsets.append(SummaryOffset(opcode, begin + len(summary), len(data)))
             summary += data
         places = begin, begin + len(summary)
-        summary += _encoded(*offsets)
+        summary += _encode_records(*offsets)
         # The checksum is that of all before it, the beginning of its own record included.
-        checksum = zlib.crc32(summary + _encoded(Footer(*places, 0))[:-4])
-        self._file.write(summary + _encoded(Footer(*places, checksum)) + MAGIC)
+        checksum = zlib.crc32(summary + _encode_records(Footer(*places, 0))[:-4])
+        self._file.write(summary + _encode_records(Footer(*places, checksum)) + MAGIC)
 
-    def _counted(self, channel: IndexArray, order: IndexArray) -> IntArray:
+    def _number_messages(self, channel: IndexArray, order: IndexArray) -> IntArray:
         """Return the number of each message among those of its channel, in the order of the file."""
         sequence = np.empty(order.size, np.int64)
-        for own, places in _by_channel(channel[order]):
+        for number, places in _by_channel(channel[order]):
             rows = order[places]
-            before = self.counts.get(own, 0)
+            before = self.counts.get(number, 0)
             sequence[rows] = before + np.arange(rows.size)
-            self.counts[own] = before + rows.size
+            self.counts[number] = before + rows.size
         return sequence
 
     def _write_block(
         self, block: NDArray[np.uint8], ends: IntArray, channel: IndexArray, log_time: IntArray
     ) -> None:
         """Write records that lie in a block one after the other, those of a chunk at a time."""
-        least, greatest = int(log_time[0]), int(log_time[-1])
-        start, end = self.span if self._chunks or self._index else (least, greatest)
-        self.span = min(start, least), max(end, greatest)
+        first, greatest = int(log_time[0]), int(log_time[-1])
+        start, end = self.span if self._chunks or self._index else (first, greatest)
+        self.span = min(start, first), max(end, greatest)
         row = begin = 0
         while row < ends.size:
-            room = begin + self._chunk_size - len(self._records)
+            room = begin + self._chunk_size - len(self._make_records)
             after = min(max(row, int(np.searchsorted(ends, room, 'right'))) + 1, ends.size)
             rows = slice(row, after)
-            starts = np.append(begin, ends[row : after - 1]) - begin + len(self._records)
-            self._note(channel[rows], log_time[rows], starts)
-            self._records += block[begin : ends[after - 1]].data
+            starts = np.append(begin, ends[row : after - 1]) - begin + len(self._make_records)
+            self._note_places(channel[rows], log_time[rows], starts)
+            self._make_records += block[begin : ends[after - 1]].data
             row, begin = after, int(ends[after - 1])
             self._end_full_chunk()
 
-    def _note(self, channel: IndexArray, log_time: IntArray, offset: IntArray) -> None:
+    def _note_places(self, channel: IndexArray, log_time: IntArray, offset: IntArray) -> None:
         """Note where the messages of a chunk begin in it."""
-        for own, rows in _by_channel(channel):
+        for number, rows in _by_channel(channel):
             places = np.empty(rows.size, _INDEX)
             places['log_time'], places['offset'] = log_time[rows], offset[rows]
-            self._index.setdefault(own, []).append(places)
+            self._index.setdefault(number, []).append(places)
 
     def _add_definition(self, record: McapRecord) -> None:
-        self._records += _encoded(record)
+        self._make_records += _encode_records(record)
         self._end_full_chunk()
 
     def _begin_chunk(self) -> None:
-        self._records = bytearray()
+        self._make_records = bytearray()
         self._index: dict[int, list[NDArray[np.void]]] = {}
 
     def _end_full_chunk(self) -> None:
-        if len(self._records) > self._chunk_size:
+        if len(self._make_records) > self._chunk_size:
             self._end_chunk()
 
     def _end_chunk(self) -> None:
         """Write the chunk and its index; definitions alone wait for a message."""
         if not self._index:
             return
-        records = bytes(self._records)
-        times = np.concatenate([each['log_time'] for own in self._index.values() for each in own])
+        records = bytes(self._make_records)
+        times = np.concatenate(
+            [rows['log_time'] for index_data in self._index.values() for rows in index_data]
+        )
         data = COMPRESSORS[self._compression](records)
         chunk = Chunk(
             compression='' if self._compression == 'none' else self._compression,
@@ -205,13 +207,13 @@ class ChunkWriter:
             uncompressed_size=len(records),
         )
         begin = self._file.tell()
-        length = self._file.write(_encoded(chunk))
+        length = self._file.write(_encode_records(chunk))
         index, offsets = bytearray(), dict[int, int]()
         for channel, places in self._index.items():
             offsets[channel] = begin + length + len(index)
-            own = b''.join(part.tobytes() for part in places)
-            index += HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(own))
-            index += channel.to_bytes(2, 'little') + len(own).to_bytes(4, 'little') + own
+            index_data = b''.join(part.tobytes() for part in places)
+            index += HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(index_data))
+            index += channel.to_bytes(2, 'little') + len(index_data).to_bytes(4, 'little') + index_data
         self._file.write(index)
         self._chunks.append(
             ChunkIndex(
@@ -228,7 +230,7 @@ class ChunkWriter:
         )
         self._begin_chunk()
 
-    def _statistics(self) -> Statistics:
+    def _make_statistics(self) -> Statistics:
         return Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
@@ -244,12 +246,12 @@ class ChunkWriter:
 
 def _by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:
     """Return the rows of each channel, in the order in which the channels appear."""
-    known, first = np.unique(channel, return_index=True)
-    for own in known[np.argsort(first)].tolist():
-        yield own, np.flatnonzero(channel == own)
+    numbers, first = np.unique(channel, return_index=True)
+    for number in numbers[np.argsort(first)].tolist():
+        yield number, np.flatnonzero(channel == number)
 
 
-def _encoded(*records: McapRecord) -> bytes:
+def _encode_records(*records: McapRecord) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -257,28 +259,28 @@ def _encoded(*records: McapRecord) -> bytes:
     return data
 
 
-def _records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
+def _make_records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
     """Return the rows of messages of one size and their records, without channel, number and times."""
     row = 0
     for messages in columns:
         if isinstance(messages, np.ndarray):
-            yield row + np.arange(messages.size), _framed(messages.view(f'V{messages.itemsize}'))
+            yield row + np.arange(messages.size), _frame_records(messages.view(f'V{messages.itemsize}'))
         else:
-            for own, data in _by_size(messages):
-                yield row + own, _framed(data)
+            for rows, data in _by_size(messages):
+                yield row + rows, _frame_records(data)
         row += len(messages)
 
 
 def _by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
-    """Which messages are of one size, and these as the rows of an array."""
+    """Yield which messages are of one size, and these as the rows of an array."""
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     for size in np.unique(sizes).tolist():
-        own = np.flatnonzero(sizes == size)
-        joined = b''.join(messages if own.size == sizes.size else [messages[k] for k in own.tolist()])
-        yield own, np.frombuffer(joined, f'V{size}') if size else np.empty(own.size, 'V0')
+        rows = np.flatnonzero(sizes == size)
+        joined = b''.join(messages if rows.size == sizes.size else [messages[k] for k in rows.tolist()])
+        yield rows, np.frombuffer(joined, f'V{size}') if size else np.empty(rows.size, 'V0')
 
 
-def _framed(data: NDArray[np.void]) -> NDArray[np.void]:
+def _frame_records(data: NDArray[np.void]) -> NDArray[np.void]:
     """Return records of messages of one size."""
     records = np.empty(data.size, [*_HEAD, ('data', data.dtype)])
     records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
@@ -286,7 +288,7 @@ def _framed(data: NDArray[np.void]) -> NDArray[np.void]:
     return records
 
 
-def _lay(records: NDArray[np.void], begins: IntArray, block: NDArray[np.uint8]) -> None:
+def _copy_records(records: NDArray[np.void], begins: IntArray, block: NDArray[np.uint8]) -> None:
     """Copy records of one size to where they begin in a block of bytes."""
     size = records.dtype.itemsize
     # A view in which an item of their size begins at every byte.

@@ -16,11 +16,11 @@ _DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
 _TOO_MANY = 1000.0
 
 
-def question_of_unit(start_ns: int | None, end_ns: int | None, most: int) -> str:
+def question_of_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
     """Return whether log times look like dates in another unit, where a topic has so many messages."""
     if start_ns is None or end_ns is None or end_ns <= start_ns:
         return ''
-    rate = most / ((end_ns - start_ns) * 1e-9)
+    rate = max_count / ((end_ns - start_ns) * 1e-9)
     for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')):
         if rate > _TOO_MANY and _DATES[0] <= start_ns * factor and end_ns * factor <= _DATES[1]:
             return (
@@ -51,31 +51,31 @@ class LogTimes:
         """Yield the stretches of a recording with the times that count."""
         for part in reading:
             if not self._begun:
-                self._judge(list(part.values()))
+                self._judge_paces(list(part.values()))
             yield (
                 part
                 if not self.replaced
                 else {
-                    request: replace(each, log_time_ns=np.maximum.accumulate(each.stamp_ns))
-                    for request, each in part.items()
+                    request: replace(series, log_time_ns=np.maximum.accumulate(series.stamp_ns))
+                    for request, series in part.items()
                 }
             )
 
-    def _judge(self, series: Sequence[Series]) -> None:
-        paces = [_pace(each) for each in series if each.value.size]
+    def _judge_paces(self, series: Sequence[Series]) -> None:
+        paces = [_measure_pace(item) for item in series if item.value.size]
         self._begun = bool(paces)
-        odd = [pace for pace in paces if pace is not None and not 1 / MOST <= pace <= MOST]
-        if odd:
+        unusual = [pace for pace in paces if pace is not None and not 1 / MOST <= pace <= MOST]
+        if unusual:
             self.replaced = None not in paces
             by = 'stamps' if self.replaced else 'log times, because an input has no stamps'
             self.text = (
-                f'Log times pass {odd[0]:.3g} times as fast as the stamps, so they were rewritten:'
+                f'Log times pass {unusual[0]:.3g} times as fast as the stamps, so they were rewritten:'
                 f' judged by the {by}.'
             )
 
 
-def _pace(series: Series) -> float | None:
-    """How fast the log times pass by the stamps; ``None`` where no stamp differs from them.
+def _measure_pace(series: Series) -> float | None:
+    """Return how fast the log times pass by the stamps; ``None`` where no stamp differs from them.
 
     Pauses and steps of either clock are left out; what is short says nothing, which is 1.
     """

@@ -141,13 +141,13 @@ def load(block: Block) -> bytes:
         DamagedBlock: The chunk is too large, does not decompress, or its checksum is wrong.
         BagError: The file cannot be read.
     """
-    most = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
+    max_bytes = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
     try:
         with open_file(block.path) as file:
-            data = os.pread(file.fileno(), most, block.offset)
+            data = os.pread(file.fileno(), max_bytes, block.offset)
     except OSError as error:
         raise BagError(f"bag file '{block.path}' cannot be read: {error.strerror}") from None
-    if len(data) < most:
+    if len(data) < max_bytes:
         raise DamagedBlock('the file became shorter while it was read')
     if not block.is_chunk:
         return data
@@ -206,7 +206,7 @@ class Piece:
     end: int
 
     def groups(self) -> Iterator[tuple[int, IntArray]]:
-        """Each channel that has messages, and which these are."""
+        """Yield each channel that has messages, and which these are."""
         counts = np.bincount(self.channel)
         keys = np.flatnonzero(counts)
         if len(keys) <= _FEW:
@@ -231,8 +231,8 @@ def walk(data: bytes) -> Iterator[Piece]:
             yield run
             continue
         stop = min(end + _WINDOW, len(data))
-        most = max(min(stop, len(data) - PAYLOAD + 1), end)
-        begin = np.flatnonzero(raw[end:most] == _MESSAGE) + end
+        last_begin = max(min(stop, len(data) - PAYLOAD + 1), end)
+        begin = np.flatnonzero(raw[end:last_begin] == _MESSAGE) + end
         # The kind and all but the highest byte of the length, which comes before the channel.
         word, next_word = words[begin], next_words[begin]
         length = (word >> 8) + HEAD.size
@@ -245,7 +245,7 @@ def walk(data: bytes) -> Iterator[Piece]:
         last = np.append(np.flatnonzero(begin[1:] != ends[:-1]), len(ends) - 1)
         runs = [np.empty(0, np.int64)]
         definitions: dict[int, bytes] = {}
-        odd = 0
+        unreadable = 0
         while is_whole and end < stop:
             k = int(begin.searchsorted(end))
             if k < len(ends) and begin[k] == end:
@@ -253,15 +253,15 @@ def walk(data: bytes) -> Iterator[Piece]:
                 runs.append(np.arange(k, to + 1))
                 end = int(ends[to])
                 continue
-            behind, bad = _step(data, end, definitions)
+            behind, bad = _skip_record(data, end, definitions)
             is_whole = behind > end
-            end, odd = behind, odd + bad
+            end, unreadable = behind, unreadable + bad
         rows = np.concatenate(runs)
         if len(rows) < len(begin):
             begin, length, next_word = begin[rows], length[rows], next_word[rows]
         offset = begin + PAYLOAD
         channel = (next_word >> 8).astype(np.uint16)
-        yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, odd, end)
+        yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, unreadable, end)
 
 
 def _equal_messages(data: bytes, begin: int) -> Piece | None:
@@ -288,7 +288,7 @@ def _equal_messages(data: bytes, begin: int) -> Piece | None:
     return Piece(data, channel, log_time_ns, offset, size, {}, 0, begin + count * length)
 
 
-def _step(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:
+def _skip_record(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:
     """Return the byte behind a record that is no message, and how many could not be read.
 
     A record that is not whole has no such byte: that where it begins is given.

@@ -57,7 +57,7 @@ _INDEXED = HEAD.size + 24
 
 
 class McapFile:
-    """What one file of some length [bytes] holds.
+    """Contents of one file of some length [bytes].
 
     Channels and schemas are by number, and count as they were first defined. ``counts`` are the
     messages of each channel; with ``is_stated`` they are those of the summary: nothing was
@@ -114,23 +114,23 @@ class McapFile:
         if not is_schema and len(record) > _LONGEST:
             return False
         try:
-            what, is_same = self._schema(stream) if is_schema else self._channel(stream)
+            number, is_same = self._take_schema(stream) if is_schema else self._take_channel(stream)
         except PARSE_ERRORS:
             return False
         if is_same and len(record) <= LONGEST_TEXT:
             self._records[key] = record
         elif not is_same and block is not None:
-            users = [c.id for c in self.channels.values() if what == (c.schema_id if is_schema else c.id)]
+            users = [c.id for c in self.channels.values() if number == (c.schema_id if is_schema else c.id)]
             for user in users:
                 place = block.offset, offset
                 self._refused[user] = min(self._refused.get(user, place), place)
             self.findings.lose(
-                f'{block.place} defines {"schema" if is_schema else "channel"} {what} otherwise than'
-                f' before: messages of {self._named(users)} from there on were not read'
+                f'{block.place} defines {"schema" if is_schema else "channel"} {number} otherwise than'
+                f' before: messages of {self._list_names(users)} from there on were not read'
             )
         return True
 
-    def _schema(self, stream: ReadDataStream) -> tuple[int, bool]:
+    def _take_schema(self, stream: ReadDataStream) -> tuple[int, bool]:
         """Take up a schema; return its number, and whether it says what it said before."""
         schema = Schema.read(stream)
         # A longer definition is not used, and not kept.
@@ -140,7 +140,7 @@ class McapFile:
             self._ambiguous.add(schema.id)
         return schema.id, is_same
 
-    def _channel(self, stream: ReadDataStream) -> tuple[int, bool]:
+    def _take_channel(self, stream: ReadDataStream) -> tuple[int, bool]:
         """Take up a channel; return its number, and whether it says what it said before."""
         channel = Channel.read(stream)
         channel.metadata = {}
@@ -148,25 +148,25 @@ class McapFile:
         return channel.id, is_same and channel.schema_id not in self._ambiguous
 
     def allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
-        """Those messages of a channel that come before a definition that says otherwise."""
+        """Return those messages of a channel that come before a definition that says otherwise."""
         if key not in self._refused:
             return rows
         offset, place = self._refused[key]
         end = place if block.offset == offset else piece.end if block.offset < offset else 0
         return rows[piece.offset[rows] < end]
 
-    def _named(self, keys: list[int]) -> str:
+    def _list_names(self, keys: list[int]) -> str:
         names = [f"'{self.channels[key].topic}'" for key in keys[:_MOST_NAMED]]
         more = [f'{len(keys) - _MOST_NAMED} more topics'] if len(keys) > _MOST_NAMED else []
         return ', '.join([*names, *more]) or 'it'
 
-    def compare(self, stated: Mapping[int, int], found: Mapping[int, int], keys: Iterable[int]) -> None:
+    def compare(self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]) -> None:
         """Report what the statistics of the file count otherwise, of some channels."""
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
-            f' {found.get(key, 0)} can be read'
+            f' {counted.get(key, 0)} can be read'
             for key in sorted(keys)
-            if stated.get(key, 0) != found.get(key, 0)
+            if stated.get(key, 0) != counted.get(key, 0)
         ]
         if texts:
             more = len(texts) - _MOST_NAMED
@@ -178,8 +178,8 @@ class McapFile:
         """Find out what the file holds by reading it."""
         name = self.path.name
         if heads.strange:
-            odd = plural(heads.strange, 'record')
-            self.findings.note(f"file '{name}' has {odd} of kind 0, which is none: passed over")
+            strange = plural(heads.strange, 'record')
+            self.findings.note(f"file '{name}' has {strange} of kind 0, which is none: passed over")
         if heads.behind:
             self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
         for begin, end in heads.holes:
@@ -187,7 +187,7 @@ class McapFile:
                 f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
                 ' behind was found by the index of chunks'
             )
-        last = self._count(heads.blocks)
+        last = self._count_messages(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
             key = int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
@@ -201,18 +201,18 @@ class McapFile:
         if heads.statistics is not None:
             self.compare(heads.statistics.channel_message_counts, self.counts, self.channels)
         if not heads.is_finished:
-            self.cut = self._cut(heads, last)
+            self.cut = self._find_cut(heads, last)
         elif heads.offset < self.size:
             rest = plural(self.size - heads.offset, 'byte')
             self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
 
-    def _count(self, blocks: list[Block]) -> int:
+    def _count_messages(self, blocks: list[Block]) -> int:
         """Read all blocks for what they hold; return the messages of the last one."""
         count, way = 0, FilePass(self)
         for block in blocks:
             count, block.channels, spans = 0, 0, []
             for piece, groups in way.groups(block):
-                spans += self._spans(piece)
+                spans += self._piece_spans(piece)
                 for key, rows in groups:
                     count += rows.size
                     block.channels |= bool(rows.size) << key
@@ -225,7 +225,7 @@ class McapFile:
         self.counts = way.counts
         return count
 
-    def _spans(self, piece: Piece) -> list[tuple[int, int]]:
+    def _piece_spans(self, piece: Piece) -> list[tuple[int, int]]:
         """First and last log time of a piece, if it has any; widen the span of the file."""
         times = piece.log_time_ns
         if (times < 0).any():
@@ -279,7 +279,7 @@ class McapFile:
         self.start_ns, self.end_ns = start, end
         return True
 
-    def _cut(self, heads: _Heads, last: int) -> Cut:
+    def _find_cut(self, heads: _Heads, last: int) -> Cut:
         total = self.counts.total()
         messages = plural(total, 'message')
         saved = f', and {messages} before the cut'
@@ -335,8 +335,8 @@ class FilePass:
             return
         unread = end = 0
         for piece in walk(data):
-            known = [self.file.define(block, at, record) for at, record in piece.definitions.items()]
-            unread, end = unread + known.count(False) + piece.odd, piece.end
+            defined = [self.file.define(block, at, record) for at, record in piece.definitions.items()]
+            unread, end = unread + defined.count(False) + piece.odd, piece.end
             allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()]
             self.counts.update({key: rows.size for key, rows in allowed})
             yield piece, allowed
@@ -377,7 +377,7 @@ class _Heads:
             offset, length = self.offset, length + HEAD.size
             # A crash often leaves a tail of zeros, which are no records.
             if (kind == 0 and length == HEAD.size) or length > self._size - offset:
-                if self._leap():
+                if self._skip_damage():
                     continue
                 break
             self.offset += length
@@ -390,16 +390,16 @@ class _Heads:
             if kind == Opcode.DATA_END:
                 self.has_ended, self._summary_start = True, self.offset
             elif self.has_ended and kind not in _DATA:
-                self._take(kind, offset, length)
+                self._take_summary(kind, offset, length)
             else:
                 self.behind = self.behind or self.has_ended
-                self._group(kind, offset, length, begin)
+                self._add_to_block(kind, offset, length, begin)
         if not self.has_ended and len(begin) == _BEGIN and begin[0] == Opcode.CHUNK:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
             block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
             self.blocks.append(block)
 
-    def _leap(self) -> bool:
+    def _skip_damage(self) -> bool:
         """Go on behind damage, where the index of chunks leads on; whether it does."""
         if self._places is None:
             self._places = self._read_places()
@@ -413,7 +413,7 @@ class _Heads:
         return True
 
     def _read_places(self) -> list[int]:
-        """Where the chunks begin after their index, and where the summary does."""
+        """Return where the chunks begin after their index, and where the summary does."""
         end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
         if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
             return []
@@ -428,7 +428,7 @@ class _Heads:
             at += HEAD.size + length
         return [*sorted(place for place in places if place < start), start]
 
-    def _group(self, kind: int, offset: int, length: int, begin: bytes) -> None:
+    def _add_to_block(self, kind: int, offset: int, length: int, begin: bytes) -> None:
         """Put a record of the data into a block: the last one, if it may join that."""
         self.strange += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
@@ -452,7 +452,7 @@ class _Heads:
         elif kind in _BARE:
             self.blocks.append(Block(self._path, offset, length, length, False))
 
-    def _take(self, kind: int, offset: int, length: int) -> None:
+    def _take_summary(self, kind: int, offset: int, length: int) -> None:
         """Take a record of the summary, whose definitions may be in a damaged chunk only."""
         if length > _LONGEST or kind not in (*_BARE, Opcode.STATISTICS):
             return
@@ -499,10 +499,10 @@ def scan_file(path: Path, findings: Findings) -> McapFile:
             size = os.fstat(number).st_size
             heads = _Heads(number, path, size)
             heads.walk()
-            found = McapFile(path, size, findings)
-            if not (heads.is_sound and found.take_summary(heads)):
-                found = McapFile(path, size, findings)
-                found.read_all(heads)
+            scanned = McapFile(path, size, findings)
+            if not (heads.is_sound and scanned.take_summary(heads)):
+                scanned = McapFile(path, size, findings)
+                scanned.read_all(heads)
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror}") from None
-    return found
+    return scanned

@@ -89,7 +89,7 @@ class Pass:
         self._ways = [FilePass(file) for file in files]
         blocks = ((block, way) for way in self._ways for block in way.file.blocks)
         jobs = [Job(k, block, way, *course.span(k, block)) for k, (block, way) in enumerate(blocks)]
-        masks = {way.file.path: sum(1 << key for key in self._keys(way.file)) for way in self._ways}
+        masks = {way.file.path: sum(1 << key for key in self._channel_keys(way.file)) for way in self._ways}
         self._jobs = sorted(
             (
                 job
@@ -100,20 +100,20 @@ class Pass:
             key=operator.attrgetter('start_ns', 'number'),
         )
 
-    def _keys(self, file: McapFile) -> list[int]:
+    def _channel_keys(self, file: McapFile) -> list[int]:
         """Return the channels of the topics in a file."""
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
-    def stretches(self, columns_of: MakeColumns, least: int, most: int) -> Iterator[Columns]:
+    def stretches(self, columns_of: MakeColumns, min_count: int, max_count: int) -> Iterator[Columns]:
         """Yield all messages in the order of time, then of place, some at a time.
 
         Args:
             columns_of: Makes the columns of a piece's messages.
-            least: How many messages wait before some are handed on.
-            most: How many of them are handed on at a time.
+            min_count: How many messages wait before some are handed on.
+            max_count: How many of them are handed on at a time.
         """
         waiting: list[Columns] = []
-        size, limit, handed = 0, least, -1
+        size, limit, handed = 0, min_count, -1
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
@@ -121,9 +121,9 @@ class Pass:
         for k, job in enumerate(self._jobs):
             if job.way.is_over:
                 continue
-            own = list(self._read(job, columns_of, handed))
-            waiting += own
-            size += sum(columns[0].size for columns in own)
+            block_columns = list(self._read_block(job, columns_of, handed))
+            waiting += block_columns
+            size += sum(columns[0].size for columns in block_columns)
             done += job.block.length
             if self._progress is not None:
                 self._progress(done, total)
@@ -135,14 +135,14 @@ class Pass:
             if not cut and columns[1].max() < rest[k + 1]:
                 # So many of one time: it is split, rather than to wait for more.
                 cut = columns[0].searchsorted(handed, 'right')
-            yield from _some(part(columns, slice(cut)), most)
+            yield from _split_columns(part(columns, slice(cut)), max_count)
             waiting = [part(columns, slice(cut, None))]
             size = waiting[0][0].size
-            limit = least + 2 * size
+            limit = min_count + 2 * size
         if waiting:
-            yield from _some(_in_order(waiting), most)
+            yield from _split_columns(_in_order(waiting), max_count)
 
-    def _read(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
+    def _read_block(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
         """Read what can be read of a block.
 
         Messages from before a time were handed on [ns], and are left out here: a block may lie
@@ -178,12 +178,12 @@ class Pass:
         """Report what a summary counts otherwise, when all was read."""
         for way in self._ways:
             if way.file.is_stated:
-                way.file.compare(way.file.counts, way.counts, self._keys(way.file))
+                way.file.compare(way.file.counts, way.counts, self._channel_keys(way.file))
 
 
 def _in_order(parts: Sequence[Columns]) -> Columns:
     """Columns as one, in the order of time, then of blocks, then as they are."""
-    columns = tuple(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
     time, number = columns[:2]
     later, same = time[1:] > time[:-1], time[1:] == time[:-1]
     if (later | (same & (number[1:] >= number[:-1]))).all():
@@ -191,11 +191,11 @@ def _in_order(parts: Sequence[Columns]) -> Columns:
     return part(columns, np.lexsort((number, time)))
 
 
-def _some(columns: Columns, most: int) -> Iterator[Columns]:
+def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
     """Yield some messages at a time; those of one time are split only if they are too many."""
-    while columns[0].size > most:
-        times = columns[0][:most]
-        end = int(times.searchsorted(times[-1])) or most
+    while columns[0].size > max_count:
+        times = columns[0][:max_count]
+        end = int(times.searchsorted(times[-1])) or max_count
         yield part(columns, slice(end))
         columns = part(columns, slice(end, None))
     if columns[0].size:
@@ -209,37 +209,39 @@ class McapReading(MessageReading):
         BagError: A path does not lead to a number.
     """
 
-    def __init__(self, own: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None) -> None:
+    def __init__(
+        self, recording: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
+    ) -> None:
         super().__init__(wanted)
-        self._least = own.least_ns
-        topics = [each.topic for each in wanted]
-        self._pass = Pass(own.contents, own.judge(topics), topics, progress)
-        for each in wanted:
-            known = [
-                self._reader(each, file, channel)
-                for file in own.contents
+        self._least = recording.least_ns
+        topics = [topic.topic for topic in wanted]
+        self._pass = Pass(recording.contents, recording.judge(topics), topics, progress)
+        for topic in wanted:
+            channels = [
+                self._make_reader(topic, file, channel)
+                for file in recording.contents
                 for channel in list(file.channels.values())
-                if channel.topic == each.topic
+                if channel.topic == topic.topic
             ]
             # What does not fit beside what does is not read.
-            errors = [reader for reader in known if isinstance(reader, BagError)]
-            if errors and len(errors) == len(known):
+            errors = [reader for reader in channels if isinstance(reader, BagError)]
+            if errors and len(errors) == len(channels):
                 raise errors[0]
 
-    def _stretches(self) -> Iterator[Columns]:
-        most = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
-        for time, _, *others in self._pass.stretches(self._columns, most, most):
-            yield time, *others
+    def _read_stretches(self) -> Iterator[Columns]:
+        max_count = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
+        for time, _, *arrays in self._pass.stretches(self._make_columns, max_count, max_count):
+            yield time, *arrays
         self._pass.compare()
 
-    def _reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
+    def _make_reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
         """Return what reads the messages of a channel, or the reason why nothing can."""
         schema, problem = file.schemas.get(channel.schema_id), file.problem(channel)
         if schema is None or problem:
             return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
         return wanted.reader(schema)
 
-    def _columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
+    def _make_columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
         times = stamp = piece.log_time_ns
         topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
         values = np.full((self._width, times.size), np.nan)
@@ -249,17 +251,17 @@ class McapReading(MessageReading):
                 beyond = int((own_times < 0).sum())
                 wanted.reasons[_BEYOND] += beyond
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
-            reader = self._reader(wanted, job.way.file, channel)
+            reader = self._make_reader(wanted, job.way.file, channel)
             if isinstance(reader, BagError):
                 job.way.file.findings.lose(f'{job.block.place} has messages of another definition: {reader}')
                 wanted.count += rows.size
                 wanted.reasons[_REFUSED] += rows.size
                 continue
-            found, stamps = reader.read(piece.data, piece.offset[rows], piece.size[rows], own_times)
+            numbers, stamps = reader.read(piece.data, piece.offset[rows], piece.size[rows], own_times)
             job.way.spend(job.block, _ROW * rows.size)
             topic[rows] = number
-            for column, own in zip(values, found, strict=False):
-                column[rows] = own
+            for column, row in zip(values, numbers, strict=False):
+                column[rows] = row
             if stamps is not own_times:
                 stamp = stamp.copy() if stamp is times else stamp
                 stamp[rows] = stamps
@@ -291,8 +293,8 @@ class McapRecording(Recording):
         ends = [file.end_ns for file in files if file.end_ns is not None]
         self.start_ns = min(starts, default=None)
         self.end_ns = max(ends, default=self.start_ns)
-        most = max((topic.count for topic in self.topics.values()), default=0)
-        if question := question_of_unit(self.start_ns, self.end_ns, most):
+        max_count = max((topic.count for topic in self.topics.values()), default=0)
+        if question := question_of_unit(self.start_ns, self.end_ns, max_count):
             findings.note(question)
         self._times = BlockTimes(files, self.least_ns)
 
@@ -307,7 +309,7 @@ class McapRecording(Recording):
 
     def definition(self, topic: str) -> str:
         """Return the ``ros2msg`` definition of a topic's messages."""
-        self._readable(topic)
+        self._find_readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data
             for file in self.contents
@@ -318,7 +320,7 @@ class McapRecording(Recording):
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> McapReading:
         """Read numbers of some topics in blocks."""
-        wanted = [TopicNumbers(topic, paths) for topic, paths in self._asked(requests).items()]
+        wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
         return McapReading(self, wanted, progress)
 
     def messages(
@@ -328,7 +330,7 @@ class McapRecording(Recording):
 
         A block is in memory while its time lasts.
         """
-        names = [(name, self._topic(name).type) for name in (self.topics if topics is None else topics)]
+        names = [(name, self._find_topic(name).type) for name in (self.topics if topics is None else topics)]
         wanted = spans or TimeSpans([(self.least_ns, _LATEST_NS)])
 
         def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
@@ -352,20 +354,20 @@ class McapRecording(Recording):
 
 def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
     """List the topics of all files, by name."""
-    found: dict[str, list[TopicInfo]] = {}
+    topics: dict[str, list[TopicInfo]] = {}
     for file in files:
         for key, channel in file.channels.items():
             kind, encoding = file.type_of(channel), channel.message_encoding
             info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.problem(channel))
-            found.setdefault(channel.topic, []).append(info)
-    return {name: _joined(found[name]) for name in sorted(found)}
+            topics.setdefault(channel.topic, []).append(info)
+    return {name: _join_members(topics[name]) for name in sorted(topics)}
 
 
-def _joined(members: Sequence[TopicInfo]) -> TopicInfo:
-    """One topic of all that bear its name."""
-    types = list(dict.fromkeys(each.type for each in members))
-    problems = [each.problem for each in members if each.problem]
+def _join_members(members: Sequence[TopicInfo]) -> TopicInfo:
+    """Return one topic of all that bear its name."""
+    types = list(dict.fromkeys(member.type for member in members))
+    problems = [member.problem for member in members if member.problem]
     if len(types) > 1:
         problems.append(f'it has several types: {", ".join(types)}')
-    count = sum(each.count for each in members)
+    count = sum(member.count for member in members)
     return replace(members[0], count=count, problem=problems[0] if problems else '')

@@ -34,7 +34,7 @@ _TopicRows = tuple[int, IntArray, IntArray]
 
 
 class CourseOfBlocks:
-    """How the messages of some topics went on, block by block.
+    """Course of the messages of some topics, block by block.
 
     Attributes:
         notes: What is odd about their times.
@@ -85,9 +85,10 @@ class BlockTimes:
         """Judge the order of the messages of some topics."""
         numbers = {topic: number for number, topic in enumerate(topics)}
         order, spans = TimeOrder(is_in_blocks=True), dict[int, tuple[int, int]]()
-        for number, own in self._blocks(numbers):
-            spans[number] = _joined(
-                order.add_to(topic, time_ns, byte, number << _BYTE_BITS) for topic, time_ns, byte in own
+        for number, rows_of_topics in self._iterate_blocks(numbers):
+            spans[number] = _join_spans(
+                order.add_to(topic, time_ns, byte, number << _BYTE_BITS)
+                for topic, time_ns, byte in rows_of_topics
             )
         course = order.course()
         blocks = [block for file in self._files for block in file.blocks]
@@ -96,15 +97,15 @@ class BlockTimes:
             for number, (start, end) in spans.items()
         )
         if course.shifts:
-            for number, own in self._blocks(numbers):
+            for number, rows_of_topics in self._iterate_blocks(numbers):
                 resulting = (
                     course.follow(time_ns, np.full(byte.size, topic), (number << _BYTE_BITS) + byte)
-                    for topic, time_ns, byte in own
+                    for topic, time_ns, byte in rows_of_topics
                 )
-                spans[number] = _joined((int(each.min()), int(each.max())) for each in resulting)
+                spans[number] = _join_spans((int(times.min()), int(times.max())) for times in resulting)
         return CourseOfBlocks(course, numbers, spans, self._least_ns, is_corrected=is_corrected)
 
-    def _blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
+    def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
         """Yield the number of each block that has messages of some topics with a time, and these."""
         number, self._sparse_bytes = -1, 0
         for file in self._files:
@@ -115,13 +116,13 @@ class BlockTimes:
                     number += 1
                     if block.channels is not None and not block.channels & mask:
                         continue
-                    rows = _indexed(opened.fileno(), block, keys) if file.is_stated else None
+                    rows = _read_indexes(opened.fileno(), block, keys) if file.is_stated else None
                     if rows is None:
-                        rows = self._walked(file, block, numbers)
-                    if rows := list(self._timed(rows)):
+                        rows = self._walk_block(file, block, numbers)
+                    if rows := list(self._drop_untimed(rows)):
                         yield number, rows
 
-    def _timed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
+    def _drop_untimed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
         """Yield the messages that have a time."""
         for topic, time_ns, byte in rows:
             is_time = _are_times(time_ns, self._least_ns)
@@ -130,7 +131,7 @@ class BlockTimes:
             elif is_time.any():
                 yield topic, time_ns[is_time], byte[is_time]
 
-    def _walked(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
+    def _walk_block(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
         """Return the messages of a block after its records, as far as it can be restored."""
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
@@ -142,11 +143,11 @@ class BlockTimes:
                     begin = piece.end
                     if self._sparse_bytes > _MAX_SPARSE_BYTES:
                         break
-        time_ns, topic, byte = (np.concatenate(each) for each in zip(*parts, strict=True))
+        time_ns, topic, byte = (np.concatenate(column) for column in zip(*parts, strict=True))
         return [(k, time_ns[topic == k], byte[topic == k]) for k in np.unique(topic[topic >= 0]).tolist()]
 
 
-def _joined(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
+def _join_spans(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
     """Return the span of several [ns]."""
     starts, ends = zip(*spans, strict=True)
     return min(starts), max(ends)
@@ -159,12 +160,12 @@ def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
     return result
 
 
-def _indexed(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
+def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
     """Return the messages of a block after their indexes; None where these cannot be so."""
     if not block.is_chunk or not block.index_length:
         return None
     data = os.pread(file, block.index_length, block.offset + block.length)
-    found: dict[int, IntArray] = {}
+    by_topic: dict[int, IntArray] = {}
     at = 0
     while at + _INDEX_BEGIN <= len(data):
         kind, length = HEAD.unpack_from(data, at)
@@ -177,10 +178,12 @@ def _indexed(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRow
                 return None
             entries = np.frombuffer(data, '<i8', size // 8, at + _INDEX_BEGIN).reshape(-1, 2).T.copy()
             topic = keys[channel]
-            found[topic] = np.concatenate([found[topic], entries], axis=1) if topic in found else entries
+            by_topic[topic] = (
+                np.concatenate([by_topic[topic], entries], axis=1) if topic in by_topic else entries
+            )
         at += HEAD.size + length
     result = []
-    for topic, (time_ns, byte) in found.items():
+    for topic, (time_ns, byte) in by_topic.items():
         if not (byte[1:] >= byte[:-1]).all():
             rows = byte.argsort(kind='stable')
             time_ns, byte = time_ns[rows], byte[rows]
@@ -193,6 +196,6 @@ def _indexed(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRow
 def _rows_of(file: McapFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
     """Return the messages of a piece of a block; those of other topics have the number -1."""
     keys, which = np.unique(piece.channel, return_inverse=True)
-    known = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
-    topic = np.array(known, np.int64)[which] if known else _NONE
+    topics = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
+    topic = np.array(topics, np.int64)[which] if topics else _NONE
     return piece.log_time_ns, topic, piece.offset - PAYLOAD

@@ -123,40 +123,40 @@ def parse_schema(name: str, data: bytes) -> Definitions:
     if len(data) > LONGEST_TEXT:
         raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
     try:
-        first, *others = _SEPARATOR.split(data.decode())
+        first, *sections = _SEPARATOR.split(data.decode())
     except UnicodeDecodeError:
         raise SchemaError('its definition is not text') from None
-    found: dict[str, tuple[Field, ...]] = {
+    parsed: dict[str, tuple[Field, ...]] = {
         'builtin_interfaces/Time': _TIME,
         'builtin_interfaces/Duration': _TIME,
     }
-    found[short_name(name)] = _fields(_lines(first), name)
-    for part in others:
-        head, *lines = _lines(part) or ['']
+    parsed[short_name(name)] = _parse_fields(_strip_comments(first), name)
+    for part in sections:
+        head, *lines = _strip_comments(part) or ['']
         if not head.startswith('MSG:'):
             raise SchemaError('its definition has a part without a name')
         name = head.removeprefix('MSG:').strip()
-        found[short_name(name)] = _fields(lines, name)
-    for name, members in found.items():
+        parsed[short_name(name)] = _parse_fields(lines, name)
+    for name, members in parsed.items():
         for member in members:
-            if '/' in member.base and member.base not in found:
+            if '/' in member.base and member.base not in parsed:
                 raise SchemaError(f'its definition leaves {member.base}, used by {name}, undefined')
-    return found
+    return parsed
 
 
-def _lines(text: str) -> list[str]:
+def _strip_comments(text: str) -> list[str]:
     """Return the lines of a definition that say something."""
     lines = (line.partition('#')[0].strip() for line in text.splitlines())
     return [line for line in lines if line]
 
 
-def _fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
+def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
     """Return the fields of a type; raise a SchemaError for a line that declares none."""
     package = name.split('/')[0]
-    return tuple(_field(line, package) for line in lines if not _CONSTANT.match(line))
+    return tuple(_parse_field(line, package) for line in lines if not _CONSTANT.match(line))
 
 
-def _field(line: str, package: str) -> Field:
+def _parse_field(line: str, package: str) -> Field:
     type_text, *rest = line.split()
     match = _TYPE.fullmatch(type_text)
     if match is None or not rest:
@@ -168,8 +168,8 @@ def _field(line: str, package: str) -> Field:
         raise SchemaError(f"its definition has the line '{line}', an array that is too long")
     if match['bound'] and not number:
         raise SchemaError(f"its definition has the line '{line}', a bound without a number")
-    most = int(number) if number else _LONGEST_SEQUENCE
-    return Field(rest[0], base, array, most if number and not match['bound'] else None, most)
+    max_length = int(number) if number else _LONGEST_SEQUENCE
+    return Field(rest[0], base, array, max_length if number and not match['bound'] else None, max_length)
 
 
 def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
@@ -241,7 +241,7 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
         return None
     tokens: list[Token] = []
     numbers: dict[FieldPath, int] = {}
-    for path, token in _tokens(definitions, short_name(root), ()):
+    for path, token in _list_tokens(definitions, short_name(root), ()):
         if token is None or len(tokens) >= _MOST_TOKENS:
             return None
         numbers[path] = len(tokens)
@@ -253,7 +253,7 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
     ]
 
 
-def _tokens(
+def _list_tokens(
     definitions: Definitions, root: str, prefix: FieldPath
 ) -> Iterator[tuple[FieldPath, Token | None]]:
     """List the tokens of a type with their paths; None for what has no layout."""
@@ -271,14 +271,14 @@ def _tokens(
         elif member.base == 'wstring' or count is None:
             yield path, None
         else:
-            for own in ((*path, index) for index in range(count)) if member.array else [path]:
+            for member_path in ((*path, index) for index in range(count)) if member.array else [path]:
                 if member.base in TEXTS:
-                    yield own, Token('u1', None)
+                    yield member_path, Token('u1', None)
                 else:
-                    yield from _tokens(definitions, member.base, own)
+                    yield from _list_tokens(definitions, member.base, member_path)
 
 
-def _gather(
+def _gather_numbers(
     layout: Layout, data: bytes, base: IntArray, size: IntArray, order: str
 ) -> tuple[list[NDArray[Any]], BoolArray]:
     """Gather numbers from messages by stepping through all of them at once.
@@ -300,8 +300,8 @@ def _gather(
         numbers = view(data, order + code)
         np.logical_and(sound, place + numbers.itemsize <= size, out=sound)
         spot = base + place
-        found: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
-        return found
+        numbers_there: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
+        return numbers_there
 
     tokens, targets = layout
     found: dict[tuple[int, int], NDArray[Any]] = {}
@@ -311,10 +311,10 @@ def _gather(
         stored, width = 'u1' if code == '?' else code, np.dtype(code).itemsize
         length: int | IntArray = count or 0
         if count is None:
-            place = _align(place, 4)
+            place = _align_place(place, 4)
             length = fetch('u4', place).astype(np.int64)
             place = place + 4
-        begin = _align(place, width)
+        begin = _align_place(place, width)
         for target in targets:
             if target[0] == number and target not in found:
                 sound &= target[1] < length
@@ -327,11 +327,11 @@ def _gather(
     return [found[target] for target in targets], sound
 
 
-def _align(place: int | IntArray, size: int) -> int | IntArray:
+def _align_place(place: int | IntArray, size: int) -> int | IntArray:
     return (place + size - 1) // size * size if size > 1 else place
 
 
-def _decoder(schema: Schema) -> Callable[[bytes], Any]:
+def _find_decoder(schema: Schema) -> Callable[[bytes], Any]:
     """Return the decoder of mcap-ros2-support; raise a SchemaError where it takes no such definition."""
     try:
         # The parser prints what it raises.
@@ -379,7 +379,7 @@ class TopicNumbers:
         for row, requests in enumerate(self.requests.values()):
             own, numbers = times, values[row]
             if self.has_foreign and (is_foreign := values[count + row] == 1.0).any():
-                log_time_ns, stamp_ns, sequence = (each[~is_foreign] for each in times)
+                log_time_ns, stamp_ns, sequence = (column[~is_foreign] for column in times)
                 own, numbers = (log_time_ns, stamp_ns, sequence), numbers[~is_foreign]
             series = Series(*own, numbers, ())
             yield from ((request, series) for request in requests)
@@ -426,19 +426,19 @@ class FieldReader:
 
     def __init__(self, wanted: TopicNumbers, schema: Schema) -> None:
         self._wanted, self._paths = wanted, tuple(wanted.requests)
-        self._fields = [NumberField(path) for path in self._paths]
+        self._parse_fields = [NumberField(path) for path in self._paths]
         self._undecoded = f'cannot be decoded as {schema.name}'
         try:
             definitions = parse_schema(schema.name, schema.data)
-            self._check(wanted.topic, schema.name, definitions)
+            self._check_fields(wanted.topic, schema.name, definitions)
             self._stamped = _has_header(definitions, schema.name)
-            self._decode = _decoder(schema)
+            self._decode = _find_decoder(schema)
         except SchemaError as error:
             raise BagError(f"topic '{wanted.topic}' ({schema.name}) cannot be read: {error}") from None
         paths = (*self._paths, *(_STAMP if self._stamped else ()))
         self._layout = compile_layout(definitions, schema.name, paths)
 
-    def _check(self, topic: str, type_name: str, definitions: Definitions) -> None:
+    def _check_fields(self, topic: str, type_name: str, definitions: Definitions) -> None:
         for path in self._paths:
             try:
                 number_at(definitions, type_name, path)
@@ -471,18 +471,20 @@ class FieldReader:
         for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
             if (mine := rows[kind == code]).size:
                 # As a rule all, which are not copied.
-                own = mine if mine.size < count else slice(None)
-                for place in self._fill(values, stamp_ns, own, data, offset[own], size[own], order).tolist():
+                decodable = mine if mine.size < count else slice(None)
+                for place in self._fill_rows(
+                    values, stamp_ns, decodable, data, offset[decodable], size[decodable], order
+                ).tolist():
                     begin = int(offset[place])
                     self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
             if mine.size == count:
                 return values, stamp_ns
-        other = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
-        for code, number in sorted(Counter(other.byteswap().tolist()).items()):
+        unknown = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
+        for code, number in sorted(Counter(unknown.byteswap().tolist()).items()):
             faults[f'are in the encapsulation 0x{code:04x}, which is not decoded'] += number
         return values, stamp_ns
 
-    def _fill(
+    def _fill_rows(
         self,
         values: FloatArray,
         stamp_ns: IntArray,
@@ -495,11 +497,13 @@ class FieldReader:
         """Fill in messages in one byte order; which of them have to be decoded one by one."""
         if self._layout is None:
             return np.arange(len(stamp_ns))[rows]
-        found, sound = _gather(self._layout, data, offset + _ENCAPSULATION, size - _ENCAPSULATION, order)
-        for row, own in zip(values, found, strict=False):
-            row[rows] = own
+        gathered, sound = _gather_numbers(
+            self._layout, data, offset + _ENCAPSULATION, size - _ENCAPSULATION, order
+        )
+        for row, numbers in zip(values, gathered, strict=False):
+            row[rows] = numbers
         if self._stamped:
-            sec, nanosec = (part.astype(np.int64) for part in found[-2:])
+            sec, nanosec = (part.astype(np.int64) for part in gathered[-2:])
             own_ns = sec * _SECOND + nanosec
             stamp_ns[rows] = np.where(sound & (own_ns != 0), own_ns, stamp_ns[rows])
         return np.arange(len(stamp_ns))[rows][~sound] if not sound.all() else np.empty(0, np.int64)
@@ -512,11 +516,11 @@ class FieldReader:
         except _DECODE_ERRORS:
             self._wanted.reasons[self._undecoded] += 1
             return
-        for row, own in enumerate(self._fields):
+        for row, field_config in enumerate(self._parse_fields):
             try:
-                values[row, place] = own.read(message)
+                values[row, place] = field_config.read(message)
             except NoSuchElementError as error:
-                values[len(self._fields) + row, place] = 1.0
+                values[len(self._parse_fields) + row, place] = 1.0
                 self._wanted.note_foreign(row, error.names)
             except LookupError:
                 self._wanted.short[row] += 1
@@ -540,10 +544,10 @@ class MessageReading(ABC):
 
     def __init__(self, wanted: Sequence[TopicNumbers]) -> None:
         self._wanted, self._sequence = wanted, 0
-        self._width = max((each.width for each in wanted), default=0)
+        self._width = max((topic.width for topic in wanted), default=0)
 
     @abstractmethod
-    def _stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
+    def _read_stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
         """Stretches of n messages: log times [ns], numbers of topics, stamps [ns], values, shape (k, n)."""
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
@@ -554,28 +558,28 @@ class MessageReading(ABC):
         """
         none = np.empty(0, np.int64)
         is_empty = True
-        for stretch in self._stretches():
+        for stretch in self._read_stretches():
             is_empty = False
-            yield self._series(*stretch)
+            yield self._make_series(*stretch)
         if is_empty:
-            yield self._series(none, none, none, np.empty((self._width, 0)))
+            yield self._make_series(none, none, none, np.empty((self._width, 0)))
 
-    def _series(
+    def _make_series(
         self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
     ) -> dict[Request, Series]:
         result: dict[Request, Series] = {}
         is_unstamped = np.array_equal(log_time_ns, stamp_ns)
-        for number, each in enumerate(self._wanted):
+        for number, topic_numbers in enumerate(self._wanted):
             rows = np.flatnonzero(topic == number)
-            own = log_time_ns[rows]
-            times = own, own if is_unstamped else stamp_ns[rows], rows + self._sequence
-            result.update(each.series(times, values[: each.width].take(rows, axis=1)))
+            times_ns = log_time_ns[rows]
+            times = times_ns, times_ns if is_unstamped else stamp_ns[rows], rows + self._sequence
+            result.update(topic_numbers.series(times, values[: topic_numbers.width].take(rows, axis=1)))
         self._sequence += log_time_ns.size
         return result
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """Return the faults of the messages read so far, by request."""
-        return dict(pair for each in self._wanted for pair in each.faults())
+        return dict(pair for topic in self._wanted for pair in topic.faults())
 
 
 _BUILT_IN = Path(__file__).with_name('definitions.txt')
@@ -585,23 +589,23 @@ _RULE = '=' * 80
 def definition_of(kind: str) -> str | None:
     """Return the ``ros2msg`` text of a type with all that it uses; None where it is not known."""
     parts: dict[str, str] = {}
-    if not _collect(short_name(kind), parts):
+    if not _collect_types(short_name(kind), parts):
         return None
-    first, *others = parts.items()
-    return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in others)
+    first, *referred = parts.items()
+    return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in referred)
 
 
-def _collect(name: str, parts: dict[str, str]) -> bool:
+def _collect_types(name: str, parts: dict[str, str]) -> bool:
     """Take up a type and those that it uses; whether all are known."""
-    text = _built_in().get(name) or _sourced(name)
+    text = _built_in().get(name) or _read_definition(name)
     if text is None:
         return False
     parts[name] = text
     try:
-        bases = [member.base for member in _fields(_lines(text), name)]
+        bases = [member.base for member in _parse_fields(_strip_comments(text), name)]
     except SchemaError:
         return False
-    return all('/' not in base or base in parts or _collect(short_name(base), parts) for base in bases)
+    return all('/' not in base or base in parts or _collect_types(short_name(base), parts) for base in bases)
 
 
 @cache
@@ -610,13 +614,13 @@ def _built_in() -> dict[str, str]:
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def _sourced(name: str) -> str | None:
+def _read_definition(name: str) -> str | None:
     """Return the definition among the packages of ROS 2."""
     if not re.fullmatch(r'\w+/\w+', name):
         return None
-    package, own = name.split('/')
+    package, short_name = name.split('/')
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        path = Path(prefix) / 'share' / package / 'msg' / f'{own}.msg'
+        path = Path(prefix) / 'share' / package / 'msg' / f'{short_name}.msg'
         try:
             return read_file(path, LONGEST_TEXT).decode('utf-8', 'replace').rstrip() + '\n'
         except OSError:

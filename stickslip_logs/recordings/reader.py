@@ -87,10 +87,10 @@ def open_bag(path: str | Path) -> Recording:
             return TableRecording(path)
         if (stem := stem_of(path.name)) and _has_other_parts(path):
             findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
-        return _opened(path, [path], '', findings)
+        return _open_files(path, [path], '', findings)
     metadata = folder_files(path, findings)
     files = [path / name for name in metadata.names]
-    recording = _opened(path, files, metadata.packed, findings, metadata.is_listed)
+    recording = _open_files(path, files, metadata.packed, findings, metadata.is_listed)
     if metadata.count is not None and metadata.count != recording.message_count:
         findings.lose(
             f"'{path / METADATA_NAME}' counts {metadata.count} messages, the files hold"
@@ -99,12 +99,12 @@ def open_bag(path: str | Path) -> Recording:
     return recording
 
 
-def _opened(
+def _open_files(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
     """Open files of one format, which stay where they are, as a recording."""
     scratch = Scratch()
-    whole = [_unpacked(file, scratch) for file in files]
+    whole = [_unpack_file(file, scratch) for file in files]
     if any(is_sqlite(file.name) or begin_of(file).startswith(SQLITE) for file in whole):
         return SqliteRecording(path, whole, packed == 'message', findings, scratch)
     contents = [scan_file(file, findings) for file in whole]
@@ -131,9 +131,9 @@ def begin_of(path: Path) -> bytes:
         raise BagError(f"bag file '{path}' cannot be read: {error.strerror or error}") from None
     if begin[_TAR] == b'ustar':
         raise BagError(f"'{path}' is a tar archive: unpack it")
-    for magic, what in _FOREIGN:
+    for magic, kind in _FOREIGN:
         if begin.startswith(magic):
-            raise BagError(f"'{path}' is {what.format(path)}")
+            raise BagError(f"'{path}' is {kind.format(path)}")
     return begin
 
 
@@ -168,7 +168,7 @@ def is_text(begin: bytes) -> bool:
     return is_mostly_sound and any(mark in line for line in sound for mark in _CELL_MARKS)
 
 
-def _unpacked(path: Path, scratch: Scratch) -> Path:
+def _unpack_file(path: Path, scratch: Scratch) -> Path:
     """Return a file, or the unpacked copy of one that is packed as a whole.
 
     Raises:
@@ -177,14 +177,14 @@ def _unpacked(path: Path, scratch: Scratch) -> Path:
     if not begin_of(path).startswith(ZSTD):
         return path
     target = scratch.folder / path.stem
-    most = _FREE + _FOR_EACH * path.stat().st_size
+    max_bytes = _FREE + _FOR_EACH * path.stat().st_size
     try:
         with open_file(path) as packed, target.open('wb') as file:
             reader = zstandard.ZstdDecompressor().stream_reader(packed)
             while piece := reader.read(_PIECE):
-                if file.tell() + len(piece) > most:
+                if file.tell() + len(piece) > max_bytes:
                     raise BagError(
-                        f"bag file '{path}' grows to more than {most} bytes, the limit for its size"
+                        f"bag file '{path}' grows to more than {max_bytes} bytes, the limit for its size"
                     )
                 file.write(piece)
             if not file.tell():
@@ -196,17 +196,17 @@ def _unpacked(path: Path, scratch: Scratch) -> Path:
 
 def follow_on(files: Sequence[McapFile]) -> bool:
     """Return whether the spans of some files are those of parts of one recording."""
-    known = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
+    spans = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(
         -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
-        for (_, end), (start, _) in itertools.pairwise(known)
+        for (_, end), (start, _) in itertools.pairwise(spans)
     )
 
 
 def _has_other_parts(path: Path) -> bool:
     """Return whether the folder of a file has others of its name, and nothing that lists them."""
     try:
-        names = [each.name for each in path.parent.iterdir()]
+        names = [part.name for part in path.parent.iterdir()]
     except OSError:
         return False
     stem = stem_of(path.name)
@@ -341,25 +341,25 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
     """
     try:
         paths = sorted(p for p in folder.iterdir() if is_recording(p.name))
-        there = sorted((p.name for p in paths if p.exists()), key=natural)
+        present = sorted((p.name for p in paths if p.exists()), key=natural)
     except OSError as error:
         raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
     metadata = read_metadata(folder)
     for path in paths:
-        if path.name not in there:
+        if path.name not in present:
             findings.lose(f"file '{path.name}' was not read{near_name(path)}")
-    if not there:
+    if not present:
         logs = sorted((p.name for p in folder.iterdir() if is_log(p.name)), key=natural)
         remedy = f": name one of its logs, as '{folder / logs[0]}'" if logs else ''
         raise BagError(f"bag '{folder}' has no .mcap and no .db3 file{remedy}")
     if isinstance(metadata, str):
-        if len(there) > 1 and len({stem_of(name) or name for name in there}) > 1:
-            raise BagError(f"folder '{folder}' holds {len(there)} recordings: name one of them")
-        kind = '.db3' if is_sqlite(there[0]) else '.mcap'
+        if len(present) > 1 and len({stem_of(name) or name for name in present}) > 1:
+            raise BagError(f"folder '{folder}' holds {len(present)} recordings: name one of them")
+        kind = '.db3' if is_sqlite(present[0]) else '.mcap'
         findings.note(f'{metadata}: its {kind} files were read in the order of their names')
-        _report_gaps(there, findings)
-        return Metadata(tuple(there))
-    return _listed(folder, metadata, there, findings)
+        _report_gaps(present, findings)
+        return Metadata(tuple(present))
+    return _listed_files(folder, metadata, present, findings)
 
 
 def _report_gaps(names: Sequence[str], findings: Findings) -> None:
@@ -376,29 +376,29 @@ def _report_gaps(names: Sequence[str], findings: Findings) -> None:
             findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
 
 
-def _listed(folder: Path, metadata: Metadata, there: list[str], findings: Findings) -> Metadata:
+def _listed_files(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:
     """Return the files that metadata list, and those behind them that bear the same name."""
-    known = {composed(name): name for name in there}
-    found = [known[name] for name in map(composed, metadata.names) if name in known]
-    missing = [name for name in metadata.names if composed(name) not in known]
+    by_name = {composed(name): name for name in present}
+    names = [by_name[name] for name in map(composed, metadata.names) if name in by_name]
+    missing = [name for name in metadata.names if composed(name) not in by_name]
     for name in missing[:MOST_NAMED]:
         findings.lose(f"file '{name}' is listed in {METADATA_NAME} but missing")
     if len(missing) > MOST_NAMED:
         findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
-    if not found:
+    if not names:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
     count = metadata.count
-    stems = {stem_of(name) for name in found} - {''}
-    for name in there:
-        if name in found:
+    stems = {stem_of(name) for name in names} - {''}
+    for name in present:
+        if name in names:
             continue
         if stem_of(name) in stems:
             findings.note(f"file '{name}' is not listed in {METADATA_NAME}: read by its name")
-            found, count = [*found, name], None
+            names, count = [*names, name], None
         else:
             findings.lose(f"file '{name}' is not listed in {METADATA_NAME} and was not read")
-    found = found if count is not None else sorted(found, key=natural)
-    return replace(metadata, names=tuple(found), count=count)
+    names = names if count is not None else sorted(names, key=natural)
+    return replace(metadata, names=tuple(names), count=count)
 
 
 def read_metadata(folder: Path) -> Metadata | str:
@@ -412,7 +412,7 @@ def read_metadata(folder: Path) -> Metadata | str:
     """
     path = folder / METADATA_NAME
     try:
-        information = _load(read_file(path, _LARGEST))[METADATA_ROOT]
+        information = _load_yaml(read_file(path, _LARGEST))[METADATA_ROOT]
         storage = information.get('storage_identifier', 'mcap')
         mode = str(information.get('compression_mode') or 'none').lower()
         format_ = str(information.get('compression_format') or 'zstd').lower()
@@ -437,7 +437,7 @@ def read_metadata(folder: Path) -> Metadata | str:
 CONVERT = "convert it with 'ros2 bag convert' first"
 
 
-def _load(data: bytes) -> Any:
+def _load_yaml(data: bytes) -> Any:
     """YAML without aliases, which rosbag2 does not write, and without much nesting."""
     depth = 0
     for event in yaml.parse(data, _LOADER):

@@ -62,15 +62,15 @@ class Findings:
     @property
     def texts(self) -> tuple[str, ...]:
         """All of them, and how many were too many."""
-        return _some(list(self._texts))
+        return _first_texts(list(self._texts))
 
     @property
     def losses(self) -> tuple[str, ...]:
         """Those that cost data, and how many were too many."""
-        return _some([text for text, is_loss in self._texts.items() if is_loss])
+        return _first_texts([text for text, is_loss in self._texts.items() if is_loss])
 
 
-def _some(texts: list[str]) -> tuple[str, ...]:
+def _first_texts(texts: list[str]) -> tuple[str, ...]:
     more = len(texts) - _MOST_TOLD
     return (*texts[:_MOST_TOLD], *([f'{more} more findings are not listed'] if more > 0 else []))
 
@@ -94,7 +94,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Where a recording file ends too early.
+    """Place where a recording file ends too early.
 
     The byte at which its last whole record ends, its length, and the latest log time among the
     messages that were saved.
@@ -159,8 +159,8 @@ class TimeSpans:
         self.spans: list[tuple[int, int]] = []
         for start, end in sorted(spans):
             if self.spans and start <= self.spans[-1][1]:
-                start, other = self.spans.pop()
-                end = max(end, other)
+                start, last = self.spans.pop()
+                end = max(end, last)
             self.spans.append((start, end))
         self._edges = np.array(self.spans, np.int64).reshape(-1, 2)
 
@@ -226,12 +226,12 @@ class Recording(ABC):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is odd about it and what was guessed, as far as it was noticed until now."""
+        """Oddities and guesses, as far as they were noticed until now."""
         return self._findings.texts
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """What of it was not read: cuts, and those of the warnings that cost data."""
+        """Losses: cuts, and those of the warnings that cost data."""
         return (*(cut.text for cut in self.cuts), *self._findings.losses)
 
     def note(self, text: str) -> None:
@@ -281,29 +281,29 @@ class Recording(ABC):
             BagError: The topic is not there or cannot be decoded.
         """
 
-    def _topic(self, name: str) -> TopicInfo:
+    def _find_topic(self, name: str) -> TopicInfo:
         """Return the topic of that name; raise a BagError where there is none."""
         if name not in self.topics:
             raise BagError(missing_topic(self.topics, name))
         return self.topics[name]
 
-    def _readable(self, name: str) -> TopicInfo:
+    def _find_readable(self, name: str) -> TopicInfo:
         """Return the topic of that name; raise a BagError where its messages cannot be decoded."""
-        topic = self._topic(name)
+        topic = self._find_topic(name)
         if topic.problem:
             raise BagError(f"topic '{name}' ({topic.type}) cannot be read: {topic.problem}")
         return topic
 
-    def _asked(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
+    def _group_requests(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
         """Return the requests by topic and field; raise a BagError for a topic of another type."""
-        asked: dict[str, dict[FieldPath, list[Request]]] = {}
+        by_topic: dict[str, dict[FieldPath, list[Request]]] = {}
         # They may be a set, whose order is by chance.
-        for request in sorted(requests, key=lambda own: (own.topic, own.field)):
-            path, topic = parse_field(request.field), self._readable(request.topic)
+        for request in sorted(requests, key=lambda item: (item.topic, item.field)):
+            path, topic = parse_field(request.field), self._find_readable(request.topic)
             if request.type is not None and short_name(request.type) != short_name(topic.type):
                 raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
-            asked.setdefault(request.topic, {}).setdefault(path, []).append(request)
-        return asked
+            by_topic.setdefault(request.topic, {}).setdefault(path, []).append(request)
+        return by_topic
 
 
 def joined(reading: Reading) -> dict[Request, Series]:
@@ -330,9 +330,9 @@ def short_name(name: str) -> str:
     return f'{parts[0]}/{parts[-1]}'
 
 
-def other_encoding(of: str, encoding: str, known: str) -> str:
+def other_encoding(of: str, encoding: str, supported: str) -> str:
     """Return a clause on messages or definitions in another encoding than the known one."""
-    return f"{of} encoding '{encoding}' is not {known}: export the topic as CSV"
+    return f"{of} encoding '{encoding}' is not {supported}: export the topic as CSV"
 
 
 def missing_topic(topics: Collection[str], name: str) -> str:
@@ -353,5 +353,5 @@ def full_name(topic: str, topics: Collection[str]) -> str:
     if topic in topics or topic.startswith(('/', '~')) or not topic:
         return topic
     in_root = f'/{topic}'
-    others = [name for name in topics if name.endswith(in_root)]
-    return others[0] if len(others) == 1 and in_root not in topics else in_root
+    candidates = [name for name in topics if name.endswith(in_root)]
+    return candidates[0] if len(candidates) == 1 and in_root not in topics else in_root

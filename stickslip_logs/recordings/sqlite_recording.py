@@ -71,15 +71,15 @@ class SqliteRecording(Recording):
         self._texts: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
         self._types: dict[str, tuple[str, str]] = {}
-        self._order, self._numbers = TimeOrder(), dict[str, int]()
+        self._order, self._read_numbers = TimeOrder(), dict[str, int]()
         for number, file in enumerate(files):
-            self._look(number, file)
+            self._scan_database(number, file)
         whole = self._order.course()
         self.start_ns, self.end_ns = whole.start_ns, whole.end_ns
-        self._topics = {name: self._info(name, *self._types[name]) for name in sorted(self._types)}
+        self._topics = {name: self._topic_info(name, *self._types[name]) for name in sorted(self._types)}
         self._message_count = self._counts.total()
 
-    def _info(self, name: str, kind: str, encoding: str) -> TopicInfo:
+    def _topic_info(self, name: str, kind: str, encoding: str) -> TopicInfo:
         text = self._texts.get(kind) or definition_of(kind)
         problem = ''
         if encoding != 'cdr':
@@ -93,14 +93,14 @@ class SqliteRecording(Recording):
         return TopicInfo(name, kind, self._counts[name], encoding, problem)
 
     @contextlib.contextmanager
-    def _opened(self, file: Path) -> Iterator[sqlite3.Connection]:
+    def _open_read_only(self, file: Path) -> Iterator[sqlite3.Connection]:
         """Open a connection that changes nothing.
 
         Raises:
             BagError: The file cannot be read.
         """
         try:
-            uri = f'{self._whole(file).absolute().as_uri()}?mode=ro&immutable=1'
+            uri = f'{self._recovered_file(file).absolute().as_uri()}?mode=ro&immutable=1'
             with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
                 if sys.version_info >= (3, 11):
                     # What a damaged length asks for is not taken.
@@ -110,15 +110,15 @@ class SqliteRecording(Recording):
         except (*_ERRORS, OSError, ValueError) as error:
             raise BagError(_refusal(file, str(error))) from None
 
-    def _whole(self, file: Path) -> Path:
+    def _recovered_file(self, file: Path) -> Path:
         """Return the file, or its copy with what a crash has left in its journal."""
         ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
         if not any(end.is_file() and end.stat().st_size for end in ends):
             return file
         copy = self._scratch.folder / file.name
         if not copy.exists():
-            for each in (file, *filter(Path.is_file, ends)):
-                shutil.copyfile(each, copy.with_name(each.name))
+            for part in (file, *filter(Path.is_file, ends)):
+                shutil.copyfile(part, copy.with_name(part.name))
             with contextlib.closing(sqlite3.connect(copy)) as database:
                 database.execute('SELECT count(*) FROM sqlite_master').fetchall()
                 with contextlib.suppress(sqlite3.Error):
@@ -128,17 +128,17 @@ class SqliteRecording(Recording):
             )
         return copy
 
-    def _look(self, number: int, file: Path) -> None:
+    def _scan_database(self, number: int, file: Path) -> None:
         """Take the topics, definitions, counts and times of a file."""
-        with self._opened(file) as database:
+        with self._open_read_only(file) as database:
             names: dict[int, str] = {}
             for key, *row in database.execute('SELECT id, name, type, serialization_format FROM topics'):
                 name, kind, encoding = map(str, row)
                 if isinstance(key, int):
                     names[key] = name
-                known = self._types.setdefault(name, (kind, encoding))
-                if known != (kind, encoding):
-                    self._findings.lose(f"topic '{name}' has several types: {known[0]}, {kind}")
+                definition = self._types.setdefault(name, (kind, encoding))
+                if definition != (kind, encoding):
+                    self._findings.lose(f"topic '{name}' has several types: {definition[0]}, {kind}")
             # Not before ROS 2 Iron.
             with contextlib.suppress(*_ERRORS):
                 for kind, encoding, text in database.execute(
@@ -146,12 +146,16 @@ class SqliteRecording(Recording):
                 ):
                     if encoding == 'ros2msg' and text and isinstance(text, str):
                         self._texts.setdefault(kind, text)
-            self._count(number, file, database, names)
+            self._count_messages(number, file, database, names)
 
-    def _count(self, number: int, file: Path, database: sqlite3.Connection, names: Mapping[int, str]) -> None:
+    def _count_messages(
+        self, number: int, file: Path, database: sqlite3.Connection, names: Mapping[int, str]
+    ) -> None:
         """Count the messages of a file, and take their times for the judgement of their order."""
         counts = Counter[Any]()
-        sources = {key: self._numbers.setdefault(name, len(self._numbers)) for key, name in names.items()}
+        sources = {
+            key: self._read_numbers.setdefault(name, len(self._read_numbers)) for key, name in names.items()
+        }
         for rows in self._rows(file, database, 'timestamp, topic_id'):
             counts.update(key for _, _, key in rows)
             # Time 0 is that of a clock that was not set.
@@ -208,13 +212,13 @@ class SqliteRecording(Recording):
 
     def definition(self, topic: str) -> str:
         """Return the ``ros2msg`` definition of a topic's messages."""
-        return self._texts[self._readable(topic).type]
+        return self._texts[self._find_readable(topic).type]
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
         """Yield messages in the order of time."""
-        names = [self._topic(name) for name in (self.topics if topics is None else topics)]
+        names = [self._find_topic(name) for name in (self.topics if topics is None else topics)]
         for columns in self.batches([topic.name for topic in names]):
             for time_ns, number, data in zip(*(column.tolist() for column in columns), strict=True):
                 if spans is None or spans.overlap(time_ns, time_ns):
@@ -223,7 +227,7 @@ class SqliteRecording(Recording):
     def batches(self, topics: Sequence[str]) -> Iterator[Columns]:
         """Yield messages of some topics in order of time: times [ns], numbers of topics, and data."""
         # A topic without messages has no number.
-        sources = np.array([self._numbers.get(topic, -1) for topic in topics], np.int64)
+        sources = np.array([self._read_numbers.get(topic, -1) for topic in topics], np.int64)
         course = self._order.course(sources.tolist())
         sorter = Sorter(course.wait_ns)
         for time_ns, topic, data, place in self._written(topics):
@@ -237,7 +241,7 @@ class SqliteRecording(Recording):
         numbers, odd = {topic: number for number, topic in enumerate(topics)}, 0
         unpack = self._unpacker()
         for file_number, file in enumerate(self.files):
-            with self._opened(file) as database:
+            with self._open_read_only(file) as database:
                 ids = {
                     key: numbers[str(name)]
                     for key, name in database.execute('SELECT id, name FROM topics')
@@ -256,7 +260,7 @@ class SqliteRecording(Recording):
                     ]
                     odd += len(rows) - len(sound)
                     if sound:
-                        *columns, rowids = _columns(sound)
+                        *columns, rowids = _make_columns(sound)
                         yield *columns, _places(file_number, rowids)
         if odd:
             self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
@@ -277,7 +281,7 @@ class SqliteRecording(Recording):
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> SqliteReading:
         """Read numbers in blocks."""
-        wanted = [TopicNumbers(topic, paths) for topic, paths in self._asked(requests).items()]
+        wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
         return SqliteReading(self, wanted, progress)
 
 
@@ -290,7 +294,7 @@ def _places(file: int, rowid: IntArray) -> IntArray:
     return (file << _ROWID_BITS) + rowid.clip(0, (1 << _ROWID_BITS) - 1)
 
 
-def _columns(rows: Sequence[tuple[int, int, bytes, int]]) -> Columns:
+def _make_columns(rows: Sequence[tuple[int, int, bytes, int]]) -> Columns:
     data = np.empty(len(rows), np.object_)
     data[:] = [row[2] for row in rows]
     times, topics, rowids = (np.array([row[k] for row in rows], np.int64) for k in (0, 1, 3))
@@ -310,30 +314,30 @@ class SqliteReading(MessageReading):
         super().__init__(wanted)
         self._recording, self._progress = recording, progress
         self._readers = []
-        for each in wanted:
-            kind, text = recording.topics[each.topic].type, recording.definition(each.topic)
-            reader = each.reader(Schema(id=1, data=text.encode(), encoding='ros2msg', name=kind))
+        for topic in wanted:
+            kind, text = recording.topics[topic.topic].type, recording.definition(topic.topic)
+            reader = topic.reader(Schema(id=1, data=text.encode(), encoding='ros2msg', name=kind))
             if isinstance(reader, BagError):
                 raise reader
             self._readers.append(reader)
 
-    def _stretches(self) -> Iterator[Columns]:
-        topics = [each.topic for each in self._wanted]
+    def _read_stretches(self) -> Iterator[Columns]:
+        topics = [item.topic for item in self._wanted]
         total, done = sum(self._recording.topics[topic].count for topic in topics), 0
         for times, topic, messages in self._recording.batches(topics):
-            yield self._numbers(times, topic, messages.tolist())
+            yield self._read_numbers(times, topic, messages.tolist())
             done += times.size
             if self._progress is not None:
                 self._progress(done, max(total, done))
 
-    def _numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
+    def _read_numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
         size = np.fromiter(map(len, messages), np.int64, len(messages))
         offset, data = np.cumsum(size) - size, b''.join(messages)
         stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
         for number, reader in enumerate(self._readers):
             rows = np.flatnonzero(topic == number)
-            found, stamps[rows] = reader.read(data, offset[rows], size[rows], times[rows])
-            values[: len(found), rows] = found
+            numbers, stamps[rows] = reader.read(data, offset[rows], size[rows], times[rows])
+            values[: len(numbers), rows] = numbers
         return times, topic, stamps, values
 
 

@@ -100,7 +100,7 @@ class TableRecording(Recording):
         """The columns of names and of values of a table of one value a line, else None."""
         order, ends = TimeOrder(), [*self.table.head, *self.table.tail]
         for number, clock in enumerate(self.table.clocks):
-            known, times = _timed(ends, clock)
+            known, times = _drop_untimed(ends, clock)
             if times.size:
                 order.add(times, np.full(times.size, number), np.arange(times.size))
         self._may_lack_names = self._are_names_apart(known)
@@ -117,7 +117,7 @@ class TableRecording(Recording):
     def _begin_at_zero(self) -> None:
         """Let times that begin before zero, or before 1970, count from the first one."""
         ends = [*self.table.head, *self.table.tail]
-        times = np.concatenate([_timed(ends, clock)[1] for clock in self.table.clocks])
+        times = np.concatenate([_drop_untimed(ends, clock)[1] for clock in self.table.clocks])
         zero_ns = 0
         if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
             # A trigger's time before, and what spreadsheets make of a time of day.
@@ -170,10 +170,12 @@ class TableRecording(Recording):
         for row in self._all_rows(name):
             units = seen.setdefault(row[name], Counter())
             units[row[place] if place is not None and len(row) > place else ''] += 1
-        for own, units in seen.items():
+        for heading_text, units in seen.items():
             # The unit of most lines: one line may be damaged.
-            heading, known = with_unit(own, units.most_common(1)[0][0])
-            yield LogColumn(heading, value, own, known, self.is_sent and first_name(own) in seen)
+            heading, known_unit = with_unit(heading_text, units.most_common(1)[0][0])
+            yield LogColumn(
+                heading, value, heading_text, known_unit, self.is_sent and first_name(heading_text) in seen
+            )
 
     @property
     def unit_place(self) -> int | None:
@@ -204,7 +206,7 @@ class TableRecording(Recording):
 
     def _all_texts(self, column: int) -> list[str]:
         """Return each text of a column once."""
-        blocks = self.table.blocks([column], _silent, _silent)
+        blocks = self.table.blocks([column], _ignore_progress, _ignore_progress)
         return list(
             dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
         )
@@ -219,7 +221,12 @@ class TableRecording(Recording):
             }
         return {
             column.heading: TopicInfo(
-                column.heading, _kind(column), self.table.line_count, 'table', '', self._first_value(column)
+                column.heading,
+                _column_kind(column),
+                self.table.line_count,
+                'table',
+                '',
+                self._first_value(column),
             )
             for column in self.all_columns
         }
@@ -241,9 +248,10 @@ class TableRecording(Recording):
     def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
         """Let columns stand for topics."""
         self.by_topic = {
-            topic: replace(own, status=self._status_of(own.column.place)) for topic, own in columns.items()
+            topic: replace(source, status=self._status_of(source.column.place))
+            for topic, source in columns.items()
         }
-        named = {(own.column.heading, own.status): None for own in self.by_topic.values()}
+        named = {(source.column.heading, source.status): None for source in self.by_topic.values()}
         for heading, status in named:
             if status is not None:
                 self._findings.note(
@@ -266,7 +274,7 @@ class TableRecording(Recording):
             and str(row[column.place]).strip()
             and all(is_same_key(row[place], text) for place, text in keys)
         ]
-        return _timed(own, self.table.clock_of(column.place))
+        return _drop_untimed(own, self.table.clock_of(column.place))
 
     def keys_of(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
         """Return the rows of a column: those with that text at each of these places; all where empty."""
@@ -319,10 +327,10 @@ class TableRecording(Recording):
 
     def definition(self, topic: str) -> str:
         """Return the definition of what the sensors would have sent."""
-        self._column(topic)
+        self._find_column(topic)
         return 'float64 data\n'
 
-    def _column(self, topic: str) -> SourceColumn:
+    def _find_column(self, topic: str) -> SourceColumn:
         if topic in self.by_topic:
             return self.by_topic[topic]
         for column in self.all_columns:
@@ -332,11 +340,13 @@ class TableRecording(Recording):
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> TableReading:
         """Read numbers in blocks."""
-        asked = list(requests)
-        columns = {request.topic: self._column(request.topic) for request in asked}
+        wanted = list(requests)
+        columns = {request.topic: self._find_column(request.topic) for request in wanted}
         # Those of one line count from left to right, in whatever order they are asked for.
-        columns = dict(sorted(columns.items(), key=lambda own: (own[1].column.place, own[1].column.heading)))
-        return TableReading(self, asked, columns, progress)
+        columns = dict(
+            sorted(columns.items(), key=lambda item: (item[1].column.place, item[1].column.heading))
+        )
+        return TableReading(self, wanted, columns, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -356,10 +366,10 @@ class TableRecording(Recording):
             yield from (Message(name, FLOAT64, time, data) for _, name, time, data in sorted(rows))
 
 
-def _timed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
+def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
     """Return the rows that have a time of a clock, and these [ns]."""
-    most = max(clock.columns)
-    long = [row for row in rows if len(row) > most]
+    last_place = max(clock.columns)
+    long = [row for row in rows if len(row) > last_place]
     if not long:
         return [], np.empty(0, np.int64)
     times, is_timed = clock.read([[row[k] for row in long] for k in clock.columns])
@@ -378,11 +388,11 @@ def _usual_gap(time_ns: IntArray) -> float:
     return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
 
 
-def _silent(text: str) -> None:
+def _ignore_progress(text: str) -> None:
     del text
 
 
-def _kind(column: LogColumn) -> str:
+def _column_kind(column: LogColumn) -> str:
     """Return what a column would be taken for, by its unit."""
     if column.unit is None:
         return 'column, unit not known'
@@ -394,7 +404,7 @@ class _Kept:
 
     def __init__(self, path: Path) -> None:
         self._path, self._scratch = path, Scratch()
-        self._parts: list[Part] = []
+        self._sorted_parts: list[Part] = []
         self._bytes = 0
 
     def add(self, part: Part) -> None:
@@ -402,7 +412,7 @@ class _Kept:
         arrays = itertools.chain([part.time_ns], *part.numbers.values())
         self._bytes += sum(array.nbytes for array in arrays)
         if self._bytes <= _MAX_KEPT_BYTES:
-            self._parts.append(part)
+            self._sorted_parts.append(part)
             return
         try:
             with (self._scratch.folder / 'parts').open('ab') as file:
@@ -415,14 +425,14 @@ class _Kept:
 
     def __iter__(self) -> Iterator[Part]:
         """Yield the parts as they came."""
-        yield from self._parts
+        yield from self._sorted_parts
         if self._bytes > _MAX_KEPT_BYTES:
             with (self._scratch.folder / 'parts').open('rb') as file, contextlib.suppress(EOFError):
                 while True:
                     yield pickle.load(file)
 
 
-def _filled(part: Part) -> IntArray:
+def _filled_columns(part: Part) -> IntArray:
     """Return which of the columns each row fills, a bit for each of them."""
     filled = np.zeros(part.time_ns.size, np.int64)
     for k, (at, _) in enumerate(part.numbers.values()):
@@ -443,10 +453,10 @@ class TableReading:
         self._recording, self._requests, self._columns = recording, requests, columns
         self._progress = progress
         self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
-        self._keys = {topic: recording.keys_of(own.column) for topic, own in columns.items()}
-        places = [own.column.place for own in columns.values()]
+        self._keys = {topic: recording.keys_of(source.column) for topic, source in columns.items()}
+        places = [source.column.place for source in columns.values()]
         keys = [place for each in self._keys.values() for place, _ in each]
-        statuses = {k for own in columns.values() if (k := own.status) is not None}
+        statuses = {k for source in columns.values() if (k := source.status) is not None}
         self._unit_place = recording.unit_place
         units = set() if self._unit_place is None else {self._unit_place} - statuses
         table = recording.table
@@ -456,21 +466,21 @@ class TableReading:
         self._converted: set[str] = set()
         self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.quality(k)) is not None}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
-        self._names = {own.column.name for own in columns.values()}
+        self._names = {source.column.name for source in columns.values()}
         self._admissions = {
-            topic: SourceAdmission(own.column.heading, own.timeout, '', recording.note)
-            for topic, own in columns.items()
-            if recording.is_sent and own.timeout is not None and not own.column.is_other
+            topic: SourceAdmission(source.column.heading, source.timeout, '', recording.note)
+            for topic, source in columns.items()
+            if recording.is_sent and source.timeout is not None and not source.column.is_other
         }
         self._wanted += [SOURCE] if self._admissions else []
         self._kept = _Kept(recording.path)
-        self._course, self._has_whole_lines = self._judge()
+        self._course, self._has_whole_lines = self._judge_order()
         for text in self._course.notes('the lines are', 'of the lines'):
             recording.note(text)
         if self._course.start_ns is not None:
             recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
 
-    def _judge(self) -> tuple[TimeCourse, bool]:
+    def _judge_order(self) -> tuple[TimeCourse, bool]:
         """Read the file, keep the numbers, and judge the order of the lines that have some.
 
         Returns:
@@ -480,11 +490,11 @@ class TableReading:
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines = TimeOrder(), TimeOrder(), False
         first = np.zeros(1, np.int64)
-        every = _filled(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
+        every = _filled_columns(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
         for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
             part = self._of_rows(rows)
             self._kept.add(part)
-            source = _filled(part)
+            source = _filled_columns(part)
             at = np.flatnonzero(source)
             if at.size:
                 time_ns, source, place = part.time_ns[at], source[at], at + row
@@ -519,12 +529,12 @@ class TableReading:
         """Yield the series of one stretch of time after the other."""
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
         is_empty = True
-        for part in _sorted(self._parts(), list(self._columns), self._course.wait_ns):
+        for part in _sort_parts(self._sorted_parts(), list(self._columns), self._course.wait_ns):
             is_empty = False
-            yield self._series(part)
+            yield self._make_series(part)
         if is_empty:
             none = np.empty(0, np.int64)
-            yield self._series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))))
+            yield self._make_series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))))
         self._tell_rounded()
 
     def _tell_rounded(self) -> None:
@@ -551,25 +561,25 @@ class TableReading:
             result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
         return result
 
-    def _parts(self) -> Iterator[Part]:
+    def _sorted_parts(self) -> Iterator[Part]:
         """Yield the numbers that were kept, at the times at which they happened."""
         row = 0
         for part in self._kept:
             place = np.arange(row, row + part.time_ns.size)
             row += part.time_ns.size
-            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled(part)
+            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled_columns(part)
             yield part._replace(time_ns=self._course.follow(part.time_ns, source, place))
 
     def _of_rows(self, rows: Rows) -> Part:
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
         coded: dict[int, tuple[dict[str, int], IntArray]] = {}
-        for topic, own in self._columns.items():
-            if not rows.clock.times(own.column.place):
+        for topic, source in self._columns.items():
+            if not rows.clock.times(source.column.place):
                 part.numbers[topic] = np.empty(0, np.int64), np.empty(0)
                 continue
-            cells, where = rows.columns[self._wanted.index(own.column.place)], None
-            status = own.status
+            cells, where = rows.columns[self._wanted.index(source.column.place)], None
+            status = source.status
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
             if self._keys[topic]:
                 chosen = self._chosen(rows, topic, coded)
@@ -578,18 +588,18 @@ class TableReading:
             if topic in self._admissions and where is not None:
                 where = where[self._are_admitted(topic, cells, rows, where)]
                 chosen = np.isin(np.arange(chosen.size), where)
-                cells = some_cells(rows.columns[self._wanted.index(own.column.place)], chosen)
-            found = self._recording.table.numbers(cells)
-            if own.column.name is not None and self._unit_place is not None:
+                cells = some_cells(rows.columns[self._wanted.index(source.column.place)], chosen)
+            numbers = self._recording.table.numbers(cells)
+            if source.column.name is not None and self._unit_place is not None:
                 texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
-                self._convert(found, some_cells(texts, chosen), own.column)
+                self._convert_units(numbers, some_cells(texts, chosen), source.column)
             if status is not None:
-                self._leave_out(found, marks, self._is_bad[status])
-            self._take_words(topic, found.words)
-            at = np.flatnonzero(found.is_there)
+                self._leave_out(numbers, marks, self._is_bad[status])
+            self._take_words(topic, numbers.words)
+            at = np.flatnonzero(numbers.is_there)
             row = at if where is None else where[at]
             keep = rows.is_timed[row]
-            part.numbers[topic] = number[row[keep]], own.sent(found.value[at[keep]])
+            part.numbers[topic] = number[row[keep]], source.sent(numbers.value[at[keep]])
         return part
 
     def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
@@ -625,57 +635,57 @@ class TableReading:
             chosen &= np.isin(codes, same)
         return chosen
 
-    def _convert(self, found: Numbers, units: Sequence[str], column: LogColumn) -> None:
+    def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers of a name whose lines have another unit than its first; leave out the others."""
         name = column.name or ''
         if column.heading == name and column.unit is None:
             return  # its first line says no unit: what it is in is a matter of the reader
         for text in sorted({*units}):
-            own = with_unit(name, text)
-            if text.strip(' []()-') == '' or own == (column.heading, column.unit):
+            heading = with_unit(name, text)
+            if text.strip(' []()-') == '' or heading == (column.heading, column.unit):
                 continue
-            ratio = conversion(own[1] or '', column.unit or '')
-            rows = np.array([unit == text for unit in units], np.bool_) & found.is_there
+            ratio = conversion(heading[1] or '', column.unit or '')
+            rows = np.array([unit == text for unit in units], np.bool_) & numbers.is_there
             if ratio is None:
-                found.value[rows] = np.nan
-                found.words[f'in {text.strip()[:17]}'] += int(np.count_nonzero(rows))
+                numbers.value[rows] = np.nan
+                numbers.words[f'in {text.strip()[:17]}'] += int(np.count_nonzero(rows))
             else:
-                found.value[rows] *= ratio
-            said = f"'{column.heading}' changes its unit: lines in {text.strip()} are "
-            said += 'left out' if ratio is None else f'converted to {column.unit}'
-            if said not in self._converted:
-                self._converted.add(said)
-                self._recording.note(said)
+                numbers.value[rows] *= ratio
+            remark = f"'{column.heading}' changes its unit: lines in {text.strip()} are "
+            remark += 'left out' if ratio is None else f'converted to {column.unit}'
+            if remark not in self._converted:
+                self._converted.add(remark)
+                self._recording.note(remark)
 
     @staticmethod
-    def _leave_out(found: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
+    def _leave_out(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
         """Take the numbers that do not count for the words that say so."""
         bad = set(filter(is_bad, set(marks)))
         if bad:
-            chosen = np.array([mark in bad for mark in marks], np.bool_) & found.is_there
-            found.value[chosen] = np.nan
-            found.words.update(marks[k].strip()[:20] for k in np.flatnonzero(chosen).tolist())
+            chosen = np.array([mark in bad for mark in marks], np.bool_) & numbers.is_there
+            numbers.value[chosen] = np.nan
+            numbers.words.update(marks[k].strip()[:20] for k in np.flatnonzero(chosen).tolist())
 
     def _take_words(self, topic: str, words: Counter[str]) -> None:
-        own = self._words[topic]
+        counted = self._words[topic]
         for word, count in words.items():
-            own[word if word in own or len(own) < _MOST_KINDS else 'others'] += count
+            counted[word if word in counted or len(counted) < _MOST_KINDS else 'others'] += count
 
-    def _series(self, part: Part) -> dict[Request, Series]:
+    def _make_series(self, part: Part) -> dict[Request, Series]:
         """Return the series of a part, whose rows are in the order of events."""
-        found: dict[str, Series] = {}
+        series: dict[str, Series] = {}
         for k, (topic, (at, value)) in enumerate(part.numbers.items()):
             sequence = (at + self._rows) * len(part.numbers) + k
             times = part.time_ns[at]
-            found[topic] = Series(times, times, sequence, value, ())
+            series[topic] = Series(times, times, sequence, value, ())
             self._recording.counts[topic] += at.size
             self._distinct[topic] += int(np.count_nonzero(np.diff(times, prepend=self._last_ns[topic])))
             self._last_ns[topic] = int(times[-1]) if at.size else self._last_ns[topic]
         self._rows += part.time_ns.size
-        return {request: found[request.topic] for request in self._requests}
+        return {request: series[request.topic] for request in self._requests}
 
 
-def _sorted(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | None) -> Iterator[Part]:
+def _sort_parts(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | None) -> Iterator[Part]:
     """Yield the numbers of parts in order of time.
 
     Args:
@@ -687,17 +697,17 @@ def _sorted(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | None) -
     for part in parts:
         waiting.append(part)
         if wait_ns is not None:
-            whole = _merged(waiting, topics)
+            whole = _merge_parts(waiting, topics)
             end = int(whole.time_ns.searchsorted(whole.time_ns[-1:].sum() - wait_ns))
             waiting = [_rows_between(whole, end, whole.time_ns.size)]
             if end:
                 yield _rows_between(whole, 0, end)
-    whole = _merged(waiting, topics)
+    whole = _merge_parts(waiting, topics)
     for begin in range(0, whole.time_ns.size, _STRETCH):
         yield _rows_between(whole, begin, min(begin + _STRETCH, whole.time_ns.size))
 
 
-def _merged(parts: Sequence[Part], topics: Sequence[str]) -> Part:
+def _merge_parts(parts: Sequence[Part], topics: Sequence[str]) -> Part:
     """Join parts to one in order of time."""
     if not parts:
         return Part(np.empty(0, np.int64), {})
@@ -705,9 +715,9 @@ def _merged(parts: Sequence[Part], topics: Sequence[str]) -> Part:
     time_ns = np.concatenate([part.time_ns for part in parts])
     numbers = {}
     for topic in topics:
-        own = [part.numbers[topic] for part in parts]
-        at = np.concatenate([rows + begin for (rows, _), begin in zip(own, begins, strict=False)])
-        numbers[topic] = at, np.concatenate([value for _, value in own])
+        pieces = [part.numbers[topic] for part in parts]
+        at = np.concatenate([rows + begin for (rows, _), begin in zip(pieces, begins, strict=False)])
+        numbers[topic] = at, np.concatenate([value for _, value in pieces])
     if (time_ns[1:] >= time_ns[:-1]).all():
         return Part(time_ns, numbers)
     order = time_ns.argsort(kind='stable')
@@ -724,6 +734,6 @@ def _rows_between(part: Part, begin: int, end: int) -> Part:
     """Return the rows of a part from one to another."""
     numbers = {}
     for topic, (at, value) in part.numbers.items():
-        own = slice(*at.searchsorted([begin, end]).tolist())
-        numbers[topic] = at[own] - begin, value[own]
+        rows = slice(*at.searchsorted([begin, end]).tolist())
+        numbers[topic] = at[rows] - begin, value[rows]
     return Part(part.time_ns[begin:end], numbers)

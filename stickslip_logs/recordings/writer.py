@@ -74,8 +74,8 @@ class BagWriter:
         # What a link leads to, as for every other output.
         self.path = Path(os.path.realpath(path))
         if compression not in COMPRESSORS:
-            known = ', '.join(COMPRESSORS)
-            raise BagError(f"compression '{compression}' is unknown: use one of {known}")
+            names = ', '.join(COMPRESSORS)
+            raise BagError(f"compression '{compression}' is unknown: use one of {names}")
         self._options = chunk_size, compression
         self._is_file = self.path.suffix == _SUFFIX
         self._file_name = f'{self.path.name}_0{_SUFFIX}'
@@ -85,25 +85,25 @@ class BagWriter:
         self._hashes: dict[str, str] = {}
         # The type and the channel of each topic.
         self._topics: dict[str, tuple[str, int]] = {}
-        with self._trouble():
+        with self._name_bag_in_errors():
             self._refuse_existing()
 
     def __enter__(self) -> BagWriter:
         """Begin to write beside the target."""
-        with self._trouble():
+        with self._name_bag_in_errors():
             for folder in self.path.parents:
                 if folder.exists() and not folder.is_dir():
                     raise BagError(f"bag '{self.path}' cannot be written: '{folder}' is a file, not a folder")
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._draft, self._file = self._begin_draft()
-            self._writer = _begun(self._file, self._label, *self._options)
+            self._writer = _begin_file(self._file, self._label, *self._options)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the recording, or remove what there is of it after an error."""
         try:
             if kind is None:
-                with self._trouble():
+                with self._name_bag_in_errors():
                     self._finish()
         finally:
             # Closing a file on a full disk fails once more; the draft goes either way.
@@ -128,16 +128,16 @@ class BagWriter:
         """
         if name in self._topics:
             raise BagError(f"topic '{name}' was added to bag '{self.path}' already")
-        known = definition_of(type)
-        text = known if definition is None else definition
+        standard = definition_of(type)
+        text = standard if definition is None else definition
         if type not in self._schemas:
             if text is None:
                 raise BagError(f"type '{type}' needs a definition: it is not built in")
-            own = f'RIHS01_{TYPE_HASHES[type]}' if type in TYPE_HASHES and text == known else ''
-            self._hashes[type] = own
-            with self._trouble():
+            type_hash = f'RIHS01_{TYPE_HASHES[type]}' if type in TYPE_HASHES and text == standard else ''
+            self._hashes[type] = type_hash
+            with self._name_bag_in_errors():
                 self._schemas[type] = self._writer.add_schema(type, SchemaEncoding.ROS2, text.encode())
-        with self._trouble():
+        with self._name_bag_in_errors():
             facts = {'offered_qos_profiles': '', 'topic_type_hash': self._hashes[type]}
             channel = self._writer.add_channel(name, MessageEncoding.CDR, self._schemas[type], facts)
         self._topics[name] = type, channel
@@ -182,19 +182,19 @@ class BagWriter:
         Raises:
             BagError: As for :meth:`write`.
         """
-        found = []
+        encoded = []
         for name, time, messages in columns:
             times = np.asarray(time, np.int64)
-            channel = self._channel(name, times)
+            channel = self._topic_channel(name, times)
             if len(messages) != times.size:
                 raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
             if times.size:
-                found.append((channel, times, messages))
-        if found:
-            with self._trouble():
-                self._writer.write(found)
+                encoded.append((channel, times, messages))
+        if encoded:
+            with self._name_bag_in_errors():
+                self._writer.write(encoded)
 
-    def _channel(self, topic: str, log_times: IntArray) -> int:
+    def _topic_channel(self, topic: str, log_times: IntArray) -> int:
         """Return the channel of a topic, for messages with some log times [ns]."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
@@ -208,7 +208,7 @@ class BagWriter:
         The record that was being written, as a rule the last chunk, ends half-way; what comes at a
         recording's end is missing.
         """
-        with self._trouble():
+        with self._name_bag_in_errors():
             begin = self._file.tell()
             self._writer.finish()
             self._file.seek(begin)
@@ -236,13 +236,13 @@ class BagWriter:
     @property
     def message_counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""
-        return {topic: self._writer.counts.get(own, 0) for topic, (_, own) in self._topics.items()}
+        return {topic: self._writer.counts.get(channel, 0) for topic, (_, channel) in self._topics.items()}
 
     def _finish(self) -> None:
         if not self._is_broken:
             self._writer.finish()
             if not self._is_file:
-                (self._draft / METADATA_NAME).write_text(self._metadata(), 'utf-8')
+                (self._draft / METADATA_NAME).write_text(self._render_metadata(), 'utf-8')
         self._file.close()
         self._refuse_existing()
         if self._is_file:
@@ -257,14 +257,14 @@ class BagWriter:
         self._draft.rename(self.path)
 
     @contextlib.contextmanager
-    def _trouble(self) -> Iterator[None]:
+    def _name_bag_in_errors(self) -> Iterator[None]:
         """Say which bag cannot be written."""
         try:
             yield
         except OSError as error:
             raise BagError(f"bag '{self.path}' cannot be written: {error.strerror or error}") from error
 
-    def _metadata(self) -> str:
+    def _render_metadata(self) -> str:
         """Return the ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
         (start_ns, end_ns), counts = self._writer.span, self.message_counts
 
@@ -305,7 +305,9 @@ class BagWriter:
         return yaml.safe_dump({METADATA_ROOT: information}, sort_keys=False)
 
 
-def _begun(file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none') -> ChunkWriter:
+def _begin_file(
+    file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none'
+) -> ChunkWriter:
     """Begin a file, with its label before the first message."""
     writer = ChunkWriter(file, chunk_size, compression)
     writer.start(Profile.ROS2, _LIBRARY)
@@ -317,7 +319,7 @@ def _begun(file: IO[bytes], label: str | None, chunk_size: int = 0, compression:
 def is_labelled(path: Path, label: str) -> bool:
     """Return whether a file is a recording that this package wrote with a label."""
     begin = io.BytesIO()
-    _begun(begin, label)
+    _begin_file(begin, label)
     try:
         with open_file(path) as file:
             return not path.is_symlink() and file.read(begin.tell()) == begin.getvalue()
@@ -345,7 +347,7 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
     >>> encode_float64s([0.5])[0].hex()
     '00010000000000000000e03f'
     """
-    return _items(float64_rows(values))
+    return _split_rows(float64_rows(values))
 
 
 def float64_rows(values: ArrayLike) -> NDArray[np.void]:
@@ -378,10 +380,10 @@ def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: Arra
     rows['head'], rows['frame'] = np.void(_CDR), 1
     rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
     rows['numbers'][:, fields.index(field)] = values
-    return _items(rows)
+    return _split_rows(rows)
 
 
-def _items(rows: NDArray[np.void]) -> list[bytes]:
+def _split_rows(rows: NDArray[np.void]) -> list[bytes]:
     items: list[bytes] = rows.view(f'V{rows.itemsize}').tolist()
     return items
 
@@ -393,11 +395,11 @@ def encode_bool(value: bool) -> bytes:
 
 def encode_string(text: str) -> bytes:
     """Encode one ``std_msgs/String`` message."""
-    return _CDR + _text(text)
+    return _CDR + _encode_text(text)
 
 
 @functools.lru_cache(1024)  # of diagnostics most are the same every second
-def _text(text: str) -> bytes:
+def _encode_text(text: str) -> bytes:
     raw = text.encode() + b'\0'
     return struct.pack('<I', len(raw)) + raw
 
@@ -422,13 +424,13 @@ def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes
         body.extend(_PADS[len(body) % 4])
         body.extend(item)
 
-    put(_text(''))
+    put(_encode_text(''))
     put(struct.pack('<I', len(statuses)))
     for status in statuses:
         body.append(status.level)
         for text in (status.name, status.message, status.hardware_id):
-            put(_text(text))
+            put(_encode_text(text))
         put(struct.pack('<I', len(status.values)))
         for text in itertools.chain.from_iterable(status.values.items()):
-            put(_text(text))
+            put(_encode_text(text))
     return _CDR + bytes(body)

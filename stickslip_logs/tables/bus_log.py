@@ -49,22 +49,22 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """
     when, has_clock, first = '', False, dict[str, str]()
     for line in lines:
-        found = _SENTENCE.search(line)
-        if found is None:
+        match = _SENTENCE.search(line)
+        if match is None:
             if line.strip():
                 yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
             continue
-        talker, kind, text, checksum = found.groups()
+        talker, kind, text, checksum = match.groups()
         total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
         if total != int(checksum, 16):
             yield None
             continue
         fields = text.split(',')
-        clock = _time_before(line[: found.start()]) or ('' if kind == 'RMC' else _own_time(kind, fields))
+        clock = _time_before(line[: match.start()]) or ('' if kind == 'RMC' else _own_time(kind, fields))
         has_clock |= clock != ''
         # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
         when = clock or ('' if has_clock else _own_time(kind, fields)) or when
-        for number, value, unit in _numbers(kind, fields):
+        for number, value, unit in _sentence_numbers(kind, fields):
             name = _name_of(number, talker, first)
             yield (when, name, value, unit, talker) if when else None
 
@@ -98,7 +98,7 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
     return f'{year}-{month}-{day}T{clock[:2]}:{clock[2:4]}:{clock[4:]}Z'
 
 
-def _numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Yield names, values and units of a sentence of speeds or of transducers."""
     if kind == 'RPM' and len(fields) > 2:
         # As the live link reads it: some ships leave the pitch out, none the status.
@@ -119,23 +119,23 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     with more than others send by AIS. The second source of a path is a name of its own: a server may
     hand on an engine's gateway and a simulation under one path.
     """
-    own, first, units = '', dict[str, str](), dict[str, str]()
+    own_vessel, first, units = '', dict[str, str](), dict[str, str]()
     for line in lines:
         if not line.strip():
             continue
         try:
             delta = json.loads(line[line.index('{') :])
             if 'updates' not in delta and 'self' in delta:  # the server's first word
-                own = delta['self'].removeprefix('vessels.')
+                own_vessel = delta['self'].removeprefix('vessels.')
                 continue
             kind, _, name = delta.get('context', 'self').partition('.')
             context = name if kind == 'vessels' else kind
-            own = own or (name if kind == 'vessels' and _is_own(delta) else '')
-            found = list(_delta(delta, first, units)) if context in (own, 'self') else []
+            own_vessel = own_vessel or (name if kind == 'vessels' and _is_own(delta) else '')
+            values = list(_delta_rows(delta, first, units)) if context in (own_vessel, 'self') else []
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
-            yield from found
+            yield from values
 
 
 def _is_own(delta: Any) -> bool:
@@ -144,7 +144,7 @@ def _is_own(delta: Any) -> bool:
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 
 
-def _delta(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
+def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
     for update in delta['updates']:
         units.update(_meta_units(update.get('meta')))
         source = signalk_source(update)

@@ -182,19 +182,19 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     running = [k for k in stamps if k in named or len(rows) == 1 or len({*column(k)}) > 1]
     days, times = which(is_day), which(is_time)
     # Hours that an engine has run are no time of the lines.
-    own = [k for k in times if k in named or any(_TIME.fullmatch(cell.strip()) for cell in column(k))]
-    if running or (days and own):
-        return _of_stamps(table, rows, (running[0],) if running else (days[0], own[0]))
-    if own:
-        return _of_day(table, own[0])
+    usable = [k for k in times if k in named or any(_TIME.fullmatch(cell.strip()) for cell in column(k))]
+    if running or (days and usable):
+        return _of_stamps(table, rows, (running[0],) if running else (days[0], usable[0]))
+    if usable:
+        return _of_day(table, usable[0])
     for k in named:
         # 20260504 and 060000 are numbers each.
         pairs = [f'{row[k].strip()} {row[k + 1].strip()}' for row in rows if k + 1 < len(row)]
         if k + 1 in named and sum(map(is_stamp, pairs)) > _MOSTLY * len(rows):
             return _of_stamps(table, rows, (k, k + 1))
     for k in (*named, 0):
-        if (found := number_clock(table, rows, k, is_named=k in named)) is not None:
-            return found
+        if (numbers := number_clock(table, rows, k, is_named=k in named)) is not None:
+            return numbers
     if stamps or times:
         return _of_stamps(table, rows, (stamps[0],)) if stamps else _of_day(table, times[0])
     listed = ', '.join(f"'{name}'" for name in table.names[:10])
@@ -211,11 +211,11 @@ def likeliest_first(table: TableColumns, stamps: Sequence[int]) -> list[int]:
     Of an arrival or the name of a file all lines, or many, have one. InfluxDB has the limits of the
     query beside the time, ships the time of the zone they are in.
     """
-    each = {k: len({row[k] for row in table.rows[:_MOST_ROWS] if k < len(row)}) for k in stamps}
+    counts = {k: len({row[k] for row in table.rows[:_MOST_ROWS] if k < len(row)}) for k in stamps}
     return sorted(
         stamps,
         key=lambda k: (
-            2 * each[k] < max(each.values()),
+            2 * counts[k] < max(counts.values()),
             table.names[k] != '_time',
             not _IN_UTC.search(table.names[k]),
             not NAMED.search(table.headings[k][0]),
@@ -231,43 +231,43 @@ def _of_day(table: TableColumns, k: int) -> Clock:
 
 def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
     """Return the clock of dates with times in one column, or in two."""
-    most = max(columns)
-    known = [row for row in (*rows, *table.tail) if len(row) > most]
+    last_place = max(columns)
+    long_rows = [row for row in (*rows, *table.tail) if len(row) > last_place]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
-    seen = [' '.join(row[k].strip() for k in columns) for row in known]
+    seen = [' '.join(row[k].strip() for k in columns) for row in long_rows]
     layout = StampLayout(seen, zone[1] if zone else '')
-    said = []
+    remarks = []
     if layout.question:
-        said.append(layout.question)
+        remarks.append(layout.question)
     if not layout.has_zone:
-        said.append(WITHOUT_ZONE)
-    return Clock(columns, layout.read, tuple(said))
+        remarks.append(WITHOUT_ZONE)
+    return Clock(columns, layout.read, tuple(remarks))
 
 
 def number_clock(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named: bool) -> Clock | None:
     """Return the clock of a column of numbers; None where they do not look like times."""
-    found = [_number(row[k], table.decimal) for row in rows if k < len(row)]
-    values = [value for value in found if math.isfinite(value)]
+    numbers = [_leading_number(row[k], table.decimal) for row in rows if k < len(row)]
+    values = [value for value in numbers if math.isfinite(value)]
     heading, (words, written) = table.names[k], table.headings[k]
     is_rising = values == sorted(values) or values == sorted(values, reverse=True)
     has_unit = table.units[k] is not None
     fits = is_named or (not has_unit and is_rising and len(set(values)) > 0.5 * len(values))
-    if not values or not fits or len(values) <= _MOSTLY * len(found):
+    if not values or not fits or len(values) <= _MOSTLY * len(numbers):
         return None
     unit, size = _unit_of_times(words, written), max(map(abs, values))
 
-    def clock(factor: int, said: str, zero: int = 0) -> Clock:
+    def clock(factor: int, remark: str, zero: int = 0) -> Clock:
         read = scaled_reader(factor, zero, table.decimal)
-        return Clock((k,), read, (f"times in '{heading}' are {said}",), is_count=True)
+        return Clock((k,), read, (f"times in '{heading}' are {remark}",), is_count=True)
 
     # A stated unit in which they are no date since 1973: since the start.
     is_elapsed = unit in _UNITS and size * _UNITS[unit] < _SINCE[-1][0] * SECOND
-    for least, factor, zero, name in () if is_elapsed else _SINCE:
-        if size >= least:
+    for minimum, factor, zero, name in () if is_elapsed else _SINCE:
+        if size >= minimum:
             return clock(factor, name, zero)
     question = ''
-    for least, most, zero, name in _DAYS_SINCE if _UNITS.get(unit, DAY) == DAY else ():
-        if least < size < most:
+    for minimum, maximum, zero, name in _DAYS_SINCE if _UNITS.get(unit, DAY) == DAY else ():
+        if minimum < size < maximum:
             gap = _usual_gap(values)
             if unit or re.search(r'date|datum|time ?stamp', words) or _are_days(np.array(values), gap):
                 return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
@@ -312,7 +312,7 @@ def _are_days(values: FloatArray, gap: float) -> bool:
     )
 
 
-def _number(cell: str, decimal: str) -> float:
+def _leading_number(cell: str, decimal: str) -> float:
     """Return the number that a cell begins with, NaN for none; a unit may follow."""
     try:
         # What Python takes for digits, as in '1_000', is a word in a table.
@@ -349,51 +349,53 @@ class StampLayout:
     """
 
     def __init__(self, seen: Sequence[str], zone: str = '') -> None:
-        self._pattern = max(_STAMPS, key=lambda own: sum(bool(own.fullmatch(text.strip())) for text in seen))
-        found = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
+        self._pattern = max(
+            _STAMPS, key=lambda pattern: sum(bool(pattern.fullmatch(text.strip())) for text in seen)
+        )
+        matches = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
         self._zone = zone
-        self.has_zone = bool(zone) or any(match['z'] for match in found)
+        self.has_zone = bool(zone) or any(match['z'] for match in matches)
         self.question = ''
         self._year, self._month, self._day = 'Y', 'm', 'd'
-        if 'a' in self._pattern.groupindex and found:
-            order = self._order(found)
+        if 'a' in self._pattern.groupindex and matches:
+            order = self._date_order(matches)
             self._year, self._month, self._day = order[0], order[1], order[2]
 
-    def _order(self, found: Sequence[re.Match[str]]) -> str:
+    def _date_order(self, matches: Sequence[re.Match[str]]) -> str:
         """Return which groups of the pattern are year, month and day; ask where nothing tells."""
-        parts = {name: {int(match[name]) for match in found} for name in 'abY'}
+        parts = {name: {int(match[name]) for match in matches} for name in 'abY'}
         # Months and days first, and a year of two digits.
         orders = ['Yba', 'Yab'] + ['abY'] * (max(parts['Y']) < 100)
-        able = [
+        possible = [
             order
             for order in orders
             if max(parts[order[1]]) <= 12 and min(parts[order[2]]) > 0 and max(parts[order[2]]) <= 31
         ] or orders
         # Of a stretch of days the part that changes most is the day.
-        most = max(len(parts[order[2]]) for order in able)
-        able = [order for order in able if len(parts[order[2]]) == most]
-        if len(able) > 1 and found[0]['sep'] != '.':
-            text = found[0].group()
+        longest = max(len(parts[order[2]]) for order in possible)
+        possible = [order for order in possible if len(parts[order[2]]) == longest]
+        if len(possible) > 1 and matches[0]['sep'] != '.':
+            text = matches[0].group()
             self.question = (
                 f"'{text}' is read day first: nothing in the file tells"
-                if 'abY' not in able
+                if 'abY' not in possible
                 else f"'{text}' is read day first: or is the year first? Write it with four digits"
             )
-        return able[0]
+        return possible[0]
 
     def read(self, columns: Sequence[Cells]) -> Times:
         """Return the times of a column, or of one of dates and one of times of the day."""
         texts = columns[0]
         if len(columns) > 1:
             texts = [f'{day.strip()} {clock.strip()}' for day, clock in zip(*columns, strict=True)]
-        time_ns, good = self._alike(texts)
+        time_ns, good = self._parse_alike(texts)
         for k in np.flatnonzero(~good).tolist():
-            moment = self._moment(texts[k])
+            moment = self._parse_stamp(texts[k])
             good[k], time_ns[k] = moment is not None, moment or 0
         return time_ns, good
 
-    def _moment(self, text: str) -> int | None:
-        """One time [ns]; None where there is none, or no such day or hour."""
+    def _parse_stamp(self, text: str) -> int | None:
+        """Return one time [ns]; None where there is none, or no such day or hour."""
         match = self._pattern.fullmatch(text.strip())
         if match is None:
             return None
@@ -415,11 +417,11 @@ class StampLayout:
             days = date(year + 2000 * (year < 100), month, day).toordinal() - _EPOCH
         except ValueError:
             return None
-        seconds = (hour * 60 + minute) * 60 + second_ - self._shift(part['z'])
+        seconds = (hour * 60 + minute) * 60 + second_ - self._zone_offset(part['z'])
         time_ns = days * DAY + seconds * SECOND + int(part['f'].ljust(9, '0'))
         return time_ns if abs(time_ns) < _MOST else None
 
-    def _alike(self, texts: Cells) -> Times:
+    def _parse_alike(self, texts: Cells) -> Times:
         """Return the times of cells if all are written as the first one, by arithmetic on columns."""
         none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
         match = self._pattern.fullmatch(texts[0]) if texts else None
@@ -448,7 +450,7 @@ class StampLayout:
         try:
             # As text: numpy 2.4 ends the process where bytes, 500 or more, hold what is no date.
             dates = iso.view('S19')[:, 0].astype('U19').astype('M8[s]')
-            seconds = dates.astype(np.int64) - self._shift(match['z'])
+            seconds = dates.astype(np.int64) - self._zone_offset(match['z'])
             below = np.array([int(text[slice(*match.span('f'))]) for text in texts]) if match['f'] else 0
         except ValueError:
             return none
@@ -456,7 +458,7 @@ class StampLayout:
             return none
         return seconds * SECOND + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
 
-    def _shift(self, zone: str | None) -> int:
+    def _zone_offset(self, zone: str | None) -> int:
         """Return the distance from UTC [s]."""
         zone = zone or self._zone
         if zone[:1] not in ('+', '-'):
@@ -505,14 +507,14 @@ def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
                 whole = np.fromiter(map(int, wholes), np.int64, len(cells))
                 if int(np.abs(whole + zero).max(initial=0) + 1) * factor < _MOST:
                     return (whole + zero) * factor + rest, np.ones(len(cells), np.bool_)
-        found = [_exact(cell, factor, zero) for cell in cells]
-        known = np.array([time_ns is not None for time_ns in found], np.bool_)
-        return np.array([time_ns or 0 for time_ns in found], np.int64), known
+        times_ns = [_exact_time(cell, factor, zero) for cell in cells]
+        is_time = np.array([time_ns is not None for time_ns in times_ns], np.bool_)
+        return np.array([time_ns or 0 for time_ns in times_ns], np.int64), is_time
 
     return read
 
 
-def _exact(cell: str, factor: int, zero: int) -> int | None:
+def _exact_time(cell: str, factor: int, zero: int) -> int | None:
     try:
         time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * factor
         return round(time_ns) if abs(time_ns) < _MOST else None

@@ -126,8 +126,8 @@ def with_unit(name: str, unit: str) -> tuple[str, str | None]:
     if unit in ('', '-'):
         return name, parse_heading(name).known_unit
     whole = f'{name} [{unit}]'
-    known = parse_heading(whole).known_unit
-    return (name, known) if known else (whole, None)
+    known_unit = parse_heading(whole).known_unit
+    return (name, known_unit) if known_unit else (whole, None)
 
 
 def parse_number(cell: str, decimal: str = '.') -> float | None:
@@ -146,7 +146,7 @@ def parse_number(cell: str, decimal: str = '.') -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Dialect(TableColumns):
-    """How a table is written, beside its columns.
+    """Layout of a table, beside its columns.
 
     Attributes:
         encoding: Of its text.
@@ -183,25 +183,25 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
     lines = lines_of(text)
-    kept, others = lines[:_MOST_LINES], lines[_MOST_LINES:]
+    first, rest = lines[:_MOST_LINES], lines[_MOST_LINES:]
     # The tail begins within a line, and within a character of two bytes.
     tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
-    last = lines_of(tail.replace('\0', ''))[1:] or others[-_MOST_LINES:]
-    if kind := bus_log_of(kept):
-        return _bus_log(path, encoding, kind, kept, last)
+    last = lines_of(tail.replace('\0', ''))[1:] or rest[-_MOST_LINES:]
+    if kind := bus_log_of(first):
+        return _bus_log(path, encoding, kind, first, last)
     if text.lstrip().startswith('{'):
-        remedy = _command_for_lines(path, kept) or f'a package of ISO 19848 with {_JQ}'
+        remedy = _command_for_lines(path, first) or f'a package of ISO 19848 with {_JQ}'
         raise BagError(f"log '{path}' is JSON: write it as CSV; {remedy}")
     for form, remedy in _FRAMES.items():
-        if sum(bool(re.match(form, line)) for line in kept) > 0.5 * len(kept):
+        if sum(bool(re.match(form, line)) for line in first) > 0.5 * len(first):
             raise BagError(
                 f"log '{path}' has frames of NMEA 2000: convert it with canboat,"
                 f' {remedy.format(path)} > {path.stem}.json'
             )
-    delimiter, rows = _best(kept)
+    delimiter, rows = _best_delimiter(first)
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")
-    return _table(path, encoding, delimiter, rows, _split(last, delimiter))
+    return _table_dialect(path, encoding, delimiter, rows, _split_lines(last, delimiter))
 
 
 def _command_for_lines(path: Path, lines: Sequence[str]) -> str:
@@ -227,7 +227,7 @@ def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
             yield *above, key
 
 
-def _table(
+def _table_dialect(
     path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
 ) -> Dialect:
     width = usual_width(rows)
@@ -241,26 +241,26 @@ def _table(
     if first > 0 and len(rows[first - 1]) == len(rows[first]) > width:
         width = len(rows[first])
     above, below = rows[:first], rows[first:]
-    heading, units = _headings(above, width)
+    heading, units = _find_headings(above, width)
     if len(heading) > width and len(joined := _with_bare_units(heading)) == width:
         heading, units = joined, [''] * width
     if len(heading) == width - 1 and _has_row_names(heading, [row for row in below if len(row) == width]):
         # R numbers its rows, and does not name the column of these.
         heading, units = ['', *heading], ['', *units]
     heading = heading and [*heading, *[''] * (width - len(heading))]
-    suffixes = [_suffix(below, k, heading[k] if heading else '') for k in range(width)]
+    suffixes = [_unit_suffix(below, k, heading[k] if heading else '') for k in range(width)]
     names = heading or [f'#{k + 1}' for k in range(width)]
-    both = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
-    plain, known = tuple(name for name, _ in both), tuple(unit for _, unit in both)
-    other = _other_table(above, delimiter)
+    headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
+    plain, known_units = tuple(name for name, _ in headings), tuple(unit for _, unit in headings)
+    above_it = _other_table(above, delimiter)
     shown = _maybe_thousands(below, decimal) if delimiter == ';' else ''
     sign = 'point' if decimal == '.' else 'comma'
-    said = f"'{shown}' is read with a decimal {sign}: nothing in the file tells it from thousands"
+    remark = f"'{shown}' is read with a decimal {sign}: nothing in the file tells it from thousands"
     wide = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
     return Dialect(
         plain,
         tuple(map(parse_heading, plain)),
-        known,
+        known_units,
         decimal,
         tuple(below),
         tuple(tail),
@@ -269,9 +269,9 @@ def _table(
         tuple(above),
         tuple(heading),
         tuple(suffixes),
-        (*([said] if shown else []), *([wide] if len(heading) > width else [])),
-        (f"{plural(len(other), 'line')} of another table above were not read, the first '{other[0]}'",)
-        if other
+        (*([remark] if shown else []), *([wide] if len(heading) > width else [])),
+        (f"{plural(len(above_it), 'line')} of another table above were not read, the first '{above_it[0]}'",)
+        if above_it
         else (),
     )
 
@@ -292,18 +292,18 @@ def encoding_of(head: bytes) -> str:
     return 'utf-8'
 
 
-def _split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
+def _split_lines(lines: Sequence[str], delimiter: str) -> list[list[str]]:
     try:
         return list(reader(iter(lines), delimiter))
     except csv.Error:
         return []
 
 
-def _best(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
+def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
     """Return the delimiter that cuts most lines into one number of cells that are times and numbers."""
     best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
     for delimiter in _DELIMITERS:
-        rows = _split(lines, delimiter)
+        rows = _split_lines(lines, delimiter)
         width = usual_width(rows)
         if width < 2:
             continue
@@ -326,14 +326,14 @@ def usual_width(rows: Sequence[Cells]) -> int:
 
 def find_delimiter(lines: Sequence[str]) -> str:
     """Return what separates the cells of a text; a comma where no line has two."""
-    return _best(lines)[0]
+    return _best_delimiter(lines)[0]
 
 
 def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
     """Return the row of headings above the first numbers of some rows, if there is one."""
     decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
     first = _first_data(rows, decimal, width)
-    return _headings(rows[:first], width)[0] if first else []
+    return _find_headings(rows[:first], width)[0] if first else []
 
 
 def is_row_of_units(row: Cells) -> bool:
@@ -390,12 +390,12 @@ def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
     """Return the first row of numbers of a table; rows of a preamble may have some, too."""
     data = [k for k, row in enumerate(rows) if _is_data(row, decimal, width)]
     for k in data:
-        run = [_is_data(each, decimal, width) for each in rows[k : k + 2 * _RUN] if each][:_RUN]
+        run = [_is_data(cells, decimal, width) for cells in rows[k : k + 2 * _RUN] if cells][:_RUN]
         if sum(run) > 0.5 * len(run):
             break
     else:
         return data[0] if data else None
-    if _headings(rows[:k], width)[0]:
+    if _find_headings(rows[:k], width)[0]:
         return k
     # Numbers may stand above the headings, too.
     named = next((n for n, row in enumerate(rows[k:], k) if _has_time_heading(row, width)), -1)
@@ -422,11 +422,11 @@ def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     # An open quotation mark makes one cell of many lines.
     lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
     rows = [
-        [row for row in _split(lines, mark) if sum(map(_is_sound, row)) > 1 and _is_sound(row[0])]
+        [row for row in _split_lines(lines, mark) if sum(map(_is_sound, row)) > 1 and _is_sound(row[0])]
         for mark in _DELIMITERS
     ]
-    most = max(rows, key=len)
-    return [' '.join(row)[:_MOST_SHOWN] for row in most] if len(most) > 1 else []
+    longest = max(rows, key=len)
+    return [' '.join(row)[:_MOST_SHOWN] for row in longest] if len(longest) > 1 else []
 
 
 def _with_bare_units(heading: Sequence[str]) -> list[str]:
@@ -440,7 +440,7 @@ def _with_bare_units(heading: Sequence[str]) -> list[str]:
     return joined
 
 
-def _headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
+def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
     """Return the row of headings above the numbers, if there is one, and the units of a row of them."""
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
     bare = [row for row in wide if not (row[0].startswith('#') and row[0].strip('# '))]
@@ -468,22 +468,22 @@ def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
         return False
     # Whole seconds count as rows do: then what is headed as the time has to rise too.
     second = [parse_number(row[1]) for row in rows]
-    known = [n for n in second if n is not None]
-    return not NAMED.search(parse_heading(heading[0]).name) or known == sorted(known)
+    present = [n for n in second if n is not None]
+    return not NAMED.search(parse_heading(heading[0]).name) or present == sorted(present)
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
-    """Of some rows of words that with units, which may be empty, and that with headings."""
+    """Return, of some rows of words, that with units, which may be empty, and that with headings."""
     for k in reversed(range(len(named))):
         row = named[k]
         is_units = is_row_of_units(row)
-        beside = [other for other in (*named[:k][-1:], named[-1]) if other is not row]
+        beside = [neighbour for neighbour in (*named[:k][-1:], named[-1]) if neighbour is not row]
         if is_units and beside and len(beside[0]) == len(row):
             return row, beside[0]
     return (), named[-1]
 
 
-def _suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
+def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
     """Return the unit that stands behind the numbers of a column; empty where they have none."""
     cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))

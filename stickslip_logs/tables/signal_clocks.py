@@ -37,23 +37,23 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
     if main.columns != tuple(range(first, first + len(main.columns))):
         return
     for k in range(len(table.names) - len(main.columns) + 1):
-        own = replace(main, columns=tuple(c - first + k for c in main.columns))
-        if set(own.columns) & set(main.columns):
+        clock = replace(main, columns=tuple(c - first + k for c in main.columns))
+        if set(clock.columns) & set(main.columns):
             continue
         if main.is_count:
             is_named = NAMED.search(table.headings[k][0])
-            found = number_clock(table, table.rows[:_MAX_ROWS], k, is_named=True) if is_named else None
-            if found is None:
+            counter = number_clock(table, table.rows[:_MAX_ROWS], k, is_named=True) if is_named else None
+            if counter is None:
                 continue
-            own = found
-        rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > own.columns[-1] and row[k].strip()]
-        time_ns, is_timed = own.read([[row[c] for row in rows] for c in own.columns])
+            clock = counter
+        rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > clock.columns[-1] and row[k].strip()]
+        time_ns, is_timed = clock.read([[row[c] for row in rows] for c in clock.columns])
         steps = np.diff(time_ns[is_timed])
         if is_timed.sum() > _MIN_SHARE * len(rows) and (steps < 0).sum() <= _MAX_BACK * steps.size:
-            yield own
+            yield clock
 
 
-def share_columns(table: TableColumns, main: Clock, others: Sequence[Clock]) -> tuple[Clock, ...]:
+def share_columns(table: TableColumns, main: Clock, signal_clocks: Sequence[Clock]) -> tuple[Clock, ...]:
     """Give each column its clock.
 
     A time that is named after a signal is that of the signal. Else a column has the time to its left, if the
@@ -62,22 +62,24 @@ def share_columns(table: TableColumns, main: Clock, others: Sequence[Clock]) -> 
     Args:
         table: The columns.
         main: The clock of all columns where there is one only.
-        others: Clocks of other columns of times.
+        signal_clocks: Clocks of other columns of times.
     """
-    every = sorted([main, *others], key=lambda own: own.columns)
-    taken = {k for own in every for k in own.columns}
+    every = sorted([main, *signal_clocks], key=lambda clock: clock.columns)
+    taken = {k for clock in every for k in clock.columns}
     values = [k for k in range(len(table.names)) if k not in taken]
     named = dict(_named_clocks(table, every, values))
-    alike = [own for own in others if _heading(table, own) == _heading(table, main)]
-    apart = alike or [own for own in others if _is_apart(table, main, own)]
-    beside = _clocks_beside(sorted([main, *apart], key=lambda own: own.columns), values)
-    if any(own is not main for own in named.values()):
-        rest = beside if any(own is main for own in named.values()) else dict.fromkeys(values, main)
+    alike = [
+        clock for clock in signal_clocks if _clock_headings(table, clock) == _clock_headings(table, main)
+    ]
+    apart = alike or [clock for clock in signal_clocks if _is_apart(table, main, clock)]
+    beside = _clocks_beside(sorted([main, *apart], key=lambda clock: clock.columns), values)
+    if any(clock is not main for clock in named.values()):
+        rest = beside if any(clock is main for clock in named.values()) else dict.fromkeys(values, main)
         return _clocks_of({**rest, **named})
-    return _clocks_of(beside) if all(own in beside.values() for own in (main, *apart)) else (main,)
+    return _clocks_of(beside) if all(clock in beside.values() for clock in (main, *apart)) else (main,)
 
 
-def _heading(table: TableColumns, clock: Clock) -> list[str]:
+def _clock_headings(table: TableColumns, clock: Clock) -> list[str]:
     return [table.names[k] for k in clock.columns]
 
 
@@ -86,40 +88,44 @@ def _named_clocks(
 ) -> Iterator[tuple[int, Clock]]:
     """Yield the columns of values whose names a clock has beside words of time, and that clock."""
     called = [
-        ({*_OF_TIME.sub(' ', ' '.join(table.headings[k][0] for k in own.columns)).split()}, own)
-        for own in clocks
+        ({*_OF_TIME.sub(' ', ' '.join(table.headings[k][0] for k in clock.columns)).split()}, clock)
+        for clock in clocks
     ]
     for k in values:
         words = {*table.headings[k][0].split()}
-        fitting = [(len(name), own) for name, own in called if name and name <= words]
+        fitting = [(len(name), clock) for name, clock in called if name and name <= words]
         if fitting:
-            yield k, max(fitting, key=lambda each: each[0])[1]
+            yield k, max(fitting, key=lambda pair: pair[0])[1]
 
 
-def _is_apart(table: TableColumns, main: Clock, own: Clock) -> bool:
+def _is_apart(table: TableColumns, main: Clock, signal_clock: Clock) -> bool:
     """Return whether the times of a clock differ from those of another, by more than a zone."""
-    last = max(*main.columns, *own.columns)
+    last = max(*main.columns, *signal_clock.columns)
     rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > last]
-    times, others = (clock.read([[row[k] for row in rows] for k in clock.columns]) for clock in (own, main))
-    both = times[1] & others[1]
-    changes = len({*times[0][both].tolist()}), len({*others[0][both].tolist()})
-    ahead_ns = times[0][both] - others[0][both]
+    times, main_times = (
+        clock.read([[row[k] for row in rows] for k in clock.columns]) for clock in (signal_clock, main)
+    )
+    has_both = times[1] & main_times[1]
+    changes = len({*times[0][has_both].tolist()}), len({*main_times[0][has_both].tolist()})
+    ahead_ns = times[0][has_both] - main_times[0][has_both]
     zone_ns = np.rint(ahead_ns / _ZONE_STEP).astype(np.int64) * _ZONE_STEP
-    is_zone = (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0 if both.any() else False
+    is_zone = (
+        (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0 if has_both.any() else False
+    )
     return 2 * changes[0] >= changes[1] and not (is_zone and abs(int(zone_ns[0])) <= _MAX_ZONE)
 
 
 def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
     """Return the clock left of each column, or right of it where no time is left of the first one."""
     if values and values[0] < clocks[0].columns[0] and values[-1] < clocks[-1].columns[0]:
-        return {k: next(own for own in clocks if own.columns[0] > k) for k in values}
-    return {k: [clocks[0], *(own for own in clocks if own.columns[0] < k)][-1] for k in values}
+        return {k: next(clock for clock in clocks if clock.columns[0] > k) for k in values}
+    return {k: [clocks[0], *(clock for clock in clocks if clock.columns[0] < k)][-1] for k in values}
 
 
 def _clocks_of(owners: Mapping[int, Clock]) -> tuple[Clock, ...]:
     """Return the clocks of columns, with what is of each of them."""
-    clocks = {own.columns: own for own in owners.values()}
+    clocks = {owner.columns: owner for owner in owners.values()}
     return tuple(
-        replace(clock, values=frozenset(k for k, own in owners.items() if own.columns == columns))
+        replace(clock, values=frozenset(k for k, owner in owners.items() if owner.columns == columns))
         for columns, clock in clocks.items()
     )

@@ -122,7 +122,7 @@ def texts_of(cells: Any) -> list[str]:
 
 
 def some_cells(cells: Any, chosen: BoolArray) -> Any:
-    """Those cells of a block that are chosen, shape (n,)."""
+    """Return those cells of a block that are chosen, shape (n,)."""
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
     return cells.take(np.flatnonzero(chosen))
@@ -135,8 +135,8 @@ def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
         text = cell.strip()
         if not text:
             result.is_there[k] = False
-        elif (found := parse_number(text, decimal)) is not None:
-            result.value[k] = found
+        elif (number := parse_number(text, decimal)) is not None:
+            result.value[k] = number
         else:
             result.words[text[:20]] += 1
     return result
@@ -179,14 +179,14 @@ class TextTable(NumberTable):
         self._dialect = sniff(path, extent)
         self._is_plain, self._is_ended = extent.is_plain, extent.is_ended
         self.is_sent = self._dialect.delimiter in BUS_LOGS
-        found = find_clocks(path, self._dialect)
-        self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in found)
+        clock_search = find_clocks(path, self._dialect)
+        self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in clock_search)
         self.names, self.units = self._dialect.names, self._dialect.units
         self.head, self.tail = self._dialect.rows, self._dialect.tail
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
-        said = of_encoding if self._dialect.encoding == 'cp1252' else ()
-        self.said = (*_notes_on(self.clocks, self.names), *self._dialect.said, *said)
+        remarks = of_encoding if self._dialect.encoding == 'cp1252' else ()
+        self.said = (*_notes_on(self.clocks, self.names), *self._dialect.said, *remarks)
         losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
@@ -213,7 +213,7 @@ class TextTable(NumberTable):
             return
         clocks = self.clocks_of(wanted)
         reading = _TextReading(self._dialect.heading, self._dialect.above, clocks, wanted)
-        for batch, lost in self._batches():
+        for batch, lost in self._read_batches():
             reading.short += lost
             yield from (self._without_units(rows, wanted) for rows in reading.parts(batch))
         reading.tell(lose, note)
@@ -225,16 +225,16 @@ class TextTable(NumberTable):
             rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
         return rows
 
-    def _lines(self) -> Iterator[str]:
+    def _read_lines(self) -> Iterator[str]:
         return text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
 
     def _bus_blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        found = BUS_LOGS[self._dialect.delimiter](self._lines())
-        lost, other, clock = 0, 0, self.clocks[0]
-        while some := list(itertools.islice(found, BLOCK)):
-            rows = [row for row in some if row]
-            none = some.count(NO_SENTENCE)
-            lost, other = lost + len(some) - len(rows) - none, other + none
+        log_rows = BUS_LOGS[self._dialect.delimiter](self._read_lines())
+        lost, foreign, clock = 0, 0, self.clocks[0]
+        while batch := list(itertools.islice(log_rows, BLOCK)):
+            rows = [row for row in batch if row]
+            none = batch.count(NO_SENTENCE)
+            lost, foreign = lost + len(batch) - len(rows) - none, foreign + none
             columns = [[row[k] for row in rows] for k in (*clock.columns, *wanted)]
             begin = len(clock.columns)
             time_ns, is_timed = clock.read(columns[:begin])
@@ -242,12 +242,12 @@ class TextTable(NumberTable):
             yield Rows(clock, time_ns, is_timed, columns[begin:])
         if lost:
             lose(_not_used(lost, 'damaged, or without a time'))
-        if other:
-            note(_not_used(other, 'without a sentence'))
+        if foreign:
+            note(_not_used(foreign, 'without a sentence'))
 
-    def _batches(self) -> Iterator[tuple[list[list[str]], int]]:
+    def _read_batches(self) -> Iterator[tuple[list[list[str]], int]]:
         """Rows below the headings, and how many lines were swallowed by open quotation marks."""
-        lines = self._lines()
+        lines = self._read_lines()
         cells = reader(lines, self._dialect.delimiter)
         for _ in itertools.islice(cells, len(self._dialect.above)):
             pass
@@ -310,14 +310,14 @@ class _TextReading:
                 self._take_heading(batch[at] if at < len(batch) else None)
                 batch = batch[at + 1 :]
                 continue
-            self._fill(batch, max(self._places))
+            self._drop_short_rows(batch, max(self._places))
             columns = [[row[k] for row in batch] for k in self._places]
             cells = iter(columns)
             times = [clock.read([*itertools.islice(cells, len(clock.columns))]) for clock in self._clocks]
             values = [*cells]
-            odd = np.flatnonzero(~np.any([is_timed for _, is_timed in times], axis=0)).tolist()
-            end = next((k for k in odd if self._is_heading(batch[k])), len(batch))
-            for k in odd:
+            untimed = np.flatnonzero(~np.any([is_timed for _, is_timed in times], axis=0)).tolist()
+            end = next((k for k in untimed if self._is_heading(batch[k])), len(batch))
+            for k in untimed:
                 if k < end:
                     self._see_untimed(batch[k])
                 for column in values:
@@ -331,10 +331,12 @@ class _TextReading:
 
     def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Sequence[list[str]]) -> None:
         """Count the lines where a signal has a value and its own clock has no time, and leave these out."""
-        own = [column for k, column in zip(self._wanted, values, strict=True) if clock.times(k)]
-        lacking = [k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in own)]
+        columns = [column for k, column in zip(self._wanted, values, strict=True) if clock.times(k)]
+        lacking = [
+            k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in columns)
+        ]
         self._untimed += len(lacking)
-        for column in own:
+        for column in columns:
             for k in lacking:
                 column[k] = ''
 
@@ -365,18 +367,18 @@ class _TextReading:
                 self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:_MOST_SHOWN]
             )
 
-    def _fill(self, batch: list[list[str]], most: int) -> None:
+    def _drop_short_rows(self, batch: list[list[str]], width: int) -> None:
         """Take rows of too few cells away, but those that lack empty ones at their end."""
-        if min(map(len, batch)) > most:
+        if min(map(len, batch)) > width:
             return
         # A signal that ended before another leaves the rest of the line out.
         half = len(self._first) // 2 if len(self._clocks) == 1 else 0
         need = max(max(self._clocks[0].columns) + 1, half)
         for k in reversed(range(len(batch))):
             row = batch[k]
-            if most >= len(row) > need:
-                row += [''] * (most + 1 - len(row))
-            elif len(row) <= most:
+            if width >= len(row) > need:
+                row += [''] * (width + 1 - len(row))
+            elif len(row) <= width:
                 self.short += any(cell.strip() for cell in row) and not row[0].startswith(_REMARKS)
                 del batch[k]
 
@@ -393,16 +395,16 @@ class _TextReading:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
 
 
-def _same_heading(first: Cells, place: int, other: Cells) -> int:
+def _same_heading(first: Cells, place: int, second: Cells) -> int:
     """Return where headings in another order have one of the first ones, or -1: the n-th of those alike."""
     name = first[place]
-    places = [k for k, heading in enumerate(other) if heading == name]
+    places = [k for k, heading in enumerate(second) if heading == name]
     number = first[:place].count(name)
     return places[number] if number < len(places) else -1
 
 
-def _not_used(count: int, what: str, more: str = '') -> str:
-    return f'{plural(count, "line")} {what} {"was" if count == 1 else "were"} not used{more}'
+def _not_used(count: int, subject: str, more: str = '') -> str:
+    return f'{plural(count, "line")} {subject} {"was" if count == 1 else "were"} not used{more}'
 
 
 class ParquetTable(NumberTable):
@@ -413,7 +415,7 @@ class ParquetTable(NumberTable):
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, file = path, _opened(path)
+        self._path, file = path, _open_parquet(path)
         schema = file.schema_arrow
         self.names = tuple(schema.names)
         headings = tuple(map(parse_heading, self.names))
@@ -432,8 +434,8 @@ class ParquetTable(NumberTable):
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
             read = scaled_reader(1, 0, '.')  # as _texts() writes them
-            main, *others = (Clock((k,), read, () if has_zone else (WITHOUT_ZONE,)) for k in stamped)
-            self.clocks = share_columns(columns, main, others)
+            main, *more_clocks = (Clock((k,), read, () if has_zone else (WITHOUT_ZONE,)) for k in stamped)
+            self.clocks = share_columns(columns, main, more_clocks)
         else:
             self.clocks = find_clocks(path, columns)
         self.said = tuple(_notes_on(self.clocks, self.names))
@@ -445,7 +447,7 @@ class ParquetTable(NumberTable):
             value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)
             return Numbers(np.where(np.isfinite(value), value, np.nan), is_there)
         except (ValueError, NotImplementedError):  # pyarrow's errors are of these
-            return _mixed_numbers(_texts(cells))
+            return _mixed_numbers(_column_texts(cells))
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Yield some columns, in the order of the file."""
@@ -454,23 +456,27 @@ class ParquetTable(NumberTable):
         clocks = self.clocks_of(wanted)
         every = list(dict.fromkeys([*(k for clock in clocks for k in clock.columns), *wanted]))
         try:
-            for batch in _opened(self._path).iter_batches(BLOCK, columns=[self.names[k] for k in every]):
-                own = dict(zip(every, batch.columns, strict=True))
+            for batch in _open_parquet(self._path).iter_batches(
+                BLOCK, columns=[self.names[k] for k in every]
+            ):
+                columns = dict(zip(every, batch.columns, strict=True))
                 for clock in clocks:
-                    times = clock.read([_texts(own[k]) for k in clock.columns])
+                    times = clock.read([_column_texts(columns[k]) for k in clock.columns])
                     lacking = ~times[1]
                     if len(clocks) > 1:
-                        timed = [own[k].is_valid() for k in wanted if clock.times(k)]
-                        lacking &= np.any([each.to_numpy(zero_copy_only=False) for each in timed], axis=0)
+                        timed = [columns[k].is_valid() for k in wanted if clock.times(k)]
+                        lacking &= np.any(
+                            [is_time.to_numpy(zero_copy_only=False) for is_time in timed], axis=0
+                        )
                     untimed += int(lacking.sum())
-                    yield Rows(clock, *times, [own[k] for k in wanted])
+                    yield Rows(clock, *times, [columns[k] for k in wanted])
         except Exception as error:  # pyarrow's errors have no common root
             lose(f'the file is damaged ({str(error)[:100]}): not read from there on')
         if untimed:
             lose(_not_used(untimed, 'without a time'))
 
 
-def _opened(path: Path) -> Any:
+def _open_parquet(path: Path) -> Any:
     try:
         from pyarrow import parquet  # an extra, which takes time to import
     except ImportError as error:
@@ -491,10 +497,10 @@ def _as_bag_error(path: Path) -> Iterator[None]:
 
 
 def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
-    return tuple(zip(*map(_texts, columns), strict=True))
+    return tuple(zip(*map(_column_texts, columns), strict=True))
 
 
-def _texts(column: Any) -> list[str]:
+def _column_texts(column: Any) -> list[str]:
     """Return the cells as a text table would have them; a timestamp by its nanoseconds."""
     if str(column.type).startswith('timestamp'):
         times = column.to_numpy(zero_copy_only=False).astype('M8[ns]')

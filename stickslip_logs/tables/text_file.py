@@ -70,7 +70,9 @@ def opened(path: Path) -> IO[bytes]:
     file = open_file(path)
     begin = file.read(max(map(len, PACKED)))
     file.seek(0)
-    unpacked: IO[bytes] = next((own(file) for magic, own in _UNPACK.items() if begin.startswith(magic)), file)
+    unpacked: IO[bytes] = next(
+        (opener(file) for magic, opener in _UNPACK.items() if begin.startswith(magic)), file
+    )
     return unpacked
 
 
@@ -96,8 +98,8 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
                 head += piece[: _HEAD - len(head)]
                 tail = (tail + piece)[-_TAIL:] if size + len(piece) > _HEAD else b''
                 lines, zeros = lines + piece.count(b'\n'), zeros + piece.count(b'\0')
-                own = piece if size else piece[len(BOM_UTF8) :]
-                is_plain = is_plain and not any(mark in own for mark in _FRAME_BYTES)
+                content = piece if size else piece[len(BOM_UTF8) :]
+                is_plain = is_plain and not any(mark in content for mark in _FRAME_BYTES)
                 size += len(piece)
                 last = piece[-2:]
                 if not is_whole and size > _HEAD:

@@ -160,13 +160,13 @@ def _check_bags(
         from stickslip_monitor.report.page import Archive
 
         archive = Archive()
-    for found in _check_all(task, bags, args, meter):
-        _print_result(found, args, listed=listed, shown=shown)
-        if archive is not None and found.part is not None:
-            archive.add(found.part)
-        all_found.append(replace(found, part=None))
-    documents = [found.document for found in all_found]
-    code = max(found.code for found in all_found)
+    for result in _check_all(task, bags, args, meter):
+        _print_result(result, args, listed=listed, shown=shown)
+        if archive is not None and result.part is not None:
+            archive.add(result.part)
+        all_found.append(replace(result, part=None))
+    documents = [result.document for result in all_found]
+    code = max(result.code for result in all_found)
     if not listed and 'error' in documents[0]:
         return code
     text = output.json_text(documents if listed else documents[0])
@@ -193,8 +193,8 @@ def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
         from stickslip_monitor.offline.verdict_messages import check_target
 
         check_target(args.mcap)
-    others = left_out(args.bags, bags)
-    return Task(config, args.report is not None, args.mcap, args.clips, others)
+    unread = left_out(args.bags, bags)
+    return Task(config, args.report is not None, args.mcap, args.clips, unread)
 
 
 def _check_all(
@@ -315,9 +315,9 @@ def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) 
     return html_page(list(archive.shown()), task.config, args.config, now, args.node)
 
 
-def _print_result(found: CheckResult, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
+def _print_result(result: CheckResult, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
     """Print what came of one recording."""
-    document, error = found.document, found.document.get('error')
+    document, error = result.document, result.document.get('error')
     if shown is not None:
         error = error and error.replace(document['path'], shown)
         document['path'] = shown
@@ -332,14 +332,14 @@ def _print_result(found: CheckResult, args: argparse.Namespace, *, listed: bool,
         is_coloured = sys.stdout.isatty() and 'NO_COLOR' not in os.environ
         sys.stdout.write(to_text(document, coloured=is_coloured, width=output.line_width()))
         sys.stdout.flush()
-    for name in found.unjudged:
+    for name in result.unjudged:
         sys.stderr.write(f'ERROR: {place}: nothing is known of {name}: no message gave an operating point\n')
-    if found.clips is not None:
-        written = f'{plural(found.clips.written, "clip")} written into {printable(args.clips)}'
-        if found.clips.removed:
-            written += f'; {plural(found.clips.removed, "older clip")} removed, as clips.most says'
+    if result.clips is not None:
+        written = f'{plural(result.clips.written, "clip")} written into {printable(args.clips)}'
+        if result.clips.removed:
+            written += f'; {plural(result.clips.removed, "older clip")} removed, as clips.most says'
         sys.stderr.write(f'{place}: {written}\n')
-        for text in found.clips.failures:
+        for text in result.clips.failures:
             sys.stderr.write(f'ERROR: {place}: a clip was not written: {printable(text)}\n')
 
 
@@ -400,10 +400,10 @@ def _text_lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]
 def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | None) -> Iterator[str]:
     for text in item['data']:
         yield f'data: {printable(text)}'
-    for quantity, each in item['inputs'].items():
-        place = printable(quantity if 'assumed' in each else f'{quantity} on {each["topic"]}')
-        yield f'{place}: {_input_text(each)}'
-        for text in each['questions']:
+    for quantity, facts in item['inputs'].items():
+        place = printable(quantity if 'assumed' in facts else f'{quantity} on {facts["topic"]}')
+        yield f'{place}: {_input_text(facts)}'
+        for text in facts['questions']:
             yield f'question: {place} {printable(text)}'
     events = item['events']
     yield f'{name}: {plural(len(events), "event") if events else "no events"}'

@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = "the monitor's full name (default: the only one that runs)"
     parser.add_argument('--node', help=text)
-    own: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
-    options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **own)
+    settings: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
+    options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **settings)
     options.add_shared(parser, '--diagnostics')
     text = 'ask this page, such as http://127.0.0.1:8370, of which ROS is not needed'
     parser.add_argument('--page', metavar='URL', help=text)
@@ -46,21 +46,21 @@ def run(args: argparse.Namespace) -> int:
     except ImportError as error:
         raise RosError(f'{no_ros(error)}; without ROS ask the page: stickslip health --page URL') from error
     node = None if args.node is None else f'/{args.node.strip("/")}'
-    found: dict[str, tuple[int, str]] = {}
+    results: dict[str, tuple[int, str]] = {}
 
     def take(name: str, level: int, text: str) -> None:
-        found[name] = level, text
+        results[name] = level, text
 
     with receive_health(args.diagnostics, take):
-        _wait_for_message(found, node, args.timeout)
-    others = ', '.join(sorted(found))
-    if node is None and len(found) > 1:
-        raise RosError(f'several monitors run: choose one of {others} by --node')
-    name = node or others
-    if name not in found:
-        hint = f'; running: {others}' if others else ''
+        _wait_for_message(results, node, args.timeout)
+    names = ', '.join(sorted(results))
+    if node is None and len(results) > 1:
+        raise RosError(f'several monitors run: choose one of {names} by --node')
+    name = node or names
+    if name not in results:
+        hint = f'; running: {names}' if names else ''
         raise RosError(f'no message from {node or "a monitor"} within {args.timeout:g} s{hint}')
-    level, text = found[name]
+    level, text = results[name]
     sys.stdout.write(f'{name}: {printable(text)}\n')
     return int(level >= Severity.ERROR or NOT_MONITORING in text)
 
@@ -85,7 +85,7 @@ def _of_page(args: argparse.Namespace) -> int:
         why = cause(reason) if isinstance(reason, BaseException) else str(error)
         raise DashboardError(f"--page '{args.page}' gives no figures: {why}") from error
     ups = re.findall(r'^stickslip_(monitor|link)_up\{\w+="([^"]*)"\} (\S+)$', figures, re.MULTILINE)
-    down = [f'{what} {name}' for what, name, value in ups if float(value) != 1.0]
+    down = [f'{part} {name}' for part, name, value in ups if float(value) != 1.0]
     works = bool(ups) and not down
     text = 'Monitoring.' if works else f'it does not work: {", ".join(down) or "no monitor"}'
     sys.stdout.write(f'{printable(text)}\n')

@@ -193,9 +193,9 @@ def ask(answer: Callable[[str], str]) -> dict[str, Given]:
             for item in need:
                 text = answer(f'{item.question}: ').strip()
                 try:
-                    own = {item.name: item.read(text)} if text else {}
-                    _require_fall(given | own)
-                    given |= own
+                    values = {item.name: item.read(text)} if text else {}
+                    _require_fall(given | values)
+                    given |= values
                 except ConfigurationError as error:
                     answer(f'{printable(str(error))}; press Enter ')
                 if item.name in given:
@@ -254,10 +254,10 @@ def require_all(given: Mapping[str, Given]) -> None:
     """
     missing = []
     for need in NEEDS:
-        found = [item.option for item in need if item.name in given]
-        if len(found) > 1:
-            raise ConfigurationError(f'{" and ".join(found)} are given: choose one')
-        if not found:
+        given_options = [item.option for item in need if item.name in given]
+        if len(given_options) > 1:
+            raise ConfigurationError(f'{" and ".join(given_options)} are given: choose one')
+        if not given_options:
             missing.append(' or '.join(item.option for item in need))
     if missing:
         raise ConfigurationError(
@@ -288,9 +288,9 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
     Raises:
         ConfigurationError: The values are no configuration; the text says which.
     """
-    own = {item.name: item for item in values}
-    spreads = ', '.join(f'{name}: {_format_number(own[name].spread, 2)}' for name in _TOLERANCES)
-    load = f'{{constant: {_format_number(own["load"].value / 1e3)}, unit: kN}}  # assumed'
+    by_name = {item.name: item for item in values}
+    spreads = ', '.join(f'{name}: {_format_number(by_name[name].spread, 2)}' for name in _TOLERANCES)
+    load = f'{{constant: {_format_number(by_name["load"].value / 1e3)}, unit: kN}}  # assumed'
     if args.load_topic is not None:
         load = f'{{topic: {args.load_topic}, unit: {args.load_unit}}}'
     elif table := _read_table(args.load_over_speed):
@@ -299,17 +299,19 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
             f'{{over_speed: [{pairs}], unit: {args.load_unit}}}  # rpm, load, rpm, load, ... of the alignment'
         )
     gear = '' if args.gear is None else f', gear: {_format_number(_read_gear(args.gear))}'
-    law = ', '.join(f'{name}: {_format_number(own[name].value)}' for name in ('static', 'kinetic', 'decay'))
+    law = ', '.join(
+        f'{name}: {_format_number(by_name[name].value)}' for name in ('static', 'kinetic', 'decay')
+    )
     lines = [
         f'{MARK}. Each value says where it comes from; replace what you measure.',
         '/**:',
         '  ros__parameters:',
         f'    bearings: [{args.name}]',
         f'    {args.name}:',
-        f'      journal_diameter: {_format_number(own["journal_diameter"].value)}  # m, given',
+        f'      journal_diameter: {_format_number(by_name["journal_diameter"].value)}  # m, given',
     ]
     for name in ('mass', 'damping', 'stiffness'):
-        item = own[name]
+        item = by_name[name]
         lines.append(
             f'      # {item.unit}; {item.origin}; +-{item.spread:.0%}\n'
             f'      {name}: {_format_number(item.value)}'
@@ -348,11 +350,13 @@ def report(values: Sequence[Estimate]) -> str:
 def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
     for effect in ranked:
         low, high = sorted((effect.below, effect.above))
-        known = f'known to {effect.spread:.0%}'
+        spread_text = f'known to {effect.spread:.0%}'
         if effect.name == LOAD_EXPONENT:
-            known = f'unknown between 0 and 1, of a curve at {ELSEWHERE:g} times the load or its inverse'
+            spread_text = (
+                f'unknown between 0 and 1, of a curve at {ELSEWHERE:g} times the load or its inverse'
+            )
         yield (
-            f'{effect.name}, {known}: moves the fold speed by {low:+.0%} to'
+            f'{effect.name}, {spread_text}: moves the fold speed by {low:+.0%} to'
             f' {high:+.0%}; {_NEXT.get(effect.name, "measure it")}'
         )
 

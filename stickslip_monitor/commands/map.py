@@ -32,25 +32,25 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
-    own = options.require_single_bearing(options.chosen(args))
-    speeds = options.speed_range(args.speeds, own)
+    bearing = options.require_single_bearing(options.chosen(args))
+    speeds = options.speed_range(args.speeds, bearing)
     loads = options.parse_range(args.loads, 'loads', lambda part: options.parse_load(part, 'loads'))
 
     def made() -> Any:
         if is_table:
-            drawn, _ = map_ranges(own.bearing, speeds, loads)
-            curves = boundaries(own.bearing, drawn, own.alarm.caution_margin)
-            return map_columns(own.bearing, curves)
-        return draw_map(own, speeds, loads, _read_track(args.track, own) if args.track else None)
+            drawn, _ = map_ranges(bearing.bearing, speeds, loads)
+            curves = boundaries(bearing.bearing, drawn, bearing.alarm.caution_margin)
+            return map_columns(bearing.bearing, curves)
+        return draw_map(bearing, speeds, loads, _read_track(args.track, bearing) if args.track else None)
 
     output.write_outputs(args, output=made)
     return 0
 
 
-def _read_track(path: str, own: BearingConfig) -> Track:
+def _read_track(path: str, bearing: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import Kept, check_recording
 
-    kept = Kept()
-    check_recording(path, MonitorConfig((own,)), [kept])
-    return track_of_scan(kept.scan(own.name))
+    outline = Kept()
+    check_recording(path, MonitorConfig((bearing,)), [outline])
+    return track_of_scan(outline.scan(bearing.name))

@@ -92,8 +92,8 @@ def add_file(
     """
     action = options.add_argument(*names, **({'metavar': 'FILE'} if marks else {}) | more)
     spelling = (*action.option_strings, action.dest)[0]
-    known = options.get_default('files') or ()
-    options.set_defaults(files=(*known, FileOption(action.dest, spelling, marks, renews, is_folder)))
+    files = options.get_default('files') or ()
+    options.set_defaults(files=(*files, FileOption(action.dest, spelling, marks, renews, is_folder)))
 
 
 def add_shared(options: _Options, *names: str, **more: Any) -> None:
@@ -164,7 +164,7 @@ class _Number(argparse.Action):
         setattr(args, self.dest, row.checked(option, {option: value}))
 
 
-def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, str]:
+def read_quantity(noun: str, text: str, units: Iterable[str]) -> tuple[float, str]:
     """Read number and unit of a text such as ``'20rpm'``.
 
     Letters in the wrong case are understood, but for the prefix M (mega); the unit '' is none.
@@ -181,22 +181,22 @@ def read_quantity(what: str, text: str, units: Iterable[str]) -> tuple[float, st
     if match is None or unit is None or not math.isfinite(float(match.group(1))):
         why = f", and '{written}' is none of these" if written and unit is None and named else ''
         rule = f'a number with a unit: one of {", ".join(named)}{why}' if named else 'a number'
-        raise refused(what, text, rule)
+        raise refused(noun, text, rule)
     return float(match.group(1)), unit
 
 
-def parse_speed(text: str, conversion: BearingSpeed, what: str = 'speed') -> float:
+def parse_speed(text: str, conversion: BearingSpeed, noun: str = 'speed') -> float:
     """Surface speed [m/s] from a text such as ``'20rpm'``; the unit is required."""
     from stickslip_monitor.physics.bearing import SPEED_UNITS
 
-    return float(conversion.to_surface(*read_quantity(what, text, SPEED_UNITS)))
+    return float(conversion.to_surface(*read_quantity(noun, text, SPEED_UNITS)))
 
 
-def parse_load(text: str, what: str = 'load') -> float:
+def parse_load(text: str, noun: str = 'load') -> float:
     """Load [N] from a text such as ``'1.2kN'``; the unit is required."""
     from stickslip_monitor.monitor.parameters import LOAD_UNITS
 
-    value, unit = read_quantity(what, text, LOAD_UNITS)
+    value, unit = read_quantity(noun, text, LOAD_UNITS)
     return value * LOAD_UNITS[unit]
 
 
@@ -241,7 +241,7 @@ def speed_range(text: str | None, config: BearingConfig) -> Range | None:
     return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))
 
 
-def parse_range(text: str | None, what: str, parse: Callable[[str], float]) -> Range | None:
+def parse_range(text: str | None, noun: str, parse: Callable[[str], float]) -> Range | None:
     """Two quantities with a colon between them, not negative and rising.
 
     Raises:
@@ -251,8 +251,8 @@ def parse_range(text: str | None, what: str, parse: Callable[[str], float]) -> R
         return None
     parts = text.split(':')
     if len(parts) != 2:
-        raise refused(what, text, 'LOW:HIGH, each with its unit')
+        raise refused(noun, text, 'LOW:HIGH, each with its unit')
     low, high = parse(parts[0]), parse(parts[1])
     if not 0.0 <= low < high:
-        raise refused(what, text, 'rising from its first value, not below 0, to its second')
+        raise refused(noun, text, 'rising from its first value, not below 0, to its second')
     return low, high

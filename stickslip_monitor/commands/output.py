@@ -62,9 +62,9 @@ def check_files(args: argparse.Namespace) -> None:
                 _check_recording(path, option, inputs)
                 continue
             _check_output(path, option, inputs, force=args.force)
-            for other in written:
-                if is_same(path, other):
-                    raise OutputError(f"outputs '{other}' and '{path}' are one file: choose two")
+            for earlier in written:
+                if is_same(path, earlier):
+                    raise OutputError(f"outputs '{earlier}' and '{path}' are one file: choose two")
             written.append(path)
 
 

@@ -199,7 +199,7 @@ class Feed(Sink):
 
 
 class LinkStates:
-    """Which links work; a change is logged, but no state of a link twice in five minutes.
+    """States of the links; a change is logged, but no state of a link twice in five minutes.
 
     Args:
         links: Takes whether each link works; one of which nobody can know has no entry.
@@ -335,7 +335,7 @@ async def _report_files(
     reported = ''
     while True:
         fault = '' if store is None else store.fault
-        text = ' '.join(f'{each}.' for each in (fault, live.damage, *config.faults) if each)
+        text = ' '.join(f'{text_part}.' for text_part in (fault, live.damage, *config.faults) if text_part)
         if text != reported:
             level = Severity.ERROR if fault else Severity.WARN if text else Severity.OK
             feed.take_health(level, text)
@@ -352,16 +352,16 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
     sees no stamp. A copy has the stamp and the value of the one before.
     """
     latest: dict[tuple[str, Input], tuple[int | None, float]] = {}
-    told: set[tuple[str, Input]] = set()
+    reported: set[tuple[str, Input]] = set()
 
     def passed(bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
-        key, own = (bearing, place), (stamp_ns, value)
-        copied = stamp_ns is not None and latest.get(key) == own
-        latest[key] = own
+        key, sample = (bearing, place), (stamp_ns, value)
+        copied = stamp_ns is not None and latest.get(key) == sample
+        latest[key] = sample
         if not copied:
             take(bearing, place, value)
-        elif key not in told:
-            told.add(key)
+        elif key not in reported:
+            reported.add(key)
             log.warning(
                 f'{place.name.lower()} of {bearing}: the sender repeats stamp and value; copies'
                 ' are not published'
@@ -379,10 +379,12 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     clients: list[Client] = []
     if links.signalk is not None:
         token = _read_token(links.signalk.token_file)
-        own = links.of(SIGNALK)
-        theirs = {item.bearing for item in own if item.place is Input.LOAD}
+        inputs = links.of(SIGNALK)
+        theirs = {item.bearing for item in inputs if item.place is Input.LOAD}
         own_load = [name for name in side.bearings if name not in theirs]
-        clients.append(SignalKClient(links.signalk, token, SignalKInputs(own, _log.warning), own_load, side))
+        clients.append(
+            SignalKClient(links.signalk, token, SignalKInputs(inputs, _log.warning), own_load, side)
+        )
     if links.nmea is not None:
         url = urlsplit(links.nmea.listen)
         if url.scheme == 'udp' and not is_loopback(url.hostname):

@@ -172,15 +172,15 @@ def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray
     first = turns[0].before.size if turns else int(np.isfinite(cycles[0]).sum())
     running, row = begun(first, slice(None)), 0
     for turn in turns:
-        at, own = int(np.searchsorted(speed, turn.mark.speed)), turn.own
+        at, changed = int(np.searchsorted(speed, turn.mark.speed)), turn.own
         for k, branch in enumerate(running):
             branch.amplitude[row:at], branch.amplitude[at] = cycles[row:at, k], turn.before[k]
         if turn.before.size < turn.after.size:
-            running[own.start : own.start] = begun(turn.after.size, own)
-        for branch in running[own]:
+            running[changed.start : changed.start] = begun(turn.after.size, changed)
+        for branch in running[changed]:
             branch.amplitude[at] = turn.mark.amplitude
         if turn.before.size > turn.after.size:
-            del running[own]
+            del running[changed]
         row = at + 1
     for k, branch in enumerate(running):
         branch.amplitude[row:] = cycles[row:, k]

@@ -62,17 +62,17 @@ class Flood:
 
     def add(self, now_ns: int) -> None:
         """Count an alarm that was raised."""
-        self._pass(now_ns)
+        self._count_recent(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
         self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
         """Return the numbers of alarms raised lately and at most, and whether it is a flood."""
-        self._pass(now_ns)
+        self._count_recent(now_ns)
         return {'alarms_10min': len(self._times), 'most_10min': self.most, 'flooding': self._flooding}
 
-    def _pass(self, now_ns: int) -> None:
+    def _count_recent(self, now_ns: int) -> None:
         while self._times and now_ns - self._times[0] >= WINDOW_NS:
             self._times.popleft()
         self._flooding &= len(self._times) >= FLOOD_ENDS_BELOW
@@ -154,7 +154,7 @@ class Annunciator:
 
     def __iter__(self) -> Iterator[LiveAlarm]:
         """Yield every alarm."""
-        return (alarm for own in self.alarms.values() for alarm in own.values())
+        return (alarm for alarms in self.alarms.values() for alarm in alarms.values())
 
     @property
     def sounding(self) -> bool:
@@ -189,7 +189,7 @@ class Annunciator:
         changes = []
         for name, causes in self.causes.items():
             causes.advance(self.now_ns)
-            changes += self._sync(name, time_ns)
+            changes += self._update_alarms(name, time_ns)
             changes += self._run_out(self.alarms[name].values(), time_ns)
         return changes
 
@@ -197,10 +197,10 @@ class Annunciator:
         """Take a change of a bearing's condition."""
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
-        changes = self._sync(name, time_ns)
-        return changes + (self._recur(name, changes, time_ns) if event.onset else [])
+        changes = self._update_alarms(name, time_ns)
+        return changes + (self._note_recurrence(name, changes, time_ns) if event.onset else [])
 
-    def _recur(self, name: str, changes: list[AlarmChange], time_ns: int) -> list[AlarmChange]:
+    def _note_recurrence(self, name: str, changes: list[AlarmChange], time_ns: int) -> list[AlarmChange]:
         """Note a new onset while an alarm of stick-slip stands; give it anew after the matter's time.
 
         One that is shelved, or out of service, makes no sound; a milder one speaks for it only
@@ -215,43 +215,43 @@ class Annunciator:
         if self._has_sounded(worst):
             return []
         if worst.recurring and not worst.suppressed_by:
-            return [self._unsilence(worst, time_ns)]
-        return self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
+            return [self._end_silence(worst, time_ns)]
+        return self._fire_trigger(worst, Trigger.RECUR, time_ns, MONITOR)
 
     def _sticking_alarms(self, name: str) -> list[LiveAlarm]:
         """Return the alarms of stick-slip itself, worst first."""
         return [self.alarms[name][kind] for kind in LATCHING]
 
     def take_fault(
-        self, bearing: str, place: int, what: str, time_ns: int, *, mixed: bool = False
+        self, bearing: str, place: int, fault: str, time_ns: int, *, mixed: bool = False
     ) -> list[AlarmChange]:
         """Take a refused sample of one input, or one from either of two sources (mixed).
 
         As a lost input clears no other alarm, a mix of two sources does not.
         """
         causes = self.causes[bearing]
-        causes.take_fault(place, what, self.now_ns)
+        causes.take_fault(place, fault, self.now_ns)
         if mixed:
-            own = self.alarms[bearing]
-            causes.recall({kind for kind in RUNG_OF if own[kind].active}, self.now_ns)
-        return self._sync(bearing, time_ns)
+            alarms = self.alarms[bearing]
+            causes.recall({kind for kind in RUNG_OF if alarms[kind].active}, self.now_ns)
+        return self._update_alarms(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
         """Take an operating point; stick-slip that recurs sounds once it has lasted."""
         name, causes = verdict.bearing, self.causes[verdict.bearing]
         resting, changes = verdict.speed == 0.0, list[AlarmChange]()
         if causes.take_point(self.now_ns, resting=resting, sticking=verdict.sticking):
-            changes = self._sync(name, verdict.time_ns)
+            changes = self._update_alarms(name, verdict.time_ns)
         return changes + (self._call_again(name, verdict.time_ns) if causes.is_lasting else [])
 
     def _call_again(self, name: str, time_ns: int) -> list[AlarmChange]:
         """Sound for stick-slip that has come again and lasts, also under an acknowledged alarm."""
-        own = self._sticking_alarms(name)
-        worst = next((alarm for alarm in own if alarm.state in ON_SHOW), None)
+        alarms = self._sticking_alarms(name)
+        worst = next((alarm for alarm in alarms if alarm.state in ON_SHOW), None)
         changes = []
         if worst is not None and worst.state is AlarmState.ACKNOWLEDGED:
-            changes = self._fire(worst, Trigger.RECUR, time_ns, MONITOR)
-        return changes + [self._unsilence(alarm, time_ns) for alarm in own if alarm.recurring]
+            changes = self._fire_trigger(worst, Trigger.RECUR, time_ns, MONITOR)
+        return changes + [self._end_silence(alarm, time_ns) for alarm in alarms if alarm.recurring]
 
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
@@ -265,49 +265,49 @@ class Annunciator:
             ConfigurationError: There is no such bearing.
         """
         names = self.alarms if bearing is None else [self.config.bearing(bearing).name]
-        chosen = [a for name in names for a in self._chosen(self.alarms[name], action, kind)]
+        chosen = [a for name in names for a in self._choose_alarms(self.alarms[name], action, kind)]
         if action is Action.SILENCE:
-            return [self._silence(alarm, time_ns, by) for alarm in chosen if alarm.sounding]
+            return [self._silence_alarm(alarm, time_ns, by) for alarm in chosen if alarm.sounding]
         trigger = Trigger(action.value)
-        return [c for alarm in chosen for c in self._fire(alarm, trigger, time_ns, by)]
+        return [c for alarm in chosen for c in self._fire_trigger(alarm, trigger, time_ns, by)]
 
-    def _chosen(
-        self, own: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
+    def _choose_alarms(
+        self, alarms: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
     ) -> list[LiveAlarm]:
         if kind is not None:
             below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
             # One matter: who knows of the worst knows of what it covers.
-            return [a for a in own.values() if a.kind is kind or (below and self.covering(a) is kind)]
-        return [a for a in own.values() if action is not Action.SHELVE or a.state in STANDING]
+            return [a for a in alarms.values() if a.kind is kind or (below and self.covering(a) is kind)]
+        return [a for a in alarms.values() if action is not Action.SHELVE or a.state in STANDING]
 
-    def _silence(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
+    def _silence_alarm(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
         alarm.silenced, alarm.recurring = True, False
         alarm.silence_end_ns = self.now_ns + self.config.silence_time_ns
-        return _change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
+        return _make_change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
 
     def _run_out(self, alarms: Iterable[LiveAlarm], time_ns: int) -> list[AlarmChange]:
         changes = []
         for alarm in alarms:
             if alarm.state is AlarmState.SHELVED and self.now_ns >= alarm.shelf_end_ns:
-                changes += self._fire(alarm, Trigger.UNSHELVE, time_ns, TIMER)
+                changes += self._fire_trigger(alarm, Trigger.UNSHELVE, time_ns, TIMER)
             if alarm.silenced and self.now_ns >= alarm.silence_end_ns:
-                changes.append(self._unsilence(alarm, time_ns))
+                changes.append(self._end_silence(alarm, time_ns))
         return changes
 
-    def _unsilence(self, alarm: LiveAlarm, time_ns: int) -> AlarmChange:
+    def _end_silence(self, alarm: LiveAlarm, time_ns: int) -> AlarmChange:
         """End a silence; aloud if a recurring alarm begins to sound by it."""
-        recurring, ringing = alarm.recurring, self._rings(alarm.bearing)
+        recurring, ringing = alarm.recurring, self._is_ringing(alarm.bearing)
         alarm.silenced = alarm.recurring = False
         if alarm.sounding:
             alarm.sounded_ns, alarm.is_seen = self.now_ns, False
-        change = _change(alarm, time_ns, UNSILENCE, alarm.state, TIMER)
+        change = _make_change(alarm, time_ns, UNSILENCE, alarm.state, TIMER)
         return replace(change, aloud=recurring and alarm.sounding and not ringing)
 
-    def _rings(self, name: str) -> bool:
+    def _is_ringing(self, name: str) -> bool:
         """Return whether any alarm of a bearing sounds."""
         return any(alarm.sounding for alarm in self.alarms[name].values())
 
-    def _sync(self, name: str, time_ns: int) -> list[AlarmChange]:
+    def _update_alarms(self, name: str, time_ns: int) -> list[AlarmChange]:
         """Bring the alarms of a bearing up to their causes, worst first."""
         causes, changes = self.causes[name], []
         for alarm in self.alarms[name].values():
@@ -326,21 +326,21 @@ class Annunciator:
                 self._given[name][alarm.kind] = self.now_ns
             alarm.active, alarm.suppressed_by = active, reasons
             for trigger in triggers:
-                changes += self._fire(alarm, trigger, time_ns, MONITOR)
+                changes += self._fire_trigger(alarm, trigger, time_ns, MONITOR)
         for alarm in self.alarms[name].values():
             # One matter: who is given the worst need not acknowledge what it covers.
             if alarm.state is AlarmState.UNACKNOWLEDGED and self.covering(alarm) is not None:
-                changes += self._fire(alarm, Trigger.ACKNOWLEDGE, time_ns, MONITOR)
+                changes += self._fire_trigger(alarm, Trigger.ACKNOWLEDGE, time_ns, MONITOR)
         return changes
 
     def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
         """Return the worse alarm of the ladder that stands for one, if there is any."""
         if not alarm.active or alarm.kind not in RUNG_OF:
             return None
-        for kind, other in self.alarms[alarm.bearing].items():  # worst first
+        for kind, alarm_beside in self.alarms[alarm.bearing].items():  # worst first
             if kind is alarm.kind:
                 return None
-            if other.active and other.state in ON_SHOW:
+            if alarm_beside.active and alarm_beside.state in ON_SHOW:
                 return kind
         return None
 
@@ -349,14 +349,14 @@ class Annunciator:
         is_known = alarm.kind in LATCHING and self.causes[alarm.bearing].is_known(self.now_ns)
         if not is_known or not self._has_sounded(alarm):
             return False
-        own = self.alarms[alarm.bearing]
-        return any(own[kind].is_seen for kind in _as_bad(alarm.kind))
+        alarms = self.alarms[alarm.bearing]
+        return any(alarms[kind].is_seen for kind in _as_bad(alarm.kind))
 
     def latching(self, alarm: LiveAlarm) -> bool:
         """Return whether an alarm stays until it is reset."""
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
 
-    def _fire(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
+    def _fire_trigger(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
         # What a person put away is given anew when it is back, however well it was known before.
         is_back = trigger in (Trigger.UNSHELVE, Trigger.RESTORE)
         facts = Facts(
@@ -387,28 +387,28 @@ class Annunciator:
         if after is AlarmState.SHELVED:
             alarm.shelf_end_ns = self.now_ns + self.config.shelve_time_ns
             alarm.shelved_until_ns = time_ns + self.config.shelve_time_ns
-        change = _change(alarm, time_ns, trigger.value, before, by)
+        change = _make_change(alarm, time_ns, trigger.value, before, by)
         if change.raised:
             alarm.count += 1
             self.flood.add(self.now_ns)
-        return [self._give(alarm, change) if after is AlarmState.UNACKNOWLEDGED else change]
+        return [self._give_to_people(alarm, change) if after is AlarmState.UNACKNOWLEDGED else change]
 
-    def _give(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
+    def _give_to_people(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
         """Give an alarm to people, aloud if it is worse than what they were given lately.
 
         The ladder is one matter. Stick-slip and the amplitude limit are silent within the matter's
         time of their last sound only, until they last; a caution is always silent. What still waits
         at the end of the matter's time sounds then. A bell that rings already is no second sound.
         """
-        given, own = self._given[alarm.bearing], self.alarms[alarm.bearing]
-        ringing = any(other.sounding for other in own.values() if other is not alarm)
+        given, alarms = self._given[alarm.bearing], self.alarms[alarm.bearing]
+        ringing = any(alarm_beside.sounding for alarm_beside in alarms.values() if alarm_beside is not alarm)
         if alarm.kind in LATCHING:
-            known = alarm.recurring = self._has_sounded(alarm)
+            has_sounded = alarm.recurring = self._has_sounded(alarm)
         else:
             since_ns = self.now_ns - WINDOW_NS
-            known = any(given.get(kind, since_ns) > since_ns for kind in _as_bad(alarm.kind))
+            has_sounded = any(given.get(kind, since_ns) > since_ns for kind in _as_bad(alarm.kind))
         given[alarm.kind] = self.now_ns
-        if known and alarm.sounding:
+        if has_sounded and alarm.sounding:
             alarm.silenced, alarm.silence_end_ns = True, self.now_ns + WINDOW_NS
         if alarm.sounding:
             alarm.sounded_ns, alarm.is_seen = self.now_ns, False
@@ -416,8 +416,8 @@ class Annunciator:
 
     def _has_sounded(self, alarm: LiveAlarm) -> bool:
         """Return whether an alarm of its matter that is no milder has sounded within its time."""
-        own, since_ns = self.alarms[alarm.bearing], self.now_ns - WINDOW_NS
-        times = (own[kind].sounded_ns for kind in _as_bad(alarm.kind))
+        alarms, since_ns = self.alarms[alarm.bearing], self.now_ns - WINDOW_NS
+        times = (alarms[kind].sounded_ns for kind in _as_bad(alarm.kind))
         return any(time is not None and time > since_ns for time in times)
 
 
@@ -427,5 +427,5 @@ def _as_bad(kind: AlarmKind) -> list[AlarmKind]:
     return [kind] if rung is None else [k for k in RUNG_OF if RUNG_OF[k] >= rung]
 
 
-def _change(alarm: LiveAlarm, time_ns: int, what: str, before: AlarmState, by: str) -> AlarmChange:
-    return AlarmChange(time_ns, alarm.bearing, alarm.kind, what, before, alarm.state, by, alarm.text)
+def _make_change(alarm: LiveAlarm, time_ns: int, cause: str, before: AlarmState, by: str) -> AlarmChange:
+    return AlarmChange(time_ns, alarm.bearing, alarm.kind, cause, before, alarm.state, by, alarm.text)

@@ -79,7 +79,7 @@ def change_record(change: AlarmChange) -> dict[str, Any]:
     }
 
 
-def _common(alarm: LiveAlarm) -> dict[str, Any]:
+def _common_fields(alarm: LiveAlarm) -> dict[str, Any]:
     """Return what a record of an alarm and the row of its bearing both have."""
     return {
         'bearing': alarm.bearing,
@@ -94,7 +94,7 @@ def _common(alarm: LiveAlarm) -> dict[str, Any]:
 
 def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
     """Return the record of one alarm as it stands."""
-    return _common(alarm) | {
+    return _common_fields(alarm) | {
         'state': alarm.state.value,
         'active': alarm.active,
         'sounding': alarm.sounding,
@@ -111,8 +111,8 @@ def row_records(
     annunciator: Annunciator, time_ns: int, text_of: Callable[[str], str]
 ) -> Iterator[dict[str, Any]]:
     """Return a row for each bearing with an alarm on show: its worst alarm, and its present state."""
-    for name, own in annunciator.alarms.items():
-        shown = [alarm for alarm in own.values() if alarm.state in _SHOWN]
+    for name, alarms in annunciator.alarms.items():
+        shown = [alarm for alarm in alarms.values() if alarm.state in _SHOWN]
         if not shown:
             continue
         # What is active comes before what is over and waits.
@@ -127,7 +127,7 @@ def row_records(
             text = f'{worst.text} {text}'
         back = annunciator.causes[name].back if worst.kind is AlarmKind.INPUT_LOST else None
         shift = time_ns - annunciator.now_ns
-        yield _common(worst) | {
+        yield _common_fields(worst) | {
             'state': state.value,
             'sounding': any(alarm.sounding for alarm in shown),
             'silenced': any(alarm.silenced for alarm in shown),
@@ -151,17 +151,21 @@ def state_record(
         'time': time_ns,
         'states': memories or {},
         'bearings': {
-            name: {'alarms': {kind.value: _kept(alarm, annunciator.now_ns) for kind, alarm in own.items()}}
-            for name, own in annunciator.alarms.items()
+            name: {
+                'alarms': {
+                    kind.value: _saved_record(alarm, annunciator.now_ns) for kind, alarm in alarms.items()
+                }
+            }
+            for name, alarms in annunciator.alarms.items()
         },
     }
 
 
-def _kept(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
-    own = {key: getattr(alarm, name) for key, (name, _) in _KEPT.items()}
+def _saved_record(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
+    values = {key: getattr(alarm, name) for key, (name, _) in _KEPT.items()}
     left_ns = max(alarm.shelf_end_ns - now_ns, 0)
     reasons = list(alarm.suppressed_by)
-    return own | {'state': alarm.state.value, 'suppressed_by': reasons, 'shelf_left': left_ns}
+    return values | {'state': alarm.state.value, 'suppressed_by': reasons, 'shelf_left': left_ns}
 
 
 def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> dict[str, Any]:
@@ -176,15 +180,15 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
     Raises:
         AlarmStateError: The document is not one of :func:`state_record`; nothing is taken over.
     """
-    kept_ns = _entry(document, 'time', (int,), 'the document')
-    if (schema := _entry(document, 'schema', (str,), 'the document')) != STATE_SCHEMA:
+    kept_ns = _require_entry(document, 'time', (int,), 'the document')
+    if (schema := _require_entry(document, 'schema', (str,), 'the document')) != STATE_SCHEMA:
         raise AlarmStateError(f'schema = {schema!r} must be {STATE_SCHEMA!r}')
-    bearings = _entry(document, 'bearings', (dict,), 'the document')
+    bearings = _require_entry(document, 'bearings', (dict,), 'the document')
     assert isinstance(document, dict)  # it has a time
     # Those of 0.2.0 may have no memories: the alarms are taken over all the same.
-    memories = _entry({'states': {}, **document}, 'states', (dict,), 'the document')
+    memories = _require_entry({'states': {}, **document}, 'states', (dict,), 'the document')
     for name in bearings:
-        _check(name, bearings[name])
+        _check_saved(name, bearings[name])
     passed_ns = max(time_ns - kept_ns, 0)
     for name in bearings.keys() & annunciator.alarms.keys():
         for kind, record in bearings[name]['alarms'].items():
@@ -199,24 +203,24 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
     return memories
 
 
-def _check(name: str, record: object) -> None:
-    for kind, kept in _entry(record, 'alarms', (dict,), name).items():
-        if kind not in {each.value for each in AlarmKind}:
+def _check_saved(name: str, record: object) -> None:
+    for kind, saved in _require_entry(record, 'alarms', (dict,), name).items():
+        if kind not in {alarm_kind.value for alarm_kind in AlarmKind}:
             raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
         for key, (_, types) in _KEPT.items():
-            _entry(kept, key, types, f'{name}.{kind}')
-        _entry(kept, 'shelf_left', (int,), f'{name}.{kind}')
-        if kept['state'] not in {each.value for each in AlarmState}:
-            raise AlarmStateError(f'{name}.{kind}: there is no state {kept["state"]!r}')
+            _require_entry(saved, key, types, f'{name}.{kind}')
+        _require_entry(saved, 'shelf_left', (int,), f'{name}.{kind}')
+        if saved['state'] not in {alarm_kind.value for alarm_kind in AlarmState}:
+            raise AlarmStateError(f'{name}.{kind}: there is no state {saved["state"]!r}')
 
 
-def _entry(record: object, key: str, types: tuple[type[_T], ...], where: str) -> _T:
+def _require_entry(record: object, key: str, types: tuple[type[_T], ...], where: str) -> _T:
     if not isinstance(record, dict) or key not in record:
         raise AlarmStateError(f"{where} has no '{key}'")
-    found: _T = record[key]
-    if type(found) not in types:
-        raise AlarmStateError(f'{where}: {key} = {found!r} is not of its type')
-    return found
+    value: _T = record[key]
+    if type(value) not in types:
+        raise AlarmStateError(f'{where}: {key} = {value!r} is not of its type')
+    return value
 
 
 def _take_over(alarm: LiveAlarm, record: dict[str, Any]) -> None:
@@ -270,20 +274,20 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
         raise ConfigurationError('a request must be a JSON object')
     if document.get('schema') != ACTION_SCHEMA:
         raise ConfigurationError(f"schema must be '{ACTION_SCHEMA}'")
-    bearing = _choice(document, 'bearing', {name: name for name in bearings})
-    kind = _choice(document, 'alarm', {kind.value: kind for kind in AlarmKind})
+    bearing = _parse_choice(document, 'bearing', {name: name for name in bearings})
+    kind = _parse_choice(document, 'alarm', {kind.value: kind for kind in AlarmKind})
     actions = {action.value: action for action in Action}
     successor = GIVEN_BACK.get(str(document.get('action')))
     if successor is not None:
         raise ConfigurationError(f'action = {document["action"]!r} no longer exists: {successor}')
-    action = _choice(document, 'action', actions)
+    action = _parse_choice(document, 'action', actions)
     if action is None:
         raise ConfigurationError('action = null must be one of ' + ', '.join(actions))
     by, reason = checked_name(document.get('by')), document.get('reason')
     reason = '' if reason is None else reason
     if not isinstance(reason, str) or len(reason) > LONGEST_REASON or not reason.isprintable():
         raise ConfigurationError(
-            f'reason = {_short(reason)} must be at most {LONGEST_REASON} printable characters'
+            f'reason = {_shorten_value(reason)} must be at most {LONGEST_REASON} printable characters'
         )
     return ActionRequest(action, by, bearing, kind, reason.strip())
 
@@ -297,22 +301,22 @@ def checked_name(name: object) -> str:
     text = name.strip() if isinstance(name, str) else ''
     if not text or len(text) > LONGEST_NAME or not text.isprintable():
         raise ConfigurationError(
-            f'by = {_short(name)} must be a name of 1 to {LONGEST_NAME} printable characters'
+            f'by = {_shorten_value(name)} must be a name of 1 to {LONGEST_NAME} printable characters'
         )
     if text.casefold() in RESERVED:
         raise ConfigurationError(f'by = {text!r} is not a name of a person')
     return text
 
 
-def _choice(document: dict[str, Any], field: str, choices: dict[str, _T]) -> _T | None:
+def _parse_choice(document: dict[str, Any], field: str, choices: dict[str, _T]) -> _T | None:
     value = document.get(field)
     if value is None:
         return None
     if not isinstance(value, str) or value not in choices:
-        raise ConfigurationError(f'{field} = {_short(value)} must be one of {", ".join(choices)}')
+        raise ConfigurationError(f'{field} = {_shorten_value(value)} must be one of {", ".join(choices)}')
     return choices[value]
 
 
-def _short(value: object) -> str:
+def _shorten_value(value: object) -> str:
     text = repr(value)
     return text if len(text) <= LONGEST_NAME else f'{text[:LONGEST_NAME]}...'

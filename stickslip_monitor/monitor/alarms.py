@@ -97,14 +97,14 @@ class Causes:
     def holds(self, kind: AlarmKind) -> bool:
         """Return whether the cause is present."""
         if kind in RUNG_OF:
-            there = LADDER.index(self._condition) >= RUNG_OF[kind]
+            is_reached = LADDER.index(self._condition) >= RUNG_OF[kind]
         elif kind is AlarmKind.VIBRATION:
-            there = self._condition is Condition.VIBRATION
+            is_reached = self._condition is Condition.VIBRATION
         elif kind is AlarmKind.INPUT_LOST:
-            there = self._lost or self._lost_until > 0
+            is_reached = self._lost or self._lost_until > 0
         else:
-            there = self._absurd
-        return there or kind in self.recalled
+            is_reached = self._absurd
+        return is_reached or kind in self.recalled
 
     @property
     def back(self) -> tuple[int, int] | None:
@@ -137,7 +137,7 @@ class Causes:
             if before < rung <= now or rung == now:
                 self.texts[kind] = says
 
-    def take_fault(self, place: int, what: str, now_ns: int) -> None:
+    def take_fault(self, place: int, fault: str, now_ns: int) -> None:
         """Take a sample with an invalid value, or one of two mixed sources.
 
         One absurd value is a glitch: the cause is there when they keep coming, within the off-delay of one
@@ -150,7 +150,7 @@ class Causes:
         self._absurd |= now_ns - self._absurd_since >= self.config.alarm.on_delay_ns
         topic = self.config.inputs[INPUTS[place]].topic
         self.texts[AlarmKind.INPUT_IMPLAUSIBLE] = (
-            f'{self.config.name}: Input {INPUTS[place]} implausible: on {topic}, {what}.'
+            f'{self.config.name}: Input {INPUTS[place]} implausible: on {topic}, {fault}.'
         )
 
     def recall(self, kinds: Set[AlarmKind], now_ns: int) -> None:
@@ -182,11 +182,11 @@ class Causes:
         self._turning_since = now_ns if sticking and not resting else None
 
     def is_in_manoeuvre(self, now_ns: int) -> bool:
-        """Whether stick-slip has been predicted so lately that what begins is of the same manoeuvre."""
+        """Return whether stick-slip was predicted so lately that what begins is of the same manoeuvre."""
         return self._ended_ns is not None and now_ns - self._ended_ns < MANOEUVRE_NS
 
     def is_known(self, now_ns: int) -> bool:
-        """Whether somebody has acknowledged stick-slip of this manoeuvre."""
+        """Return whether somebody has acknowledged stick-slip of this manoeuvre."""
         return self._known_ns > 0 and self.is_in_manoeuvre(now_ns)
 
     @property
@@ -215,12 +215,12 @@ class Causes:
 
     def _settle_rest(self, now_ns: int) -> bool:
         """Come to rest after the off-delay, start to turn after the on-delay; return whether that changed."""
-        alarm, asked = self.config.alarm, self._resting_asked
-        delay = alarm.off_delay_ns if asked else alarm.on_delay_ns
-        if asked == self._resting or now_ns - self._resting_since < delay:
+        alarm, resting = self.config.alarm, self._resting_asked
+        delay = alarm.off_delay_ns if resting else alarm.on_delay_ns
+        if resting == self._resting or now_ns - self._resting_since < delay:
             return False
-        self._resting = asked
-        if not asked:
+        self._resting = resting
+        if not resting:
             self._start_up_until = now_ns + alarm.startup_inhibit_ns
         return True
 
@@ -294,14 +294,14 @@ out_of_service
 in the table changes nothing, and a person's action that is not in it is refused."""
 
 
-def _choices(text: str) -> Iterator[tuple[str, AlarmState]]:
+def _parse_choices(text: str) -> Iterator[tuple[str, AlarmState]]:
     for choice in text.split(', '):
         state, _, fact = choice.removeprefix('else ').partition(' if ')
         yield fact, AlarmState(state)
 
 
 TABLE = {
-    (AlarmState(state), Trigger(trigger)): tuple(_choices(choices))
+    (AlarmState(state), Trigger(trigger)): tuple(_parse_choices(choices))
     for states, trigger, choices in (row.split(' | ') for row in LIFE.splitlines())
     for state in states.split(', ')
 }

@@ -116,8 +116,8 @@ class _Assessed(Generic[_Number]):
     @cached_property
     def scale(self) -> _Number:
         """``s`` of :mod:`stickslip_monitor.physics.lubrication`: 1 where friction depends on speed alone."""
-        own = self.bearing.lubrication
-        factor: Any = 1.0 if own is None else own.scale(self.load, self.temperature)
+        lubrication = self.bearing.lubrication
+        factor: Any = 1.0 if lubrication is None else lubrication.scale(self.load, self.temperature)
         return factor
 
     @property
@@ -128,19 +128,19 @@ class _Assessed(Generic[_Number]):
         with np.errstate(all='ignore'):
             return as_measured(self.bearing), self.speed / self.scale, self.load / self.scale
 
-    def _each(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
+    def _apply_flat(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
         """Apply a function of flat arrays to columns of one shape, element by element, finite or not."""
         shape, flat = flatten(*columns)
         with np.errstate(all='ignore'):
             return restore(in_blocks(lambda *parts: (function(*parts),), *flat)[0], shape)
 
-    def _margin(self, boundary: _Number) -> _Number:
+    def _margin_to(self, boundary: _Number) -> _Number:
         def known(speed: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
             return np.where(code == NOT_FINITE, np.nan, margin(np.abs(speed), limit))
 
-        return self._each(known, self.speed, boundary, self.outcome_code)
+        return self._apply_flat(known, self.speed, boundary, self.outcome_code)
 
-    def _cycle(
+    def _cycle_amplitude(
         self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
     ) -> _Number:
         """Return an amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
@@ -155,16 +155,16 @@ class _Assessed(Generic[_Number]):
                 result[rows] = solve(reference, size[rows], load[rows])
             return result
 
-        found = self._each(solved, *point, self.outcome_code, self.fold_speed_kbm / self.scale)
-        return found * self.scale
+        amplitude = self._apply_flat(solved, *point, self.outcome_code, self.fold_speed_kbm / self.scale)
+        return amplitude * self.scale
 
     def _load_of(self, boundary: Callable[[Bearing, ArrayLike], Any]) -> _Number:
         """Return the load of a boundary at each speed [N]; ``nan`` without one."""
-        own = self.bearing.lubrication
-        if own is None or self.temperature is None:
+        lubrication = self.bearing.lubrication
+        if lubrication is None or self.temperature is None:
             return mapped(lambda v, _: boundary(self.bearing, v), self.speed, self.load)
-        reference, ratio = as_measured(self.bearing), own.ratio_at(self.temperature)
-        load = load_over_speed(own, partial(boundary, reference), self.speed, ratio)
+        reference, ratio = as_measured(self.bearing), lubrication.ratio_at(self.temperature)
+        load = load_over_speed(lubrication, partial(boundary, reference), self.speed, ratio)
         return load + 0.0 * self.load
 
     @property
@@ -181,22 +181,22 @@ class _Assessed(Generic[_Number]):
             known = (kbm > 0.0) & (kbm < np.inf) & (fold > 0.0) & (fold < np.inf)
             return np.divide(kbm, fold, out=np.ones(fold.shape), where=known)
 
-        return self._each(share, self.fold_speed_kbm, self.fold_speed)
+        return self._apply_flat(share, self.fold_speed_kbm, self.fold_speed)
 
     @cached_property
     def hopf_margin(self) -> _Number:
         """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
-        return self._margin(self.hopf_speed)
+        return self._margin_to(self.hopf_speed)
 
     @cached_property
     def fold_margin(self) -> _Number:
         """``|V|/V_F - 1`` [-] of the fold that decides, as :attr:`hopf_margin`."""
-        return self._margin(self.fold_speed)
+        return self._margin_to(self.fold_speed)
 
     @cached_property
     def fold_margin_kbm(self) -> _Number:
         """The margin to the averaged fold [-], which decides nothing."""
-        return self._margin(self.fold_speed_kbm)
+        return self._margin_to(self.fold_speed_kbm)
 
     @property
     def stability_margin(self) -> _Number:
@@ -221,7 +221,7 @@ class _Assessed(Generic[_Number]):
     @cached_property
     def amplitude(self) -> _Number:
         """Displacement amplitude of the stick-slip cycle under averaging [m]; ``nan`` for none."""
-        return self._cycle(averaging.stable_amplitude, BISTABLE, STICK_SLIP)
+        return self._cycle_amplitude(averaging.stable_amplitude, BISTABLE, STICK_SLIP)
 
     @cached_property
     def threshold_amplitude(self) -> _Number:
@@ -230,13 +230,13 @@ class _Assessed(Generic[_Number]):
         There a larger disturbance starts stick-slip. Where averaging has no such cycle, as under
         Coulomb's law, it is the sliding limit ``V/omega``: what reaches the journal's speed sticks.
         """
-        limit = self._each(np.abs, self.speed) / self.bearing.natural_frequency
+        limit = self._apply_flat(np.abs, self.speed) / self.bearing.natural_frequency
 
-        def known(found: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
-            return np.where(np.isnan(found) & (code == BISTABLE), limit, found)
+        def known(amplitude: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+            return np.where(np.isnan(amplitude) & (code == BISTABLE), limit, amplitude)
 
-        found = self._cycle(averaging.threshold_amplitude, BISTABLE)
-        return self._each(known, found, limit, self.outcome_code)
+        amplitude = self._cycle_amplitude(averaging.threshold_amplitude, BISTABLE)
+        return self._apply_flat(known, amplitude, limit, self.outcome_code)
 
     @cached_property
     def amplitude_exact(self) -> _Number:
@@ -348,11 +348,11 @@ class Assessments(_Assessed[FloatArray]):
         """Return some of the points, of one-dimensional arrays; one of them for a number."""
         single = isinstance(rows, int | np.integer)
         columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        known = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}
-        stored = [known.pop(name) for name in _STORED]
-        found = _KINDS[single](*stored, self.bearing, self.belief, self.temperature)
-        vars(found).update(known)
-        return found
+        columns_at = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}
+        stored = [columns_at.pop(name) for name in _STORED]
+        assessment = _KINDS[single](*stored, self.bearing, self.belief, self.temperature)
+        vars(assessment).update(columns_at)
+        return assessment
 
 
 _KINDS: dict[bool, Callable[..., Assessment | Assessments]] = {True: Assessment, False: Assessments}
@@ -420,21 +420,21 @@ def assess(
     shape, (v, n) = flatten(speed, load)
     if table is None and v.size > _FEW:
         table = known_table(bearing)
-    own, water = bearing.lubrication, None
-    if own is not None and temperature is not None:
+    lubrication, water = bearing.lubrication, None
+    if lubrication is not None and temperature is not None:
         water = np.broadcast_to(np.asarray(temperature, float), shape).reshape(-1)
     with np.errstate(all='ignore'):
-        scale = 1.0 if own is None else own.scale(n, water)
-        code, *limits = in_blocks(partial(_judge, as_measured(bearing), table), v / scale, n / scale)
+        scale = 1.0 if lubrication is None else lubrication.scale(n, water)
+        code, *limits = in_blocks(partial(_judge_points, as_measured(bearing), table), v / scale, n / scale)
         columns = (code, *(limit * scale for limit in limits))
     stored = (restore(part, shape) for part in (v, n, *columns))
-    found = _KINDS[not shape](*stored, bearing, belief, None if water is None else restore(water, shape))
+    assessment = _KINDS[not shape](*stored, bearing, belief, None if water is None else restore(water, shape))
     if belief is not None:
-        vars(found).update(zip(BELIEFS, chances, strict=False))
-    return found
+        vars(assessment).update(zip(BELIEFS, chances, strict=False))
+    return assessment
 
 
-def _judge(
+def _judge_points(
     bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
     """Return outcome, Hopf speed, the fold that decides and the averaged one, of flat arrays."""

@@ -38,9 +38,9 @@ def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str
     """
     topics: dict[str, str] = {}
     for bearing in bearings:
-        own = f'{node}/{bearing.name}'
-        topics |= {f'{own}/{name}': record_fields.FLOAT64 for name in topic_numbers(bearing)}
-        topics |= {f'{own}/{name}': record_fields.STRING for name in topic_words(bearing)}
+        prefix = f'{node}/{bearing.name}'
+        topics |= {f'{prefix}/{name}': record_fields.FLOAT64 for name in topic_numbers(bearing)}
+        topics |= {f'{prefix}/{name}': record_fields.STRING for name in topic_words(bearing)}
     return topics | {
         f'{node}/warnings': record_fields.STRING,
         '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
@@ -49,8 +49,8 @@ def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str
 
 def topic_numbers(bearing: BearingConfig) -> tuple[str, ...]:
     """Return the numbers that have a topic of their own, by the topic's last part; amplitudes come first."""
-    own = _with_topic(bearing, record_fields.FLOAT64)
-    return tuple(sorted(own, key=lambda name: name not in WITHOUT_CYCLE))
+    rows = _with_topic(bearing, record_fields.FLOAT64)
+    return tuple(sorted(rows, key=lambda name: name not in WITHOUT_CYCLE))
 
 
 def topic_words(bearing: BearingConfig) -> tuple[str, ...]:
@@ -227,13 +227,13 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
 
 def _input_record(state: BearingState, name: str) -> dict[str, Any]:
     bearing, place = state.bearing, INPUTS.index(name)
-    known, counts = state.inputs.get(name, InputState()), bearing.counts[place]
+    input_state, counts = state.inputs.get(name, InputState()), bearing.counts[place]
     return {
         'lost': _is_lost(bearing, place),
-        'age': number(known.age),
-        'rate': number(known.rate),
-        'fault': known.fault,
-        'counts': {each.name.lower(): int(counts[each]) for each in Status},
+        'age': number(input_state.age),
+        'rate': number(input_state.rate),
+        'fault': input_state.fault,
+        'counts': {status.name.lower(): int(counts[status]) for status in Status},
     }
 
 
@@ -265,15 +265,17 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
     }
     values |= {f'{name} age [s]': age for name, age in bearing.lost().items()}
     values |= {f'{name} fault': text for name, text in state.faults.items()}
-    for name, own in record['inputs'].items():
-        values |= {f'{name} samples {key.replace("_", " ")}': count for key, count in own['counts'].items()}
-    name, written = bearing.config.name, {key: _written(value) for key, value in values.items()}
+    for name, input_record in record['inputs'].items():
+        values |= {
+            f'{name} samples {key.replace("_", " ")}': count for key, count in input_record['counts'].items()
+        }
+    name, written = bearing.config.name, {key: _write_value(value) for key, value in values.items()}
     return DiagnosticRecord(
         state.severity, f'{node}: {name}', hardware_id(node, name), record['text'], written
     )
 
 
-def _written(value: str | float | None) -> str:
+def _write_value(value: str | float | None) -> str:
     if isinstance(value, str):
         return value
     return str(value).lower() if isinstance(value, bool) else f'{math.nan if value is None else value:.9g}'

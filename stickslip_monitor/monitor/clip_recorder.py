@@ -87,7 +87,7 @@ class ClipRecorder:
         self.advance(message.time_ns)
         self._past.append(message)
         self._past_size += message.size
-        self._forget()
+        self._drop_old()
         if self._event is not None:
             self._taken.append(message)
             self._taken_size += message.size
@@ -129,7 +129,7 @@ class ClipRecorder:
         self._done.append(clip)
         self._event, self._taken = None, []
 
-    def _forget(self) -> None:
+    def _drop_old(self) -> None:
         """Drop what is too old, or too much."""
         oldest = self.now_ns - self.config.around_ns
         while self._past and (self._past[0].time_ns < oldest or self._past_size > self.config.size // 2):

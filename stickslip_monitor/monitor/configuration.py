@@ -68,7 +68,7 @@ class _UnusableCalibration(ConfigurationError):
     """A calibration that is missing, damaged or of another version, without which a ship is monitored too."""
 
 
-def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _read_calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Read the file of a bearing's calibration, made with sensors as :func:`sensor_record` has them now."""
     try:
         document = read_json(path, LARGEST_JSON)
@@ -76,8 +76,8 @@ def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]])
         raise _UnusableCalibration(f'{path}: {error.strerror or error}') from error
     except ValueError as error:
         raise _UnusableCalibration(f'{path} is not JSON: {error}') from error
-    found: dict[str, Any] = document if isinstance(document, dict) else {}
-    schema = found.get('schema')
+    content: dict[str, Any] = document if isinstance(document, dict) else {}
+    schema = content.get('schema')
     if schema == _LAST_SCHEMA:
         raise _UnusableCalibration(
             f'{path} was made by an earlier version, which weighed its evidence by another model:'
@@ -89,9 +89,9 @@ def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]])
             f'{path} has the schema {schema!r} and must have {CALIBRATION_SCHEMA!r}: make it with'
             ' stickslip calibrate'
         )
-    if found.get('bearing') != name:
-        raise ConfigurationError(f"{path} is a calibration of '{found.get('bearing')}' and not of '{name}'")
-    past = found.get('inputs')
+    if content.get('bearing') != name:
+        raise ConfigurationError(f"{path} is a calibration of '{content.get('bearing')}' and not of '{name}'")
+    past = content.get('inputs')
     for quantity, now in sensors.items():
         then = past.get(quantity) if isinstance(past, dict) else None
         if not isinstance(then, dict):
@@ -103,7 +103,7 @@ def _calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]])
                     f'{path} was made with {quantity}.{key} = {before!r}, and it is {after!r} now:'
                     ' a calibration holds for its own sensors only, so calibrate anew'
                 )
-    return found
+    return content
 
 
 def _calibrated(
@@ -132,14 +132,16 @@ def _calibrated(
     return found, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
 
 
-def _with_law(bearing: Bearing, own: Mapping[str, Any]) -> Bearing:
+def _with_law(bearing: Bearing, values: Mapping[str, Any]) -> Bearing:
     """Return a bearing with the damping and the law of a calibration."""
     every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)
     rows = {row.name: replace(row, default=REQUIRED) for row in every}
-    make, names = LAWS[rows['friction.law'].checked('friction.law', own)]
-    given = {key: rows[key].checked(key, own) for key in (f'friction.{name}' for name in names) if key in own}
+    make, names = LAWS[rows['friction.law'].checked('friction.law', values)]
+    given = {
+        key: rows[key].checked(key, values) for key in (f'friction.{name}' for name in names) if key in values
+    }
     law = make(**{key.removeprefix('friction.'): value for key, value in given.items()})
-    return replace(bearing, damping=rows['damping'].checked('damping', own), friction=law)
+    return replace(bearing, damping=rows['damping'].checked('damping', values), friction=law)
 
 
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
@@ -187,11 +189,15 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
     values = _with_lists_of_where(values)
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
-    notes = _retired(values, names)
+    notes = _check_retired(values, names)
     sections = [_Section(name, values, is_live=is_live) for name in names]
     bearings = tuple(section.build() for section in sections)
     notes += [note for s, bearing in zip(sections, bearings, strict=True) for note in s.unused(bearing)]
-    notes += [f'{each.name}: {note}' for each in bearings if (note := note_on_table(each.bearing))]
+    notes += [
+        f'{item_config.name}: {note}'
+        for item_config in bearings
+        if (note := note_on_table(item_config.bearing))
+    ]
     clips = filled(parameters.ClipConfig, 'clips.', node)
     faults = tuple(section.fault for section in sections if section.fault)
     return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes), faults=faults)
@@ -225,23 +231,23 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     return names
 
 
-def _retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
+def _check_retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
     """Return a sentence on each parameter without effect; refuse what is not known at all."""
-    known, notes = parameters.parameters_of(names), []
-    for key in (each for each in values if each not in known):
-        head, _, own = key.partition('.')
-        members = [name for name in known if name.startswith(f'{head}.')]
-        if own and head not in names and not members:
+    allowed, notes = parameters.parameters_of(names), []
+    for key in (each for each in values if each not in allowed):
+        head, _, parameter = key.partition('.')
+        members = [name for name in allowed if name.startswith(f'{head}.')]
+        if parameter and head not in names and not members:
             near = did_you_mean(head, [*names, QOS_OVERRIDES])
             raise ConfigurationError(
                 f"section '{head}' is not a bearing: add it to bearings, which lists {', '.join(names)}{near}"
             )
-        if own not in parameters.RETIRED:
+        if parameter not in parameters.RETIRED:
             # Of the few of the node's own sections all are named.
             listed = f'; {head} has {", ".join(members)}' if members and head not in names else ''
-            hint = did_you_mean(key, known) or listed
+            hint = did_you_mean(key, allowed) or listed
             raise ConfigurationError(f"unknown parameter '{key}' = {values[key]!r}{hint}")
-        why = parameters.RETIRED[own]
+        why = parameters.RETIRED[parameter]
         notes.append(f'{key} has no effect and will be refused in a later version: {why}')
     return notes
 
@@ -254,7 +260,7 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
         return values
     torsional_names = ', '.join(each.name for each in parameters.TORSIONAL_PARAMETERS.values())
     diameter = rows['journal_diameter'].checked(f'{name}.journal_diameter', values)
-    found = dict(values)
+    converted = dict(values)
     for key, row in parameters.TORSIONAL_PARAMETERS.items():
         if f'{name}.{key}' in values:
             raise ConfigurationError(
@@ -262,16 +268,16 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
                 f' stiffness, or {torsional_names}'
             )
         torsional = replace(row, default=REQUIRED).checked(f'{name}.{row.name}', values)
-        found[f'{name}.{key}'] = torsional / (0.25 * diameter * diameter)
-    return found
+        converted[f'{name}.{key}'] = torsional / (0.25 * diameter * diameter)
+    return converted
 
 
 def _in_any_water(bearing: Bearing) -> Bearing:
     """Return the bearing that a belief is made of: the same in water of any temperature."""
-    own = bearing.lubrication
-    if own is None:
+    lubrication = bearing.lubrication
+    if lubrication is None:
         return bearing
-    return replace(bearing, lubrication=replace(own, viscosity_ratio=1.0, water_temperature=math.nan))
+    return replace(bearing, lubrication=replace(lubrication, viscosity_ratio=1.0, water_temperature=math.nan))
 
 
 # A live parameter that changes makes the whole configuration anew.
@@ -315,7 +321,7 @@ class _Section:
         values, rows = _at_surface(name, values), parameters.BEARING_PARAMETERS
         self.name, self._own = name, {row.name: row.checked(f'{name}.{row.name}', values) for row in rows}
 
-    def _shown(self, key: str, unit: str = '') -> str:
+    def _show(self, key: str, unit: str = '') -> str:
         """Write a parameter and its value, as every refusal names them."""
         value = self._own[key]
         text = f'{value:g} {unit}'.rstrip() if isinstance(value, float) else repr(value)
@@ -323,23 +329,28 @@ class _Section:
 
     def build(self) -> BearingConfig:
         """Build the bearing, or raise with one sentence why not."""
-        own, name = self._own, self.name
-        lining = {row.name: own[row.name] for row in parameters.LINING_PARAMETERS}
+        values, name = self._own, self.name
+        lining = {row.name: values[row.name] for row in parameters.LINING_PARAMETERS}
         tolerance = Tolerance(
-            **{row.name.removeprefix('tolerance.'): own[row.name] for row in parameters.TOLERANCE_PARAMETERS}
+            **{
+                row.name.removeprefix('tolerance.'): values[row.name]
+                for row in parameters.TOLERANCE_PARAMETERS
+            }
         )
         try:
-            bearing = Bearing(**lining, friction=self._friction(), lubrication=self._lubrication())
+            bearing = Bearing(
+                **lining, friction=self._build_friction(), lubrication=self._build_lubrication()
+            )
         except PhysicsError as error:
             raise ConfigurationError(f'{name}: {error}') from error
-        alarm = filled(parameters.AlarmConfig, 'alarm.', own)
-        if math.isnan(own['speed.maximum']):
+        alarm = filled(parameters.AlarmConfig, 'alarm.', values)
+        if math.isnan(values['speed.maximum']):
             fastest = parameters.FASTEST_RPM * float(bearing.speed.factor('rpm'))
-            own['speed.maximum'] = min(parameters.FASTEST, fastest)
-        if alarm.minimum_speed >= own['speed.maximum']:
-            rest, most = self._shown('alarm.minimum_speed', 'm/s'), self._shown('speed.maximum', 'm/s')
-            raise ConfigurationError(f'{rest} must be below {most}')
-        speed = self._build_speed(float(bearing.speed.factor(own['speed.unit'])), alarm.minimum_speed)
+            values['speed.maximum'] = min(parameters.FASTEST, fastest)
+        if alarm.minimum_speed >= values['speed.maximum']:
+            rest, maximum = (self._show('alarm.minimum_speed', 'm/s'), self._show('speed.maximum', 'm/s'))
+            raise ConfigurationError(f'{rest} must be below {maximum}')
+        speed = self._build_speed(float(bearing.speed.factor(values['speed.unit'])), alarm.minimum_speed)
         load = self._build_load(speed, float(bearing.speed.factor('rpm')))
         if not load.is_assumed:
             self._require_other_field('load', load, {'speed': speed})
@@ -361,7 +372,7 @@ class _Section:
         if path:
             sensors = {name: sensor_record(source) for name, source in inputs.items()}
             try:
-                return _calibrated(path, _calibration(path, self.name, sensors), bearing, tolerance)
+                return _calibrated(path, _read_calibration(path, self.name, sensors), bearing, tolerance)
             except _UnusableCalibration as error:
                 if not self._is_live:
                     raise
@@ -371,7 +382,7 @@ class _Section:
                 )
         return bearing, None if tolerance.is_exact else _of_tolerance(_in_any_water(bearing), tolerance)
 
-    def _friction(self) -> FrictionLaw:
+    def _build_friction(self) -> FrictionLaw:
         law = self._own['friction.law']
         make, names = LAWS[law]
         optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.optional}
@@ -385,34 +396,34 @@ class _Section:
                 )
         return make(*(self._own[f'friction.{key}'] for key in names))
 
-    def _lubrication(self) -> Lubrication | None:
+    def _build_lubrication(self) -> Lubrication | None:
         """Return the load and the water at which friction was measured; ``None`` where neither matters."""
-        own = self._own
-        exponent, water = own['friction.load_exponent'], own['water_temperature.constant']
+        values = self._own
+        exponent, water = values['friction.load_exponent'], values['water_temperature.constant']
         source = self._water_key()
-        for given, key, needed, what in (
+        for given, key, needed, meaning in (
             (exponent > 0.0, 'friction.load_exponent', 'friction.at_load', 'load'),
             (bool(source), source, 'friction.at_temperature', 'temperature'),
         ):
-            if given and math.isnan(own[needed]):
+            if given and math.isnan(values[needed]):
                 raise ConfigurationError(
-                    f"parameter '{self.name}.{needed}' is missing: {self._shown(key)} needs the {what}"
+                    f"parameter '{self.name}.{needed}' is missing: {self._show(key)} needs the {meaning}"
                     ' at which friction was measured'
                 )
         if exponent == 0.0 and not source:
             return None
-        at_salinity, salinity = own['friction.at_salinity'], own['water_temperature.salinity']
+        at_salinity, salinity = values['friction.at_salinity'], values['water_temperature.salinity']
         lubrication = Lubrication(
-            own['friction.at_load'] if exponent > 0.0 else 1.0,
+            values['friction.at_load'] if exponent > 0.0 else 1.0,
             exponent,
-            own['friction.at_temperature'],
+            values['friction.at_temperature'],
             salinity if math.isnan(at_salinity) else at_salinity,
             salinity,
         )
         if not source:
             return lubrication
         # Until a temperature has come friction is taken as measured.
-        return lubrication.at(own['friction.at_temperature'] if math.isnan(water) else water)
+        return lubrication.at(values['friction.at_temperature'] if math.isnan(water) else water)
 
     def _water_key(self) -> str:
         """Return the parameter by which the water has a temperature; empty for none."""
@@ -435,7 +446,7 @@ class _Section:
         for row in parameters.BEARING_PARAMETERS:
             if row.is_default(self._own[row.name]):
                 continue
-            shown = f'{self._shown(row.name, row.unit)} has no effect'
+            shown = f'{self._show(row.name, row.unit)} has no effect'
             if row.name in of_load and without_load:
                 yield f'{shown} without friction.load_exponent: friction depends on speed alone'
             elif row.name in of_water and without_water:
@@ -451,10 +462,10 @@ class _Section:
         """Return the input of the speed, over the gear of an engine; ``factor`` is its unit in m/s."""
         settings = self._own
         if settings['speed.gear'] != 1.0:
-            gear = self._shown('speed.gear')
+            gear = self._show('speed.gear')
             if settings['speed.scale'] != 1.0:
                 raise ConfigurationError(
-                    f'{gear} and {self._shown("speed.scale")} are both given: a gear takes the place of a'
+                    f'{gear} and {self._show("speed.scale")} are both given: a gear takes the place of a'
                     ' scale'
                 )
             if settings['speed.unit'] == 'm/s':
@@ -470,16 +481,16 @@ class _Section:
         given = [key for key in parameters.ASSUMED_LOADS if not _is_left_out(settings[key])]
         if not given:
             return self._build_input(LoadConfig, 'load', factor)
-        shown = self._shown(given[0], settings['load.unit'])
+        shown = self._show(given[0], settings['load.unit'])
         for key in (*given[1:], *(key for key in ('load.topic', 'load.column') if settings[key])):
             raise ConfigurationError(
-                f'{shown} and {self._shown(key)} are both given: the load is measured, constant, or from a'
+                f'{shown} and {self._show(key)} are both given: the load is measured, constant, or from a'
                 ' table'
             )
         table = self._load_table(factor, per_rpm) if settings['load.over_speed'] else ((), ())
         for load in table[1] or (settings['load.constant'] * factor,):
             if not 0.0 < load <= settings['load.maximum']:
-                limit = self._shown('load.maximum', 'N')
+                limit = self._show('load.maximum', 'N')
                 raise ConfigurationError(f'{shown} must be above 0 and not above {limit}')
         beside = {
             'load.topic': speed.topic,
@@ -502,37 +513,39 @@ class _Section:
 
     def _build_input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
         """Return the configuration of one input, of that dataclass."""
-        name, own = f'{self.name}.{quantity}', self._own
-        topic = own[f'{quantity}.topic']
-        if not topic and not own[f'{quantity}.column']:
+        name, values = f'{self.name}.{quantity}', self._own
+        topic = values[f'{quantity}.topic']
+        if not topic and not values[f'{quantity}.column']:
             assumed = f', or {name}.constant or {name}.over_speed where nothing measures it'
             remedy = assumed if quantity == 'load' else ''
             raise ConfigurationError(
                 f"parameter '{name}.topic' is missing: give the topic that carries the {quantity},"
                 f' {name}.column for a log{remedy}'
             )
-        if len(own[f'{quantity}.where']) % 2:
+        if len(values[f'{quantity}.where']) % 2:
             rule = 'pairs of a column of a log and its text, as in {shaft: port}'
-            raise refused(f'{name}.where', own[f'{quantity}.where'], rule)
+            raise refused(f'{name}.where', values[f'{quantity}.where'], rule)
         if topic:
             check_topic(f'{name}.topic =', topic)
-        if not _TYPE.fullmatch(own[f'{quantity}.type']):
+        if not _TYPE.fullmatch(values[f'{quantity}.type']):
             raise ConfigurationError(
-                f'{self._shown(f"{quantity}.type")} must be written package/msg/Type, e.g.'
+                f'{self._show(f"{quantity}.type")} must be written package/msg/Type, e.g.'
                 ' std_msgs/msg/Float64'
             )
         try:
-            path: FieldPath = parse_field(own[f'{quantity}.field'])
+            path: FieldPath = parse_field(values[f'{quantity}.field'])
         except FieldError as error:
             raise ConfigurationError(f'{name}.field: {error}') from error
-        return filled(kind, f'{quantity}.', own, field=path, factor=factor, deadband=deadband)
+        return filled(kind, f'{quantity}.', values, field=path, factor=factor, deadband=deadband)
 
-    def _require_other_field(self, name: str, own: InputConfig, others: Mapping[str, InputConfig]) -> None:
-        for beside, other in others.items():
-            if own.topic and (own.topic, own.field) == (other.topic, other.field):
+    def _require_other_field(
+        self, name: str, source: InputConfig, sources: Mapping[str, InputConfig]
+    ) -> None:
+        for beside, source_beside in sources.items():
+            if source.topic and (source.topic, source.field) == (source_beside.topic, source_beside.field):
                 raise ConfigurationError(
                     f'{self.name}.{name} is read from the same field as the {beside},'
-                    f' {own.topic} {own.field_text}: it must be a number of its own'
+                    f' {source.topic} {source.field_text}: it must be a number of its own'
                 )
 
     def _is_measured(self, name: str, subject: str, beside: Sequence[str] = ()) -> bool:
@@ -547,7 +560,7 @@ class _Section:
         for row in parameters.INPUT_PARAMETERS[name]:
             if row.name not in beside and not row.is_default(settings[row.name]):
                 raise ConfigurationError(
-                    f"parameter '{self.name}.{name}.topic' is missing, and {self._shown(row.name)} is"
+                    f"parameter '{self.name}.{name}.topic' is missing, and {self._show(row.name)} is"
                     f' given: name the topic of {subject}'
                 )
         return False
@@ -561,25 +574,25 @@ class _Section:
         self._require_other_field('water_temperature', water, others)
         return water
 
-    def _build_level(self, others: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
+    def _build_level(self, sources: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
         """Return the input of measured vibration; ``None`` where there is none."""
         if not self._is_measured('level', 'the measured vibration'):
             return None
         level = self._build_input(parameters.LevelConfig, 'level', 1.0)
-        threshold = self._shown('level.threshold', level.unit)
+        threshold = self._show('level.threshold', level.unit)
         if level.threshold <= 0.0 and level.unit != 'dB':
             raise ConfigurationError(
                 f'{threshold} must be above 0, as every RMS value is; for a level in decibels set level.unit'
                 ' to dB'
             )
         if abs(level.threshold) > level.maximum:
-            most = self._shown('level.maximum', level.unit)
-            raise ConfigurationError(f'{threshold} must not be above {most}: a value beyond is invalid')
-        self._require_other_field('level', level, others)
-        for quantity, other in others.items():
-            if level.topic and level.topic == other.topic and level.type != other.type:
+            maximum = self._show('level.maximum', level.unit)
+            raise ConfigurationError(f'{threshold} must not be above {maximum}: a value beyond is invalid')
+        self._require_other_field('level', level, sources)
+        for quantity, source in sources.items():
+            if level.topic and level.topic == source.topic and level.type != source.type:
                 raise ConfigurationError(
-                    f'{self._shown("level.type")} must be that of {self.name}.{quantity}, {other.type!r}:'
+                    f'{self._show("level.type")} must be that of {self.name}.{quantity}, {source.type!r}:'
                     f' both are read from {level.topic}'
                 )
         return level
@@ -621,8 +634,8 @@ def asked(config: BearingConfig, load: float | None = None) -> list[str]:
     """Write the :func:`questions` as sentences; without a load at the largest assumed one, if any."""
     if load is None:
         load = 0.0 if config.load.assumed is None else config.load.assumed[1]
-    found = questions(config, load)
-    return [f'{config.name}: {name} {clause}' for name, clauses in found.items() for clause in clauses]
+    answers = questions(config, load)
+    return [f'{config.name}: {name} {clause}' for name, clauses in answers.items() for clause in clauses]
 
 
 def _of_averages(source: InputConfig) -> Iterator[str]:
@@ -645,13 +658,13 @@ def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
             f'counts as rest up to {rest:g} m/s ({rpm:.3g} rpm), {rest / fold:.2g} times the fold'
             ' speed: is alarm.minimum_speed in m/s?'
         )
-    asked = list(_of_friction(config, load))
-    if not asked and load > 0.0 and diameter < THICKEST and fold_of(config, FACTOR * load) == math.inf:
-        asked.append(
+    texts = list(_of_friction(config, load))
+    if not texts and load > 0.0 and diameter < THICKEST and fold_of(config, FACTOR * load) == math.inf:
+        texts.append(
             f'has no boundary at any load up to {FACTOR:g} times the largest seen, {load:.4g} N: are the'
             ' friction law, units, scales and topics of speed and load right?'
         )
-    yield from asked
+    yield from texts
 
 
 def _of_load(config: BearingConfig, load: float) -> Iterator[str]:

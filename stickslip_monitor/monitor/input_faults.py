@@ -133,24 +133,24 @@ class SourceWatch:
         origin, self._origin = self._origin, before
         returns = abs(si - origin) <= _TOLERANCE * height
         late = self._count > 0 and arrival_ns - self._last_ns > HOLD_NS
-        self._weaken(self._count if late else 0 if returns else _PENALTY)
+        self._weaken_evidence(self._count if late else 0 if returns else _PENALTY)
         self._take_run(run, counts=returns and self._count > 0)
-        return self._returned(arrival_ns, (min(before, si), max(before, si))) if returns else None
+        return self._count_evidence(arrival_ns, (min(before, si), max(before, si))) if returns else None
 
     def see_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
         """:meth:`see` of values of shape (n,); what cannot be a jump costs nothing."""
-        known = np.flatnonzero(np.isfinite(si))
-        values = np.append(self._value, np.abs(si[known]) if self.least_gap > 0.0 else si[known])
+        rows = np.flatnonzero(np.isfinite(si))
+        values = np.append(self._value, np.abs(si[rows]) if self.least_gap > 0.0 else si[rows])
         seen = _may_jump(values)
-        found, done = [], 0
+        faults, done = [], 0
         for k in np.flatnonzero(seen).tolist():
             self._value = float(values[k])
             self._run += k - done
-            found.append(self.see(int(arrival_ns[known[k]]), float(values[k + 1])))
+            faults.append(self.see(int(arrival_ns[rows[k]]), float(values[k + 1])))
             done = k + 1
         self._value = float(values[-1])
-        self._run += known.size - done
-        return [fault for fault in found if fault is not None]
+        self._run += rows.size - done
+        return [fault for fault in faults if fault is not None]
 
     def see_steady(self, si: FloatArray) -> bool:
         """Take finite values of shape (n,) at once and return whether all were taken as harmless."""
@@ -164,7 +164,7 @@ class SourceWatch:
     def standing(self, now_ns: int) -> SourceFault | None:
         """Return the fault that stands at a time of arrival [ns]."""
         if now_ns - self._last_ns > HOLD_NS:
-            self._weaken(self._count)
+            self._weaken_evidence(self._count)
         return self._fault
 
     def _take_run(self, run: int, *, counts: bool) -> None:
@@ -175,20 +175,20 @@ class SourceWatch:
             self._here = self._there = 0.0
         self._here, self._there, self._run = self._there, self._here, 1
         if self._fault is not None:
-            self._fault = self._fault.with_share(self._share())
+            self._fault = self._fault.with_share(self._rarer_share())
 
-    def _share(self) -> float:
+    def _rarer_share(self) -> float:
         """Return the share of the values that are on the rarer level."""
-        both = self._here + self._there
-        return min(self._here, self._there) / both if both else 0.0
+        total = self._here + self._there
+        return min(self._here, self._there) / total if total else 0.0
 
-    def _weaken(self, by: int) -> None:
+    def _weaken_evidence(self, by: int) -> None:
         """Take evidence away."""
         self._count = max(0, self._count - by)
         if not self._count:
             self._fault = None
 
-    def _returned(self, now_ns: int, levels: tuple[float, float]) -> SourceFault | None:
+    def _count_evidence(self, now_ns: int, levels: tuple[float, float]) -> SourceFault | None:
         """Count one more piece of evidence; return the fault where it raises one."""
         if not self._count:
             self._since_ns = now_ns
@@ -198,7 +198,7 @@ class SourceWatch:
         # Only a speed has a least distance: a load may well come and go.
         pulses = self.least_gap > 0.0 and 0.0 in levels
         kind = SourceFaultKind.FEW_PULSES if pulses else SourceFaultKind.TWO_LEVELS
-        share = self._share()
+        share = self._rarer_share()
         self._fault = SourceFault(kind, self._since_ns, now_ns, levels, share, share >= MIXED)
         return self._fault
 
@@ -281,13 +281,13 @@ def input_fault(facts: InputFacts) -> str:
             f' {STATUS_SENTENCES[facts.reason]}.'
         )
     if facts.lost and not facts.receiving:
-        return _silence(facts)
+        return _silence_text(facts)
     if facts.stuck:
         return f'The level on {topic} never changes: its sensor is stuck.'
-    heard = [one for one in publishers or () if one.type == facts.type and not one.qos_fault and one.sends]
-    if len(heard) > 1:
-        names = ', '.join(sorted({publisher.node for publisher in heard}))
-        return f'{len(heard)} publishers send on {topic} ({names}): their values are mixed.'
+    usable = [one for one in publishers or () if one.type == facts.type and not one.qos_fault and one.sends]
+    if len(usable) > 1:
+        names = ', '.join(sorted({publisher.node for publisher in usable}))
+        return f'{len(usable)} publishers send on {topic} ({names}): their values are mixed.'
     if facts.source:
         return f'On {topic}, {facts.source}.'
     if facts.unfit:
@@ -329,7 +329,7 @@ def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str
     return ''
 
 
-def _silence(facts: InputFacts) -> str:
+def _silence_text(facts: InputFacts) -> str:
     """Say that nothing comes, though nothing speaks against it."""
     topic, publishers = facts.topic, facts.publishers
     if not publishers:
@@ -499,7 +499,7 @@ class InputWatch:
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
         """Return the inputs of a bearing by quantity."""
         return {
-            INPUTS[place]: InputState(_age(track, now_ns), track.rate(), track.reported)
+            INPUTS[place]: InputState(_value_age(track, now_ns), track.rate(), track.reported)
             for place, track in self._tracks[bearing].items()
         }
 
@@ -509,15 +509,15 @@ class InputWatch:
         What the graph says of a sender that is just being discovered is left out.
         """
         self._publishers.clear()
-        lost, found = self._bearings[bearing].lost(), []
+        lost, texts = self._bearings[bearing].lost(), []
         for place, name in enumerate(QUANTITIES):
             if name in lost:
-                facts = self._facts(bearing, place, now_ns, without_clock=without_clock)
+                facts = self._input_facts(bearing, place, now_ns, without_clock=without_clock)
                 fault, track = input_fault(facts), self._tracks[bearing][place]
                 is_stable = track.looks >= PATIENCE and track.cause == _NUMBERS.sub('', fault)
                 if is_stable or without_clock or facts.undecodable or facts.refused is not None:
-                    found.append(fault)
-        return ' '.join(dict.fromkeys(text for text in found if text))
+                    texts.append(fault)
+        return ' '.join(dict.fromkeys(text for text in texts if text))
 
     def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str, bool]]:
         """Look at every input, once a second.
@@ -533,23 +533,23 @@ class InputWatch:
         if self._lost or self._looks % _GRAPH_PERIOD == 0:
             self._publishers.clear()
         self._lost = False
-        found = []
+        faults = []
         for name, tracks in self._tracks.items():
             self._judge_fitness(name)
             for place, track in tracks.items():
                 track.look(now_ns, self._bearings[name].counts[place].copy())
-                fault = input_fault(self._facts(name, place, now_ns, without_clock=without_clock))
+                fault = input_fault(self._input_facts(name, place, now_ns, without_clock=without_clock))
                 text, is_over = track.take_fault(fault)
                 if text:
-                    found.append((name, text, is_over))
-        return list(dict.fromkeys(found))  # that /clock is silent holds for all inputs
+                    faults.append((name, text, is_over))
+        return list(dict.fromkeys(faults))  # that /clock is silent holds for all inputs
 
-    def _facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
+    def _input_facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
         source = monitor.config.inputs[INPUTS[place]]
         lost = monitor.is_lost(place)
         self._lost |= lost
-        timeout, odd = source.timeout_ns * 1e-9, track.source.standing(now_ns)
+        timeout, source_fault = source.timeout_ns * 1e-9, track.source.standing(now_ns)
         lately = track.last - track.marks[0][1] if track.marks else track.last
         refused, every = lately.copy(), int(lately.sum())
         # A sender of whole seconds repeats itself honestly.
@@ -564,10 +564,10 @@ class InputWatch:
             type=source.type,
             lost=lost,
             publishers=self._publishers[key],
-            receiving=_age(track, now_ns) < 0.5 * timeout,
-            refused=_worst(track.last - track.refused),
+            receiving=_value_age(track, now_ns) < 0.5 * timeout,
+            refused=_commonest_refusal(track.last - track.refused),
             share=int(refused.sum()) / every if every >= SHARE_SAMPLES else 0.0,
-            reason=_worst(refused),
+            reason=_commonest_refusal(refused),
             without_clock=without_clock,
             behind=track.behind_ns * 1e-9,
             undecodable=self._graph.is_undecodable(source.topic),
@@ -575,17 +575,17 @@ class InputWatch:
             element=next((step.name for step in source.field if isinstance(step, ByName)), ''),
             other_names=self._graph.other_names(source.topic),
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
-            source='' if odd is None else fault_text(odd, source),
+            source='' if source_fault is None else fault_text(source_fault, source),
             unfit='' if place >= LEVEL else self._fitness[bearing].clause(place),
             quantity=INPUTS[place],
         )
 
 
-def _age(track: _Track, now_ns: int) -> float:
+def _value_age(track: _Track, now_ns: int) -> float:
     return math.inf if track.arrived_ns is None else (now_ns - track.arrived_ns) * 1e-9
 
 
-def _worst(counts: IntArray) -> Status | None:
+def _commonest_refusal(counts: IntArray) -> Status | None:
     """Return the reason for which most values were refused; ``None`` where none was."""
     refused = counts[Status.ACCEPTED + 1 :]
     return Status(Status.ACCEPTED + 1 + int(refused.argmax())) if refused.any() else None

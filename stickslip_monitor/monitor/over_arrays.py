@@ -66,7 +66,7 @@ def run(
     points: tuple[Rows, Rows],
     made: int,
     changes: Rows,
-    kept: MutableSequence[State],
+    memories: MutableSequence[State],
 ) -> tuple[int, int, int]:
     """Take samples of a recording until there is no more room, or an amplitude is due.
 
@@ -86,14 +86,14 @@ def run(
     s, c = states[0], numbers[0]
     count = 0
     for k in range(begin, end):
-        if count + 2 > len(kept) or (k > begin and amplitude_due(s, c)):
+        if count + 2 > len(memories) or (k > begin and amplitude_due(s, c)):
             return k, count, made
         place = places[k]
         before, lost, onsets, point = condition(s), s.lost, s.onsets, False
         status, time, si = arrive(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
             note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
-            count = keep(states, changes, kept, count, note)
+            count = keep(states, changes, memories, count, note)
             before = condition(s)
         if status == ACCEPTED and place < LEVEL:
             point = take(s, c, model, place, time, si)
@@ -111,21 +111,21 @@ def run(
         made += 1
         if s.onsets > onsets or condition(s) != before:
             note = first + k, s.now, before, condition(s), s.onsets - onsets, made
-            count = keep(states, changes, kept, count, note)
+            count = keep(states, changes, memories, count, note)
     return end, count, made
 
 
 def keep(
     states: Sequence[State],
     changes: Rows,
-    kept: MutableSequence[State],
+    memories: MutableSequence[State],
     count: int,
     note: tuple[int, int, int, int, int, int],
 ) -> int:
     """Note a change of the alarm, with the memory as it is then; how many there are now."""
     for column in range(len(note)):
         changes[count][column] = note[column]
-    kept[count] = states[0]
+    memories[count] = states[0]
     return count + 1
 
 
@@ -188,18 +188,18 @@ class Scan:
 
     def assessed(self, rows: IndexArray | slice) -> Assessments:
         """Return the models' assessments of some of the points."""
-        own, table = self.config, self.settings.boundaries
+        config, table = self.config, self.settings.boundaries
         speed, load, chances = self.speed[rows], self.load[rows], self.chances[rows].T
-        water = None if own.water_temperature is None else self.water[rows]
-        return assess(own.bearing, speed, load, own.belief, table, chances, water)
+        water = None if config.water_temperature is None else self.water[rows]
+        return assess(config.bearing, speed, load, config.belief, table, chances, water)
 
 
 def joined(parts: Sequence[Scan]) -> Scan:
     """Join the verdicts on the parts of a recording."""
     columns: dict[str, Any] = {
-        each.name: np.concatenate([getattr(part, each.name) for part in parts])
-        for each in fields(Scan)
-        if isinstance(getattr(parts[0], each.name), np.ndarray)
+        column.name: np.concatenate([getattr(part, column.name) for part in parts])
+        for column in fields(Scan)
+        if isinstance(getattr(parts[0], column.name), np.ndarray)
     }
     return replace(
         parts[-1],
@@ -243,23 +243,23 @@ class BearingScan:
 
     def take(self, stream: Stream) -> Scan:
         """Take the next samples; what is known of the recording with them comes out."""
-        return self._take(stream, None, final=False)
+        return self._take_stream(stream, None, final=False)
 
     def finish(self, stream: Stream, end_ns: int | None) -> Scan:
         """Take the last samples, perhaps none; inputs may go stale until the end [ns]. The rest comes out."""
-        return self._take(stream, end_ns, final=True)
+        return self._take_stream(stream, end_ns, final=True)
 
-    def _take(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
+    def _take_stream(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
         size = stream.time_ns.size
         noted = np.empty(size, np.int8), np.empty(size, np.int64)
-        made, changes, _ = self._run(stream, noted)
+        made, changes, _ = self._run_rule(stream, noted)
         events, at = [], []
         for row, state in changes:
             before, time_ns, onset, sample, count = row[[BEFORE, TIME, ONSET, SAMPLE, POINTS]].tolist()
-            events.append(self._standing(state, count).event(before, time_ns, onset=bool(onset)))
+            events.append(self._make_standing(state, count).event(before, time_ns, onset=bool(onset)))
             at.append(sample)
         if final and end_ns is not None and self.state.now != NEVER:
-            end = self._standing(self.state, made)
+            end = self._make_standing(self.state, made)
             events += end.advance(max(end_ns, self.state.now - self.state.shift))
             at += [self._taken + size - 1] * (len(events) - len(at))
         out = made if final else max(made - 1, 0)
@@ -271,7 +271,7 @@ class BearingScan:
         columns['until_ns'] = np.maximum(time, np.minimum(np.maximum(following, time), columns['until_ns']))
         if self.config.level is None:
             columns['measured'] = None
-        self._hold(made, made - out)
+        self._hold_point(made, made - out)
         self._taken += size
         status, now_ns = noted
         now = Standing(self.config, self.settings, self.state)
@@ -291,27 +291,27 @@ class BearingScan:
     def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
         """Take samples without verdicts; the memory and the latest point after so many of them, rising."""
         size = stream.time_ns.size
-        made, _, kept = self._run(stream, (np.empty(size, np.int8), np.empty(size, np.int64)), ends)
-        for state, count in kept:
-            yield state, self._point(count)
-        self._hold(made, min(made, 1))
+        made, _, saved = self._run_rule(stream, (np.empty(size, np.int8), np.empty(size, np.int64)), ends)
+        for state, count in saved:
+            yield state, self._latest_point(count)
+        self._hold_point(made, min(made, 1))
         self._taken += size
 
-    def _point(self, count: int) -> FloatArray | None:
+    def _latest_point(self, count: int) -> FloatArray | None:
         """Return the latest of so many points: speed, load, temperature of the water, and chances."""
         if not count:
             return None
         *point, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'water', 'chances'))
         return np.array([*point, *chances])
 
-    def _hold(self, made: int, held: int) -> None:
+    def _hold_point(self, made: int, held: int) -> None:
         """Keep the last point for the next block, or none."""
         if held:
             for column in self._points.values():
                 column[0] = column[made - 1]
         self._held = held
 
-    def _room(self, size: int) -> tuple[tuple[Any, ...], Any]:
+    def _make_columns(self, size: int) -> tuple[tuple[Any, ...], Any]:
         """Make the columns of the points, with room for so many beside the one held back."""
         if not self._points or self._points['time_ns'].size <= size:
             numbers, before = 0 if self.config.belief is None else 3, self._points
@@ -322,7 +322,7 @@ class BearingScan:
         *columns, chances = self._points.values()
         return tuple(columns), chances
 
-    def _run(
+    def _run_rule(
         self, stream: Stream, noted: tuple[NDArray[np.int8], IntArray], ends: Sequence[int] = ()
     ) -> tuple[int, list[tuple[IntArray, State]], list[tuple[State, int]]]:
         """Run the rule over a block.
@@ -332,7 +332,7 @@ class BearingScan:
             the number of points after so many samples as ``ends`` says.
         """
         settings = self.settings
-        size, points, made = stream.time_ns.size, self._room(stream.time_ns.size), self._held
+        size, points, made = stream.time_ns.size, self._make_columns(stream.time_ns.size), self._held
         long = self._long
         if long is None:
             long = self._taken + size >= LONG and jit.has_compiler()
@@ -352,7 +352,7 @@ class BearingScan:
             columns = tuple(column.tolist() for column in columns)
         rows = np.empty((_CHANGES, 6), np.int64)
         room: Any = np.empty(_CHANGES, STATE_TYPE) if long else _Snapshots([self.state] * _CHANGES)
-        changes, kept, begin = list[tuple[IntArray, State]](), list[tuple[State, int]](), 0
+        changes, memories, begin = list[tuple[IntArray, State]](), list[tuple[State, int]](), 0
         for end in (*ends, size):
             while begin < end:
                 span = self._taken, begin, end
@@ -362,15 +362,15 @@ class BearingScan:
                     size_cycle(self.config, state)
                 for k in range(count):
                     changes.append((rows[k].copy(), State.of_row(room[k]) if long else room[k]))
-            if len(kept) < len(ends):
-                kept.append((State.of_row(states[0]) if long else self.state.copy(), made))
+            if len(memories) < len(ends):
+                memories.append((State.of_row(states[0]) if long else self.state.copy(), made))
         if long:
             self.state = State.of_row(states[0])
-        return made, changes, kept
+        return made, changes, memories
 
-    def _standing(self, state: State, count: int) -> Standing:
+    def _make_standing(self, state: State, count: int) -> Standing:
         """Return the bearing with a memory, after so many operating points."""
-        standing, point = Standing(self.config, self.settings, state), self._point(count)
+        standing, point = Standing(self.config, self.settings, state), self._latest_point(count)
         if point is not None:
             standing.judge(point.tolist())
         return standing

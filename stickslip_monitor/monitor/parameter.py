@@ -92,13 +92,13 @@ class Parameter:
             listed = hasattr(value, '__iter__') and not isinstance(value, str | bytes)
             items = list(value) if listed else [None]
             items = _flat_pairs(items) if self.in_pairs else items
-        items = [_converted(kind, item) for item in items]
-        if not all(item is not None and self._allows(item) for item in items):
+        items = [_convert_value(kind, item) for item in items]
+        if not all(item is not None and self._is_allowed(item) for item in items):
             hint = did_you_mean(value, self.choices) if isinstance(value, str) else ''
-            raise refused(name, value, f'{self.rule()}{hint or _remedy(value)}')
+            raise refused(name, value, f'{self.rule()}{hint or _remedy_for_text(value)}')
         return tuple(items) if is_list else items[0]
 
-    def _allows(self, value: Any) -> bool:
+    def _is_allowed(self, value: Any) -> bool:
         if isinstance(value, str):
             return not self.choices or value in self.choices
         if isinstance(value, bool):
@@ -115,7 +115,7 @@ def _flat_pairs(items: list[Any]) -> list[Any]:
     return items if len(items) % 2 == 0 else [None]
 
 
-def _remedy(value: Any) -> str:
+def _remedy_for_text(value: Any) -> str:
     """Return how to write a number that was read as a text, as the end of a sentence."""
     if not isinstance(value, str):
         return ''
@@ -123,7 +123,7 @@ def _remedy(value: Any) -> str:
     return f': write {plain}, without quotes' if _NUMBER.fullmatch(plain) else ''
 
 
-def _converted(kind: str, value: Any) -> Any:
+def _convert_value(kind: str, value: Any) -> Any:
     """Convert a value to the plain Python type of its kind; ``None`` if it is of another."""
     if kind in ('bool', 'str'):
         return value if isinstance(value, bool if kind == 'bool' else str) else None

@@ -152,30 +152,30 @@ def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]
     Raises:
         ConfigurationError: The file cannot be read, or is for several nodes; the text names it.
     """
-    return _parameters(path, load_yaml(path, _ParameterLoader), node)
+    return _node_parameters(path, load_yaml(path, _ParameterLoader), node)
 
 
-def _parameters(path: str | Path, document: object, node: str | None) -> dict[str, Any]:
+def _node_parameters(path: str | Path, document: object, node: str | None) -> dict[str, Any]:
     if not isinstance(document, Mapping):
         raise ConfigurationError(
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
         )
-    sections = list(_sections(path, '', document))
+    sections = list(_iterate_sections(path, '', document))
     name = _node_of(path, _own_sections(sections), node)
     merged: dict[str, Any] = {}
     for section, content in sections:
-        if _matches(section, name):
-            merged.update(_flat(path, content))
+        if _is_for_node(section, name):
+            merged.update(_flatten_content(path, content))
     if not merged:
-        there = ', '.join(str(section) for section in document)
+        names = ', '.join(str(section) for section in document)
         raise ConfigurationError(
-            f"{path} has no parameters for '{node or NODE_NAME}': its sections are {there}; use '/**'"
+            f"{path} has no parameters for '{node or NODE_NAME}': its sections are {names}; use '/**'"
         )
     # 'ros2 param dump' writes what is not set as null.
     return {key: value for key, value in merged.items() if value is not None and not is_ros_parameter(key)}
 
 
-def _sections(
+def _iterate_sections(
     path: str | Path, space: str, content: Mapping[Any, Any]
 ) -> Iterator[tuple[str, Mapping[Any, Any]]]:
     """Full names of nodes, or patterns of them, with their parameters; namespaces may nest."""
@@ -188,7 +188,7 @@ def _sections(
         elif 'ros__parameters' in held or name.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**'):
             raise ConfigurationError(f"{path}: section '{key}' must hold 'ros__parameters:'")
         else:
-            yield from _sections(path, name, held)
+            yield from _iterate_sections(path, name, held)
 
 
 def _own_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
@@ -216,10 +216,10 @@ def _meant_by(section: str) -> str:
     steps = section.strip('/').split('/')
     named = list(takewhile(lambda step: '*' not in step, steps))
     name = '/'.join(['', *(step for step in named if step != NODE_NAME), NODE_NAME])
-    return name if named and _matches(section, name) else ''
+    return name if named and _is_for_node(section, name) else ''
 
 
-def _matches(pattern: str, name: str) -> bool:
+def _is_for_node(pattern: str, name: str) -> bool:
     """Return whether a section is for the node of that full name, as rcl decides it."""
     if not name:
         return pattern.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**')
@@ -244,7 +244,7 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
         'aft_stern'
     """
     document = load_yaml(path, _ParameterLoader)
-    parameters = _parameters(path, document, node)
+    parameters = _node_parameters(path, document, node)
     for name, value in parameters.items():
         if name.endswith('.calibration') and isinstance(value, str) and value:
             parameters[name] = str(Path(path).parent / value)
@@ -263,15 +263,15 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     """Return the columns in a log of a ship's buses by input, as ``aft.speed``."""
     try:
-        links = _section(path, document, LINKS)
+        links = _read_section(path, document, LINKS)
     except ConfigurationError:
         return {}
-    found = {}
+    columns = {}
     for name in [key.removesuffix('.from') for key in links if key.endswith('.from')]:
         kind, number = links.get(f'{name}.kind', ''), links.get(f'{name}.number', 1)
         given = links.get(f'{name}.path') or links.get(f'{name}.name')
-        found[name] = str(given or f'RPM {kind} {number}')
-    return found
+        columns[name] = str(given or f'RPM {kind} {number}')
+    return columns
 
 
 def load_section(path: str | Path, section: str) -> dict[str, Any]:
@@ -280,15 +280,15 @@ def load_section(path: str | Path, section: str) -> dict[str, Any]:
     Raises:
         ConfigurationError: The file cannot be read, or has no such section.
     """
-    return _section(path, load_yaml(path, _ParameterLoader), section)
+    return _read_section(path, load_yaml(path, _ParameterLoader), section)
 
 
-def _section(path: str | Path, document: object, section: str) -> dict[str, Any]:
+def _read_section(path: str | Path, document: object, section: str) -> dict[str, Any]:
     content = document.get(section) if isinstance(document, Mapping) else None
     parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
     if not isinstance(parameters, Mapping):
         raise ConfigurationError(f"{path} has no section '{section}:' with 'ros__parameters:'")
-    return _flat(path, parameters)
+    return _flatten_content(path, parameters)
 
 
 def is_ros_parameter(name: str) -> bool:
@@ -296,19 +296,19 @@ def is_ros_parameter(name: str) -> bool:
     return name in _ROS_OWN or name.startswith('qos_overrides.')
 
 
-def _flat(path: str | Path, content: Mapping[Any, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in _flattened('', content):
-        if name in found:
+def _flatten_content(path: str | Path, content: Mapping[Any, Any]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, value in _iterate_flat('', content):
+        if name in values:
             raise ConfigurationError(f"{path}: '{name}' is given twice, with dots and in a section: keep one")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
-def _flattened(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
+def _iterate_flat(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
     for key, value in content.items():
         name = f'{prefix}{key}'
         if isinstance(value, Mapping):
-            yield from _flattened(f'{name}.', value)
+            yield from _iterate_flat(f'{name}.', value)
         else:
             yield name, value

@@ -42,8 +42,8 @@ def parameter(
     :class:`Parameter`, where they are not as the field's name and annotation say, and ``convert``, which
     makes the field's value of the parameter's.
     """
-    own = {'text': text, 'unit': unit, 'default': default, 'minimum': within[0], 'maximum': within[1]}
-    rules = {'convert': lambda value: value} | own | rules
+    metadata = {'text': text, 'unit': unit, 'default': default, 'minimum': within[0], 'maximum': within[1]}
+    rules = {'convert': lambda value: value} | metadata | rules
     if default is REQUIRED:
         return field(metadata=rules, kw_only=True)
     return field(default=rules['convert'](default), metadata=rules)
@@ -56,29 +56,29 @@ def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK
 
 def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
     """Return the parameters a dataclass declares, names after a prefix; changes are by that name."""
-    found = []
+    parameters = []
     for item in fields(section):
         if item.metadata:
-            name, text = _name(item), item.metadata['text'].replace('{input}', prefix.rstrip('.'))
-            own = {'kind': str(item.type)} | dict(item.metadata) | changes.get(name, {})
-            own |= {'name': prefix + name, 'text': changes.get(name, {}).get('text', text)}
-            del own['convert']
-            found.append(Parameter(**own))
-    return tuple(found)
+            name, text = _parameter_name(item), item.metadata['text'].replace('{input}', prefix.rstrip('.'))
+            values = {'kind': str(item.type)} | dict(item.metadata) | changes.get(name, {})
+            values |= {'name': prefix + name, 'text': changes.get(name, {}).get('text', text)}
+            del values['convert']
+            parameters.append(Parameter(**values))
+    return tuple(parameters)
 
 
-def _name(item: Field[Any]) -> str:
+def _parameter_name(item: Field[Any]) -> str:
     return str(item.metadata.get('name', item.name.removesuffix('_ns')))
 
 
 def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
     """Fill the dataclass with its parameters' checked values, and those of its other fields."""
-    own = {
-        item.name: item.metadata['convert'](values[prefix + _name(item)])
+    filled_values = {
+        item.name: item.metadata['convert'](values[prefix + _parameter_name(item)])
         for item in fields(section)  # type: ignore[arg-type]
         if item.metadata and item.name not in derived
     }
-    return section(**own, **derived)
+    return section(**filled_values, **derived)
 
 
 LOAD_UNITS = factors_of(*names_of('force'))
@@ -256,7 +256,7 @@ class WaterConfig(InputConfig):
     )
 
 
-def _probability(default: float, text: str) -> Any:
+def _declare_probability(default: float, text: str) -> Any:
     return parameter(default, text, within=(0.0, 1.0))
 
 
@@ -299,7 +299,7 @@ class AlarmConfig:
     startup_inhibit_ns: int = duration(
         0.0, 'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.'
     )
-    can_probability: float = _probability(
+    can_probability: float = _declare_probability(
         0.5, 'With tolerances: bistable above this probability that stick-slip can happen.'
     )
     runs_probability: float = parameter(
@@ -308,7 +308,7 @@ class AlarmConfig:
         ' bearings, and ends where fewer have a cycle.',
         within=(0.001, 0.999),
     )
-    caution_probability: float = _probability(0.05, 'The same for caution, in place of the margin.')
+    caution_probability: float = _declare_probability(0.05, 'The same for caution, in place of the margin.')
     onset_growth: float = parameter(
         3.0,
         'Growth of a disturbance at which stick-slip is predicted; it sticks at about 6. Less warns'
@@ -436,9 +436,9 @@ class MonitorConfig:
         raise ConfigurationError(f"bearing '{name}' is not configured{hint}")
 
 
-def _optional(name: str, unit: str, text: str, most: float, *, above: bool = True) -> Parameter:
+def _declare_optional(name: str, unit: str, text: str, maximum: float, *, above: bool = True) -> Parameter:
     """Declare a number that is not given as a rule."""
-    return Parameter(name, 'float', math.nan, text, unit, 0.0, most, above_minimum=above)
+    return Parameter(name, 'float', math.nan, text, unit, 0.0, maximum, above_minimum=above)
 
 
 BEARINGS = Parameter(
@@ -457,18 +457,18 @@ LINING_PARAMETERS = (
 )
 """The parameters of :class:`Bearing`, but for its friction."""
 TORSIONAL_PARAMETERS = {
-    'mass': _optional(
+    'mass': _declare_optional(
         'inertia', 'kg m^2', "In place of mass: the lining's inertia about the shaft's axis.", 1e12
     ),
-    'damping': _optional('torsional_damping', 'N m s/rad', 'In place of damping.', 1e15, above=False),
-    'stiffness': _optional('torsional_stiffness', 'N m/rad', 'In place of stiffness.', 1e18),
+    'damping': _declare_optional('torsional_damping', 'N m s/rad', 'In place of damping.', 1e15, above=False),
+    'stiffness': _declare_optional('torsional_stiffness', 'N m/rad', 'In place of stiffness.', 1e18),
 }
 """What all three of a lining may be given by instead: each over the square of the radius."""
 FRICTION_PARAMETERS = (
     Parameter('friction.law', 'str', 'stribeck', 'Friction law.', choices=tuple(LAWS)),
-    _optional('friction.static', '', 'Static coefficient mu_s.', 10.0, above=False),
-    _optional('friction.kinetic', '', 'Kinetic coefficient mu_k.', 10.0, above=False),
-    _optional('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.', 1e3),
+    _declare_optional('friction.static', '', 'Static coefficient mu_s.', 10.0, above=False),
+    _declare_optional('friction.kinetic', '', 'Kinetic coefficient mu_k.', 10.0, above=False),
+    _declare_optional('friction.decay', 's/m', 'Decay beta of the Stribeck law with speed.', 1e3),
     Parameter('friction.viscous', 'float', 0.0, 'Viscous rise nu of the Stribeck law.', 's/m', 0.0, 1e3),
     Parameter(
         'friction.exponent', 'float', 1.0, 'Exponent delta of the Stribeck law; 2 is Gaussian.', '', 1.0, 4.0
@@ -477,7 +477,7 @@ FRICTION_PARAMETERS = (
     Parameter('friction.coefficient', 'float[]', (), 'Coefficients of a tabulated law.', '', 0.0, 10.0),
 )
 LUBRICATION_PARAMETERS = (
-    _optional('friction.at_load', 'N', 'Load at which friction was measured.', 1e9),
+    _declare_optional('friction.at_load', 'N', 'Load at which friction was measured.', 1e9),
     Parameter(
         'friction.load_exponent',
         'float',
@@ -600,5 +600,5 @@ RETIRED = {'alarm.trend_window': 'times to a boundary are not forecast any more'
 
 def parameters_of(names: tuple[str, ...]) -> dict[str, Parameter]:
     """Return the declaration of every full parameter name of these bearings."""
-    found = {row.name: row for row in NODE_PARAMETERS}
-    return found | {f'{name}.{row.name}': row for name in names for row in BEARING_PARAMETERS}
+    by_name = {row.name: row for row in NODE_PARAMETERS}
+    return by_name | {f'{name}.{row.name}': row for name in names for row in BEARING_PARAMETERS}

@@ -44,8 +44,8 @@ class RecordField(NamedTuple):
         """Its JSON schema."""
         kinds = self.kinds.split()
         unit, note = (f' [{self.unit}]' if self.unit else ''), (f'; {self.note}' if self.note else '')
-        own = {'type': kinds if len(kinds) > 1 else kinds[0], 'description': f'{self.text}{unit}{note}'}
-        return own | ({'enum': list(self.values)} if self.values else {})
+        schema = {'type': kinds if len(kinds) > 1 else kinds[0], 'description': f'{self.text}{unit}{note}'}
+        return schema | ({'enum': list(self.values)} if self.values else {})
 
 
 _OUTCOMES = 'no_cycle, bistable, stick_slip, below_the_range, no_boundary, no_contact, at_rest'
@@ -363,9 +363,9 @@ ASSESSMENT = (
 """The fields of what ``assess`` prints."""
 
 
-def schema_of(own: tuple[RecordField, ...], optional: tuple[str, ...] = ()) -> dict[str, Any]:
+def schema_of(rows: tuple[RecordField, ...], optional: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the JSON schema of an object of some fields, of which the optional may be missing."""
     return {
-        'required': [item.name for item in own if item.name not in optional],
-        'properties': {item.name: item.schema for item in own},
+        'required': [item.name for item in rows if item.name not in optional],
+        'properties': {item.name: item.schema for item in rows},
     }

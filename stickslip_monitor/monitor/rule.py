@@ -190,8 +190,8 @@ def own_time(s: State, place: int, stamp: int, arrival: int) -> int:
             # Set between two runs: the wait for inputs is as long as it was.
             s.began += time - s.now
             s.now = time
-        for each in range(WATER + 1):
-            s.stamp[each] = NEVER
+        for place_of_input in range(WATER + 1):
+            s.stamp[place_of_input] = NEVER
     elif 0 <= arrival - stamp <= NEAR:
         time = stamp + s.shift
     return max(time, s.came[place])
@@ -340,8 +340,8 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     near, wide = coming or (sliding and near), coming or (sliding and wide)
     inside = running or (sliding and inside)
     # A rise of the level raises it, and it stays for as long as the level is high.
-    other = hears(s, c) and not running and is_over(s, c, s.raised & (1 << VIBRATION) > 0)
-    asks = asked(s, VIBRATION, other and s.vibrating == VIBRATING, not other)
+    is_other_vibration = hears(s, c) and not running and is_over(s, c, s.raised & (1 << VIBRATION) > 0)
+    asks = asked(s, VIBRATION, is_other_vibration and s.vibrating == VIBRATING, not is_other_vibration)
     asks |= asked(s, CAUTION, near, not wide)
     asks |= asked(s, BISTABLE, inside, not inside)
     asks |= asked(s, STICK_SLIP, running, not running)
@@ -464,16 +464,16 @@ def grow(s: State, passed: int) -> None:
     s.borne = max(0.0, s.borne + s.median_rate * passed * 1e-9)
 
 
-def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bool) -> None:
+def judge_lining(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh: bool) -> None:
     """Decide whether stick-slip runs, by what the level says if it counts here.
 
     It may begin with this point or not; the first one after a gap (fresh) decides at once.
     """
     starts = s.median_rate > 0.0 and s.borne >= BORNE * c.onset_growth
     starts = starts and s.growth >= c.onset_growth
-    if said == VIBRATING:
+    if verdict == VIBRATING:
         s.course, starts = WITHIN, True
-    elif said == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
+    elif verdict == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
         s.course = IDLE
     if not s.sticking:
         if s.course == BEYOND:
@@ -487,19 +487,19 @@ def judge_lining(s: State, c: RuleNumbers, said: int, may_begin: bool, fresh: bo
     elif (s.course == BEYOND and (fresh or s.dying >= c.decay)) or (
         s.course == IDLE and (fresh or s.idle >= c.off_delay)
     ):
-        end_stick_slip(s, said)
-    if s.sticking and said == VIBRATING:
+        end_stick_slip(s, verdict)
+    if s.sticking and verdict == VIBRATING:
         s.heard = 1
-    if not s.sticking or said == VIBRATING:
+    if not s.sticking or verdict == VIBRATING:
         s.unseen = NEVER
-    elif said == QUIET and s.unseen == NEVER:
+    elif verdict == QUIET and s.unseen == NEVER:
         s.unseen = s.now
 
 
-def end_stick_slip(s: State, said: int) -> None:
+def end_stick_slip(s: State, verdict: int) -> None:
     """End stick-slip; where the level alone says so, in the bistable range, that was something else."""
     s.sticking, s.growth, s.borne = 0, 0.0, 0.0
-    if said == QUIET and s.course == IDLE:
+    if verdict == QUIET and s.course == IDLE:
         s.doubt = 2 * DOUBT
 
 

@@ -39,10 +39,10 @@ _ZERO_CELSIUS = 273.15
 """0 C in kelvin, the unit of Signal K."""
 
 
-def _part(
+def _declare_part(
     start: float,
-    least: float,
-    most: float,
+    minimum: float,
+    maximum: float,
     unit: str,
     meaning: str,
     size: int = 0,
@@ -50,19 +50,19 @@ def _part(
 ) -> Any:
     """Declare one part of the memory: ``size`` numbers, or a plain one for 0."""
     start = start if start_at is None else start_at
-    facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (least, most)}
+    facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (minimum, maximum)}
     if size:
         return field(default_factory=lambda: [start] * size, metadata=facts)
     return field(default=start, metadata=facts)
 
 
-_time = partial(_part, NEVER, NEVER, -NEVER, 'ns')
-_span = partial(_part, 0, 0, -NEVER, 'ns')
-_difference = partial(_part, 0, NEVER, -NEVER, 'ns')
-_flag = partial(_part, 0, 0, 1, '')
-_number = partial(_part, math.nan, -_LARGEST, _LARGEST)
-_growth = partial(_part, 0.0, 0.0, _LARGEST, 'e-folds')
-_chance = partial(_part, 0.0, 0.0, 1.0, '')
+_time = partial(_declare_part, NEVER, NEVER, -NEVER, 'ns')
+_span = partial(_declare_part, 0, 0, -NEVER, 'ns')
+_difference = partial(_declare_part, 0, NEVER, -NEVER, 'ns')
+_flag = partial(_declare_part, 0, 0, 1, '')
+_number = partial(_declare_part, math.nan, -_LARGEST, _LARGEST)
+_growth = partial(_declare_part, 0.0, 0.0, _LARGEST, 'e-folds')
+_chance = partial(_declare_part, 0.0, 0.0, 1.0, '')
 
 
 @dataclass(slots=True)
@@ -91,7 +91,7 @@ class State:
     # Whether stick-slip runs.
     sticking: int = _flag('1 while stick-slip is predicted to run')
     known: int = _flag('1 once it is known which state a bistable bearing is in')
-    onsets: int = _part(0, 0, -NEVER, '', 'how often it has begun after it was clear')
+    onsets: int = _declare_part(0, 0, -NEVER, '', 'how often it has begun after it was clear')
     growth: float = _growth('how far a disturbance has grown')
     borne: float = _growth('the same by medians')
     dying: int = _span('net time where no cycle exists while one is predicted')
@@ -102,17 +102,17 @@ class State:
     amplitude: float = _number('m', 'of the exact cycle, where a limit needs it', start_at=0.0)
     sized: int = _time('when that was worked out')
     # What the latest point says.
-    course: int = _part(0, 0, 2, '', 'a cycle exists, none exists, or nothing slides')
+    course: int = _declare_part(0, 0, 2, '', 'a cycle exists, none exists, or nothing slides')
     rate: float = _number('1/s', 'growth rate of a disturbance there', start_at=0.0)
     median_rate: float = _number('1/s', 'the same by medians', start_at=0.0)
     # The rungs of the alarm, in the order of the ladder without normal.
-    raised: int = _part(0, 0, 31, '', 'the rungs that are raised, as bits')
-    asks: int = _part(0, 0, 31, '', 'the rungs that the latest point asks to change, as bits')
+    raised: int = _declare_part(0, 0, 31, '', 'the rungs that are raised, as bits')
+    asks: int = _declare_part(0, 0, 31, '', 'the rungs that the latest point asks to change, as bits')
     count: list[int] = _span('net time for which each has been asked to change', 5)
     cleared: list[int] = _time('when each was last cleared; of a raised one: held', 5)
     # The measured level.
     level: float = _number('its own', 'latest level')
-    vibrating: int = _part(0, 0, 2, '', 'unknown, quiet or vibrating')
+    vibrating: int = _declare_part(0, 0, 2, '', 'unknown, quiet or vibrating')
     level_count: int = _difference('net time above the threshold; negative: below')
     still: int = _span('for how long the level has not moved')
     background: float = _number('dB', 'mean where no stick-slip is predicted')
@@ -126,19 +126,19 @@ class State:
 
     def copy(self) -> State:
         """Copy the memory."""
-        other = State.__new__(State)
+        duplicate = State.__new__(State)
         for name in _NAMES:
             part = getattr(self, name)
-            setattr(other, name, list(part) if isinstance(part, list) else part)
-        return other
+            setattr(duplicate, name, list(part) if isinstance(part, list) else part)
+        return duplicate
 
     def record(self) -> dict[str, Any]:
         """Return the memory as numbers and lists that JSON can hold, ``None`` for ``nan``."""
-        return {name: _plain(getattr(self, name)) for name in _NAMES}
+        return {name: _to_plain(getattr(self, name)) for name in _NAMES}
 
     def row(self) -> Any:
         """Return the memory as an array of one row, of :data:`STATE_TYPE`."""
-        return _row(self, STATE_TYPE)
+        return _to_row(self, STATE_TYPE)
 
     @classmethod
     def of_row(cls, row: Any) -> State:
@@ -153,9 +153,9 @@ class State:
             ValueError: A field is missing, or is not of its kind, number and range.
         """
         afresh = _AFRESH if 'odd' in record else ()
-        known = [each for each in fields(cls) if each.name not in afresh]
-        known = [each for each in known if each.name in record or each.name not in _OF_WATER]
-        state = cls(**{each.name: _checked(each, record.get(each.name)) for each in known})
+        parts = [part for part in fields(cls) if part.name not in afresh]
+        parts = [part for part in parts if part.name in record or part.name not in _OF_WATER]
+        state = cls(**{part.name: _check_saved(part, record.get(part.name)) for part in parts})
         if afresh:
             state.borne = state.growth
         return state
@@ -177,14 +177,14 @@ _EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
 def _type_of(owner: type) -> np.dtype[Any]:
     """Return the numbers of a class as a record type."""
     parts = []
-    for each in fields(owner):
-        size = each.metadata.get('size', len(Input) if 'list' in str(each.type) else 0)
-        kind = 'f8' if 'float' in str(each.type) else 'i8'
-        parts.append((each.name, kind, (size,)) if size else (each.name, kind))
+    for item in fields(owner):
+        size = item.metadata.get('size', len(Input) if 'list' in str(item.type) else 0)
+        kind = 'f8' if 'float' in str(item.type) else 'i8'
+        parts.append((item.name, kind, (size,)) if size else (item.name, kind))
     return np.dtype(parts)
 
 
-def _row(owner: Any, kind: np.dtype[Any]) -> Any:
+def _to_row(owner: Any, kind: np.dtype[Any]) -> Any:
     row = np.zeros(1, kind)
     for name in kind.names or ():
         row[name] = getattr(owner, name)
@@ -194,28 +194,28 @@ def _row(owner: Any, kind: np.dtype[Any]) -> Any:
 STATE_TYPE = _type_of(State)
 
 
-def _checked(part: Any, found: Any) -> Any:
+def _check_saved(part: Any, saved: Any) -> Any:
     """Check what was kept of a part of the memory, and return it."""
-    size, kept = part.metadata['size'], found if isinstance(found, list) else [found]
-    if part.name in _EVERY_INPUT and isinstance(found, list) and len(found) == size - 1:
-        kept = [*found, part.default_factory()[-1]]
-    if len(kept) != max(size, 1) or isinstance(found, list) != bool(size):
-        raise ValueError(f'{part.name} = {found!r} must be {size or "a"} number{"s"[:size]}')
-    whole, (least, most) = 'int' in part.type, part.metadata['range']
+    size, saved_numbers = part.metadata['size'], saved if isinstance(saved, list) else [saved]
+    if part.name in _EVERY_INPUT and isinstance(saved, list) and len(saved) == size - 1:
+        saved_numbers = [*saved, part.default_factory()[-1]]
+    if len(saved_numbers) != max(size, 1) or isinstance(saved, list) != bool(size):
+        raise ValueError(f'{part.name} = {saved!r} must be {size or "a"} number{"s"[:size]}')
+    whole, (minimum, maximum) = 'int' in part.type, part.metadata['range']
     numbers = []
-    for value in kept:
+    for value in saved_numbers:
         number = math.nan if value is None and not whole else value
         if type(number) not in ((int,) if whole else (int, float)) or (
-            not least <= number <= most and value is not None
+            not minimum <= number <= maximum and value is not None
         ):
-            raise ValueError(f'{part.name} = {value!r} must be from {least:g} to {most:g}')
+            raise ValueError(f'{part.name} = {value!r} must be from {minimum:g} to {maximum:g}')
         numbers.append(number if whole else float(number))
     return numbers if size else numbers[0]
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if isinstance(value, list):
-        return [_plain(part) for part in value]
+        return [_to_plain(part) for part in value]
     return None if value != value else value
 
 
@@ -287,26 +287,26 @@ class RuleSettings:
     @cached_property
     def row(self) -> Any:
         """The numbers of the configuration as an array of one row, for compiled loops."""
-        return _row(self.live, _NUMBERS_TYPE)
+        return _to_row(self.live, _NUMBERS_TYPE)
 
 
 def settings_of(config: BearingConfig) -> RuleSettings:
     """Return the settings of a bearing; tabulate its boundaries, once for each bearing."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
-    table, own = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
+    table, lubrication = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
     # What is not measured has numbers of no matter.
     inputs = [config.inputs.get(name, config.speed) for name in INPUTS]
     in_db = level is not None and level.unit == 'dB'
     margin = 1.0 + alarm.caution_margin
     live = RuleNumbers(
         **{
-            name: [getattr(each, name) for each in inputs]
+            name: [getattr(source, name) for source in inputs]
             for name in ('scale', 'factor', 'deadband', 'maximum')
         },
-        offset=[each.offset - (_ZERO_CELSIUS if each.unit == 'K' else 0.0) for each in inputs],
+        offset=[source.offset - (_ZERO_CELSIUS if source.unit == 'K' else 0.0) for source in inputs],
         minimum=[-math.inf, config.load.minimum, -math.inf if in_db else 0.0, MIN_TEMPERATURE],
-        timeout=[each.stands_ns for each in inputs],
-        hold=[each.hold_ns for each in inputs],
+        timeout=[source.stands_ns for source in inputs],
+        hold=[source.hold_ns for source in inputs],
         on_delay=alarm.on_delay_ns,
         off_delay=alarm.off_delay_ns,
         decay=_decay_ns(bearing, alarm.onset_growth),
@@ -326,17 +326,17 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         runs_chance=alarm.runs_probability,
         amplitude_limit=alarm.amplitude_limit,
         amplitude_off=alarm.amplitude_limit * (1.0 - alarm.hysteresis),
-        threshold=math.nan if level is None else _decibels(level.threshold, in_db=in_db),
+        threshold=math.nan if level is None else _to_decibels(level.threshold, in_db=in_db),
         hysteresis=0.0 if level is None else level.hysteresis,
         table_first=table.first,
         table_step=table.step,
         table_growth=table.growth.tolist(),
-        at_load=own.load,
-        load_exponent=own.load_exponent,
-        viscosity_ratio=own.viscosity_ratio,
-        water=own.water_temperature,
-        viscosity_then=float(viscosity(own.temperature, own.salinity)),
-        salinity=own.water_salinity,
+        at_load=lubrication.load,
+        load_exponent=lubrication.load_exponent,
+        viscosity_ratio=lubrication.viscosity_ratio,
+        water=lubrication.water_temperature,
+        viscosity_then=float(viscosity(lubrication.temperature, lubrication.salinity)),
+        salinity=lubrication.water_salinity,
         has_load_table=int(bool(config.load.table[0])),
         load_speed=_pad_points(config.load.table[0], math.inf),
         load_there=_pad_points(config.load.table[1], math.nan),
@@ -357,5 +357,5 @@ def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
     return int(min(DECAY, onset_growth * DECAY) * 2e9 * bearing.mass / bearing.damping)
 
 
-def _decibels(level: float, *, in_db: bool) -> float:
+def _to_decibels(level: float, *, in_db: bool) -> float:
     return level if in_db or math.isnan(level) else 20.0 * math.log10(level)

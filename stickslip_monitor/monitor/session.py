@@ -129,34 +129,34 @@ class Session:
         self._begun_ns = self._listed_ns = self._sequence = 0
         self._unkept = self.damage = ''
         self._notes: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
-        known = {} if store is None else self._recalled(store)
-        self.monitor = Monitor(config, known)
-        for name in self.monitor.bearings.keys() & known.keys():
+        saved = {} if store is None else self._restore_alarms(store)
+        self.monitor = Monitor(config, saved)
+        for name in self.monitor.bearings.keys() & saved.keys():
             self.annunciator.causes[name].stand(self.monitor.condition(name))
         self.monitoring = False
         self._inputs: InputWatch | None = None
         self._set_ns: int | None = None
 
-    def _recalled(self, store: Store) -> dict[str, State]:
+    def _restore_alarms(self, store: Store) -> dict[str, State]:
         """Take over the alarms that were kept; what was remembered of the bearings with them."""
         try:
             document = store.read()
             if document is None:
                 return {}
-            kept = alarm_records.recall_state(self.annunciator, document, self._clock())
+            saved = alarm_records.recall_state(self.annunciator, document, self._clock())
         except AlarmStateError as error:
             end = f'{store.set_aside()}, and the alarms start fresh'
             self.damage = f'state_file {store.path} is damaged: {error}; {end}'
             self._log.warning(self.damage)
             self.note('node', self.damage)
             return {}
-        known = {}
-        for name, record in kept.items():
+        states = {}
+        for name, record in saved.items():
             try:
-                known[name] = State.of_record(record)
+                states[name] = State.of_record(record)
             except (ValueError, AttributeError) as error:
                 self._log.warning(f'{name}: its memory is not taken over: {error}')
-        return known
+        return states
 
     def inherit(self, old: Session) -> None:
         """Take over the alarms of before, as the monitor starts afresh with other inputs."""
@@ -177,12 +177,12 @@ class Session:
         self._published: dict[str, int] = {}
         self._unsaid: dict[str, Verdict] = {}
         self._begun_ns, self._set_ns = self.annunciator.now_ns, None
-        self._list([])
+        self._publish_alarms([])
 
     def end(self) -> None:
         """Publish that the bearings are no longer watched, so that readers do not keep the last state."""
         self.monitoring = False
-        self._list([])
+        self._publish_alarms([])
         self.keep()
         self.show(Moment(0, 0))
 
@@ -204,18 +204,18 @@ class Session:
         # While simulated time is silent nobody knows when it came.
         arrival = now.time_ns or None
         update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
-        odd, source = VALUE_FAULTS.get(update.status), None
+        value_fault, source = VALUE_FAULTS.get(update.status), None
         if self._inputs is not None:
             behind_ns = 0 if arrival is None else arrival - time_ns
             valid = update.status.valid
             source = self._inputs.take(name, place, value, now.steady_ns, behind_ns, valid=valid)
-            if odd is None and source is not None:
+            if value_fault is None and source is not None:
                 mixed = f'. {UNRELIABLE[:-1]}' if source.is_mixed else ''
-                odd = f'{source.kind.sentence}{mixed}'
+                value_fault = f'{source.kind.sentence}{mixed}'
         changes = []
-        if odd:
+        if value_fault:
             changes += self.annunciator.take_fault(
-                name, place, odd, time_ns, mixed=source is not None and source.is_mixed
+                name, place, value_fault, time_ns, mixed=source is not None and source.is_mixed
             )
         update = self._take_update(name, update, changes, now, latest=latest)
         self._repeat_values(name, now)
@@ -226,15 +226,15 @@ class Session:
     ) -> Update:
         """Publish what came of a sample and the alarms it changed; return it with its events explained."""
         if update.events:
-            update = replace(update, events=self._explained(update.events, now))
+            update = replace(update, events=self._explain_events(update.events, now))
         if update.verdict is not None:
             self._unsaid[name] = update.verdict
         if latest or update.events:
-            self._say(name, now, changed=bool(update.events))
-        self._announce(update.events)
+            self._publish_verdict(name, now, changed=bool(update.events))
+        self._publish_events(update.events)
         if update.verdict is not None:
             changes += self.annunciator.take_verdict(update.verdict)
-        self._alarm(changes, update.events)
+        self._publish_changes(changes, update.events)
         return update
 
     def _repeat_values(self, name: str, now: Moment) -> None:
@@ -259,9 +259,9 @@ class Session:
     def advance(self, name: str, time_ns: int, now: Moment) -> None:
         """Let time pass for one bearing, up to a time of its samples [ns], without a sample."""
         self.follow(now)
-        events = self._explained(self.monitor.bearings[name].advance(time_ns), now)
-        self._announce(events)
-        self._alarm([], events)
+        events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
+        self._publish_events(events)
+        self._publish_changes([], events)
         self._repeat_values(name, now)
 
     def excuse(self, held_ns: int) -> None:
@@ -272,7 +272,7 @@ class Session:
     def catch_up(self, now: Moment) -> None:
         """Nothing waits any more: publish the verdicts that were held back."""
         for name in list(self._unsaid):
-            self._say(name, now, changed=True)
+            self._publish_verdict(name, now, changed=True)
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
         """Let the alarms' running time pass (since :meth:`begin`), and look at the inputs."""
@@ -280,7 +280,7 @@ class Session:
         now_ns = self._begun_ns + elapsed_ns
         changes = self.annunciator.advance(now_ns, self._clock())
         if changes or self._notes or now_ns - self._listed_ns >= HEARTBEAT_NS:
-            self._list(changes)
+            self._publish_alarms(changes)
             self.keep()
         if self._looked_ns is not None and now.steady_ns - self._looked_ns < LOOK_NS:
             return
@@ -294,9 +294,9 @@ class Session:
                 self._log.warning(text)
             self.note('input', text)
 
-    def note(self, what: str, text: str) -> None:
+    def note(self, matter: str, text: str) -> None:
         """Put a lifecycle, parameter, input, node or action on record, with the next list of alarms."""
-        self._notes.append({'time': self._clock(), 'what': what, 'text': text})
+        self._notes.append({'time': self._clock(), 'what': matter, 'text': text})
 
     def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
         """Do what a person asks for, put on record why, and return what it changed."""
@@ -305,9 +305,9 @@ class Session:
             self.damage = ''
         changes = self.annunciator.act(action, self._clock(), by, bearing, kind)
         if changes and request.reason:
-            what = f'{bearing or "all bearings"}/{kind or "all alarms"}'
-            self.note('action', f'{what}: {action} by {by}: {request.reason}')
-        self._alarm(changes, [])
+            subject = f'{bearing or "all bearings"}/{kind or "all alarms"}'
+            self.note('action', f'{subject}: {action} by {by}: {request.reason}')
+        self._publish_changes(changes, [])
         return changes
 
     def show(self, now: Moment) -> None:
@@ -335,7 +335,7 @@ class Session:
             for name in names
         ]
 
-    def _say(self, name: str, now: Moment, *, changed: bool) -> None:
+    def _publish_verdict(self, name: str, now: Moment, *, changed: bool) -> None:
         """Publish the latest verdict of a bearing, or at most one each period."""
         verdict = self._unsaid.pop(name, None)
         if verdict is None:
@@ -345,7 +345,7 @@ class Session:
             self._published[name] = now.steady_ns
             self._sink.take_verdict(verdict)
 
-    def _announce(self, events: list[Event]) -> None:
+    def _publish_events(self, events: list[Event]) -> None:
         for event in events:
             self._sink.take_event(event)
             self._changed.add(event.bearing)
@@ -357,15 +357,15 @@ class Session:
             else:
                 self._log.warning(event.text)
 
-    def _alarm(self, changes: list[AlarmChange], events: list[Event]) -> None:
+    def _publish_changes(self, changes: list[AlarmChange], events: list[Event]) -> None:
         """Publish and keep what has changed of the alarms, by these events too."""
         changes += [c for event in events for c in self.annunciator.take_event(event)]
         # An input that is back changes no alarm yet, but its row says when it clears.
         if changes or any(event.before is Condition.INPUT_STALE for event in events):
-            self._list(changes)
+            self._publish_alarms(changes)
             self.keep()
 
-    def _list(self, changes: list[AlarmChange]) -> None:
+    def _publish_alarms(self, changes: list[AlarmChange]) -> None:
         """Publish every alarm as it stands, with what has just changed."""
         self._listed_ns = self.annunciator.now_ns
         self._sequence += 1
@@ -402,18 +402,18 @@ class Session:
                 self._unkept = str(error)
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
-    def _explained(self, events: list[Event], now: Moment) -> list[Event]:
+    def _explain_events(self, events: list[Event], now: Moment) -> list[Event]:
         """Return the events; where an input is lost or a mix, with why."""
         if self._inputs is None:
             return events
-        found = []
+        explained = []
         for event in events:
             if event.after is Condition.INPUT_STALE:
                 why = self._inputs.explain(event.bearing, now.steady_ns, without_clock=now.time_ns == 0)
             elif why := self._inputs.mixed(event.bearing, now.steady_ns):
                 why = f'{UNRELIABLE} {why}'
-            found.append(replace(event, text=f'{event.text} {why}'.rstrip()))
-        return found
+            explained.append(replace(event, text=f'{event.text} {why}'.rstrip()))
+        return explained
 
 
 class NoLog:

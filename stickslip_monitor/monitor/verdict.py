@@ -165,16 +165,16 @@ class Standing:
 
     def lost(self, now: int | None = None) -> dict[str, float]:
         """Return the inputs lost at a time [ns], the latest as a rule, with their ages [s]."""
-        s, found = self.state, dict[str, float]()
+        s, times = self.state, dict[str, float]()
         if s.began == NEVER:
-            return found
+            return times
         now = s.now if now is None else now
         for place, name in enumerate(QUANTITIES):
             came = s.came[place]
             begun = s.began if came == NEVER else came
             if now >= begun + rule.age_limit(s, self.settings.live, place):
-                found[name] = math.inf if came == NEVER else (now - came) / 1e9
-        return found
+                times[name] = math.inf if came == NEVER else (now - came) / 1e9
+        return times
 
     def text(self) -> str:
         """Write what the alarm says now, for a person."""
@@ -191,8 +191,8 @@ class Standing:
         bearing, table = self.config.bearing, self.settings.boundaries
         own_water = None if self.config.water_temperature is None else water
         judge = partial(assess, bearing, speed, load, self.config.belief, table, chances, own_water)
-        own = self.config.name, self.state.now - self.state.shift
-        self.verdict = Verdict(*own, judge, speed, load, chances, measured, self.sticking)
+        name = self.config.name, self.state.now - self.state.shift
+        self.verdict = Verdict(*name, judge, speed, load, chances, measured, self.sticking)
         return self.verdict
 
     def advance(self, time_ns: int) -> list[Event]:
@@ -254,15 +254,15 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
     given = order(b)
-    what = _what(b, point, given)
+    condition_text = _condition_text(b, point, given)
     if before is Condition.INPUT_STALE:
-        what = f'Speed and load are back. {what}'
+        condition_text = f'Speed and load are back. {condition_text}'
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
-        what = f'Amplitude back below the limit. {what}'
+        condition_text = f'Amplitude back below the limit. {condition_text}'
     assumed = f' ({config.load.origin})' if config.load.is_assumed else ''
     load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(b, point)}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
-    text = f'{config.name}: {what}{_way_out(given)} Now {at}'
+    text = f'{config.name}: {condition_text}{_way_out(given)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
     if point.outcome is Outcome.BELOW:
@@ -279,8 +279,8 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
 
 def _water_text(b: Standing, point: Assessment) -> str:
     """Write the temperature of the water, where friction goes by it, and why it is in doubt."""
-    own = b.config.bearing.lubrication
-    water = math.nan if own is None else own.water_temperature
+    lubrication = b.config.bearing.lubrication
+    water = math.nan if lubrication is None else lubrication.water_temperature
     water = water if point.temperature is None else float(point.temperature)
     doubt = f' ({b.water_doubt})' if b.water_doubt else ''
     return '' if math.isnan(water) else f', water at {rounded(water)} C{doubt}'
@@ -295,7 +295,7 @@ _OVER = {
 }
 
 
-def _what(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
+def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
     """Write what the alarm says, and what is about to change."""
     condition, clears = b.condition, b.clears
     if clears is not None:
@@ -308,10 +308,10 @@ def _what(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
     if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
     # The alarm goes by medians: the latest values alone may be within the region already.
-    asked = max(b.asked, rule.CAUTION + 1 if warns(b.config, point) else 0)
-    if asked > b.rung:
-        delay = rule.due(b.state, b.settings.live, asked - 1) * 1e-9
-        near = LADDER[asked].sentence.rstrip('.').partition(':')[0]
+    rung = max(b.asked, rule.CAUTION + 1 if warns(b.config, point) else 0)
+    if rung > b.rung:
+        delay = rule.due(b.state, b.settings.live, rung - 1) * 1e-9
+        near = LADDER[rung].sentence.rstrip('.').partition(':')[0]
         return f'{near} for less than {delay:.3g} s: no alarm yet.'
     if given is not None and given.kind is OrderKind.STAY_ABOVE:
         return f'Slowing towards stick-slip: stay above {given.goal}.'

@@ -89,8 +89,8 @@ def doubt_foreign(s: State) -> None:
 
 def is_over(s: State, c: RuleNumbers, raised: bool) -> bool:
     """Return whether the latest level is above a configured threshold, whatever its background is."""
-    least = c.threshold - c.hysteresis if raised else c.threshold
-    return bool(s.still <= DOUBT and decibels(c, s.level) >= least)
+    limit = c.threshold - c.hysteresis if raised else c.threshold
+    return bool(s.still <= DOUBT and decibels(c, s.level) >= limit)
 
 
 def decibels(c: RuleNumbers, si: float) -> float:

@@ -28,13 +28,13 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
     absent: dict[tuple[str, str], str] = {}
     bearings = []
     for bearing in config.bearings:
-        own: dict[str, Any] = {
+        sources: dict[str, Any] = {
             quantity: replace(source, topic=full_name(source.topic, bag.topics))
             for quantity, source in bearing.inputs.items()
         }
-        bearings.append(replace(bearing, **own))
-        for quantity, source in own.items():
-            if text := _absent(bag.path, bag.topics, source):
+        bearings.append(replace(bearing, **sources))
+        for quantity, source in sources.items():
+            if text := _absence_text(bag.path, bag.topics, source):
                 absent[bearing.name, quantity] = text
     return Bound(replace(config, bearings=tuple(bearings)), absent)
 
@@ -49,8 +49,8 @@ def _by_columns(log: TableRecording, config: MonitorConfig) -> Bound:
     return bound
 
 
-def _absent(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
-    """Why a recording lacks an input, in the words of the running monitor; else empty."""
+def _absence_text(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
+    """Return why a recording lacks an input, in the words of the running monitor, else an empty text."""
     if not source.topic:
         return f"its topic is missing: '{path}' has topics, and columns are of logs"
     topic = topics.get(source.topic)

@@ -51,7 +51,7 @@ _SILENCE = Stream(_NONE, np.empty(0, np.int8), np.empty(0))
 
 @dataclass(frozen=True, slots=True)
 class BearingReport:
-    """What the monitor says of one bearing over a recording."""
+    """Result of the monitor for one bearing over a recording."""
 
     name: str
     events: list[Event]  # all changes of the alarm, in order
@@ -64,7 +64,7 @@ class BearingReport:
 
     @property
     def complaints(self) -> list[str]:
-        """What was wrong with the samples, one clause for each kind."""
+        """Return what was wrong with the samples, one clause for each kind."""
         return [text for item in self.inputs for text in item.complaints]
 
 
@@ -82,7 +82,7 @@ class CheckReport:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What came of the inputs of a bearing in a stretch of a recording."""
+    """Samples and verdicts of a bearing in a part of a recording."""
 
     stream: Stream  # the samples in order of arrival, with repeats of values that stand
     repeats: BoolArray  # which of them are such repeats, shape (m,)
@@ -107,7 +107,7 @@ class StretchSink:
         """Take the next stretch."""
 
     def finish(self) -> None:
-        """All stretches were given."""
+        """Finish, after all parts were given."""
 
 
 def check_recording(
@@ -141,14 +141,16 @@ def check_recording(
     bound = bound_to(bag, config)
     config, times = bound.config, LogTimes()
     long = is_long(bag, config) if long is None else long
-    checks = {own.name: _BearingCheck(own, bound, outlined, long) for own in config.bearings}
-    reading = bag.reading({r for each in checks.values() for r in each.requests if r}, progress)
+    checks = {lossy.name: _BearingCheck(lossy, bound, outlined, long) for lossy in config.bearings}
+    reading = bag.reading(
+        {r for bearing_check in checks.values() for r in bearing_check.requests if r}, progress
+    )
     # When it begins and ends is known when the order of what is read has been judged.
     span = SampleSpan(bag)
 
-    def hand_on(end_ns: int, heard: Mapping[str, Heard]) -> None:
+    def hand_on(end_ns: int, samples: Mapping[str, Heard]) -> None:
         for sink in sinks:
-            sink.take(Stretch(end_ns, heard))
+            sink.take(Stretch(end_ns, samples))
 
     end_ns: int | None = None
     for part in times.of(reading):
@@ -156,40 +158,42 @@ def check_recording(
         if end_ns is None:
             for sink in sinks:
                 sink.begin(bag, config, span.start_ns)
-        ends = (int(each.log_time_ns[-1]) for each in part.values() if each.value.size)
+        ends = (
+            int(bearing_check.log_time_ns[-1]) for bearing_check in part.values() if bearing_check.value.size
+        )
         end_ns = max(ends, default=bag.start_ns or 0)
-        hand_on(end_ns, {name: own.take(part, span.start_ns, end_ns) for name, own in checks.items()})
+        hand_on(end_ns, {name: lossy.take(part, span.start_ns, end_ns) for name, lossy in checks.items()})
     end_ns = span.end_ns if times.replaced else bag.end_ns
-    silence = {r: _NOTHING for each in checks.values() for r in each.requests if r}
-    standing = {name: own.take(silence, span.start_ns, end_ns) for name, own in checks.items()}
-    if any(heard.repeats.any() for heard in standing.values()):
+    silence = {r: _NOTHING for bearing_check in checks.values() for r in bearing_check.requests if r}
+    standing = {name: lossy.take(silence, span.start_ns, end_ns) for name, lossy in checks.items()}
+    if any(samples.repeats.any() for samples in standing.values()):
         hand_on(end_ns or 0, standing)
-    hand_on(end_ns or 0, {name: own.finish(span.end_ns) for name, own in checks.items()})
+    hand_on(end_ns or 0, {name: lossy.finish(span.end_ns) for name, lossy in checks.items()})
     for sink in sinks:
         sink.finish()
     faults = reading.faults()
-    reports = {name: own.report(span, faults, times.text) for name, own in checks.items()}
+    reports = {name: lossy.report(span, faults, times.text) for name, lossy in checks.items()}
     _note_pace(bag, reports)
-    for own in (own for report in reports.values() for own in report.inputs[:2] if own.loss):
-        bag.lose(own.loss)
+    for lossy in (lossy for report in reports.values() for lossy in report.inputs[:2] if lossy.loss):
+        bag.lose(lossy.loss)
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 
 
 def _note_pace(bag: Recording, reports: Mapping[str, BearingReport]) -> None:
     """Note what the times of the samples hide, and what helps."""
-    inputs = [(name, each) for name, report in reports.items() for each in report.inputs[:2]]
-    coarse = max((each.gaps.usual for _, each in inputs if each.gaps.usual >= COARSE), default=0.0)
+    inputs = [(name, item) for name, report in reports.items() for item in report.inputs[:2]]
+    coarse = max((item.gaps.usual for _, item in inputs if item.gaps.usual >= COARSE), default=0.0)
     if coarse > 0.0:
         bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
-    for name, each in inputs:
-        if each.changes_only:
-            longest = each.gaps.longest[0].seconds
+    for name, item in inputs:
+        if item.changes_only:
+            longest = item.gaps.longest[0].seconds
             hold = next((nice for nice in HOLDS if nice >= longest), HOLDS[-1])
             bag.note(
-                f'{each.quantity} on {each.topic} seems to be stored only where it changes: no value is that'
-                f' before it, and gaps of up to {about(longest)} have {each.gaps.share:.0%} of the time; let'
-                f' values stand by {name}.{each.quantity}.hold: {hold}'
+                f'{item.quantity} on {item.topic} seems to be stored only where it changes: no value is that'
+                f' before it, and gaps of up to {about(longest)} have {item.gaps.share:.0%} of the time; let'
+                f' values stand by {name}.{item.quantity}.hold: {hold}'
             )
 
 
@@ -223,19 +227,19 @@ class _BearingCheck:
         scan = self._scan.take(stream)
         if repeats.any():
             scan = replace(scan, counts=scan.counts - counts_of(stream.inputs[repeats], scan.status[repeats]))
-        self._add(scan)
-        for each, own in zip(self._inputs, series, strict=True):
-            each.take(own, stream, scan, self._fitness)
+        self._add_scan(scan)
+        for input_check, input_series in zip(self._inputs, series, strict=True):
+            input_check.take(input_series, stream, scan, self._fitness)
         return Heard(stream, repeats, scan)
 
     def finish(self, end_ns: int | None) -> Heard:
         """Come to the end of the recording [ns]."""
         assert self._scan is not None
         self._end = self._scan.finish(_SILENCE, end_ns)
-        self._add(self._end)
+        self._add_scan(self._end)
         return Heard(_SILENCE, np.zeros(0, np.bool_), self._end)
 
-    def _add(self, scan: Scan) -> None:
+    def _add_scan(self, scan: Scan) -> None:
         """Add up the verdicts that are known with a part, a point behind."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
@@ -257,15 +261,15 @@ class _BearingCheck:
         silent_ns = max(0, span.length_ns - int(known_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
         nearest = self._extremes.found.get('fold_margin')
-        asked = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
+        questions = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
         for place, quantity in enumerate(QUANTITIES):
-            asked[quantity] += filter(None, [self._fitness.clause(place)])
+            questions[quantity] += filter(None, [self._fitness.clause(place)])
         if self._end.unknown is not None:
-            asked['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
+            questions['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         if self._end.water_doubt:
-            asked['water_temperature'] = [f'is in doubt at the end: {self._end.water_doubt}']
+            questions['water_temperature'] = [f'is in doubt at the end: {self._end.water_doubt}']
         for quantity, text in self._asked.items():
-            asked.setdefault(quantity, []).append(text)
+            questions.setdefault(quantity, []).append(text)
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
         return BearingReport(
             self.config.name,
@@ -274,10 +278,12 @@ class _BearingCheck:
             seconds,
             self._extremes.found,
             tuple(
-                each.report(
-                    () if request is None else faults[request], tuple(asked.get(each.quantity, ())), clock
+                input_check.report(
+                    () if request is None else faults[request],
+                    tuple(questions.get(input_check.quantity, ())),
+                    clock,
                 )
-                for each, request in zip(self._inputs, self.requests, strict=True)
+                for input_check, request in zip(self._inputs, self.requests, strict=True)
             ),
             None if self.config.level is None else dict(measured),
             None if self._outliner is None else self._outliner.outline(),
@@ -285,8 +291,8 @@ class _BearingCheck:
 
 
 def is_long(bag: Recording, config: MonitorConfig) -> bool:
-    """Whether a recording has so many messages of the bearings that it pays to compile the rule."""
-    topics = {request.topic for own in config.bearings for request in requests_of(own)}
+    """Return whether a recording has so many messages of the bearings that it pays to compile the rule."""
+    topics = {request.topic for bearing in config.bearings for request in requests_of(bearing)}
     counts = (topic.count for name, topic in bag.topics.items() if name in topics)
     return jit.has_compiler() and sum(counts) >= LONG
 
@@ -298,10 +304,10 @@ def requests_of(config: BearingConfig) -> tuple[Request, ...]:
 
 def merged(series: Sequence[Series], places: Sequence[int]) -> Stream:
     """Return the samples of a bearing's inputs in the order of the recording."""
-    order = np.argsort(np.concatenate([each.sequence for each in series]), kind='stable')
+    order = np.argsort(np.concatenate([item.sequence for item in series]), kind='stable')
     inputs = np.repeat(np.array(places, np.int8), [e.sequence.size for e in series])
     stamp_ns, value, arrival_ns = (
-        np.concatenate([getattr(each, name) for each in series])[order]
+        np.concatenate([getattr(item, name) for item in series])[order]
         for name in ('stamp_ns', 'value', 'log_time_ns')
     )
     return Stream(stamp_ns, inputs[order], value, arrival_ns=arrival_ns)
@@ -321,17 +327,17 @@ class SampleSpan:
 
     def extend(self, series: Iterable[Series], replaced: bool) -> None:
         """Take the messages of a stretch; with other times it begins with the first of them."""
-        known = [each for each in series if each.sequence.size]
-        if self.start_ns is None or self.end_ns is None or not known:
+        nonempty = [item for item in series if item.sequence.size]
+        if self.start_ns is None or self.end_ns is None or not nonempty:
             return
         if replaced and not self._begun:
-            self.start_ns = self.end_ns = min(int(each.log_time_ns[0]) for each in known)
+            self.start_ns = self.end_ns = min(int(item.log_time_ns[0]) for item in nonempty)
         self._begun = True
-        self.end_ns = max(self.end_ns, *(int(each.log_time_ns[-1]) for each in known))
+        self.end_ns = max(self.end_ns, *(int(item.log_time_ns[-1]) for item in nonempty))
 
     @property
     def length_ns(self) -> int:
-        """From the start to the end; 0 without messages [ns]."""
+        """Time from the start to the end; 0 without messages [ns]."""
         return 0 if self.start_ns is None or self.end_ns is None else self.end_ns - self.start_ns
 
 
@@ -414,11 +420,11 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
         **({} if item.measured is None else {'measured': item.measured}),
         'evaluations': item.evaluations,
         'data': item.complaints,
-        'inputs': {each.quantity: _input(each) for each in item.inputs},
+        'inputs': {input_report.quantity: _input_record(input_report) for input_report in item.inputs},
     }
 
 
-def _input(item: InputReport) -> dict[str, Any]:
+def _input_record(item: InputReport) -> dict[str, Any]:
     return {
         'topic': item.topic,
         **({'assumed': True} if item.is_assumed else {}),

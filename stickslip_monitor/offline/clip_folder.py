@@ -62,7 +62,7 @@ class ClipFolder:
             raise BagError(
                 f"clips.directory = '{config.directory}' cannot be made: {error.strerror or error}"
             ) from error
-        self._sweep()
+        self._remove_drafts()
 
     def __enter__(self) -> ClipFolder:
         return self
@@ -79,11 +79,11 @@ class ClipFolder:
         Raises:
             BagError: It cannot be written; nothing of it stays.
         """
-        while not self._written(clip, self._free(clip)):
+        while not self._write_clip(clip, self._free_name(clip)):
             pass
         self._drop_oldest()
 
-    def _written(self, clip: Clip, path: Path) -> bool:
+    def _write_clip(self, clip: Clip, path: Path) -> bool:
         """Write a clip; False where another process has taken its name meanwhile."""
         columns: dict[str, list[ClipMessage]] = {}
         for message in clip.messages:
@@ -93,7 +93,8 @@ class ClipFolder:
                 for topic, (first, *_) in columns.items():
                     writer.add_topic(topic, first.type, clip.definitions.get(first.type))
                 writer.write_columns(
-                    (topic, [m.time_ns for m in own], [m.data for m in own]) for topic, own in columns.items()
+                    (topic, [m.time_ns for m in messages], [m.data for m in messages])
+                    for topic, messages in columns.items()
                 )
         except BagError:
             if not path.exists():
@@ -106,14 +107,14 @@ class ClipFolder:
 
         A clip has a name and a label of ours: one that was renamed is somebody's to keep.
         """
-        found = []
+        paths = []
         for path in self.path.iterdir():
             if _OURS.fullmatch(path.name) and is_labelled(path, _LABEL):
                 with contextlib.suppress(FileNotFoundError):
-                    found.append((path.stat().st_mtime_ns, path.name, path))
-        return [path for *_, path in sorted(found)]
+                    paths.append((path.stat().st_mtime_ns, path.name, path))
+        return [path for *_, path in sorted(paths)]
 
-    def _free(self, clip: Clip) -> Path:
+    def _free_name(self, clip: Clip) -> Path:
         """Return a name that is not taken: when, which bearing, what."""
         when = _EPOCH + timedelta(seconds=clip.time_ns // 10**9)
         stem = f'{when:%Y%m%dT%H%M%SZ}_{clip.bearing}_{clip.condition.value}'
@@ -123,7 +124,7 @@ class ClipFolder:
                 return path
         raise AssertionError('unreachable: the numbers do not end')
 
-    def _sweep(self) -> None:
+    def _remove_drafts(self) -> None:
         """Remove what a crash left of clips that were being written."""
         for path in self.path.iterdir():
             if not _DRAFT.fullmatch(path.name) or not path.is_file():
@@ -142,7 +143,7 @@ class ClipFolder:
 
 @dataclass(slots=True)
 class ClipCounts:
-    """What came of the clips of a recording."""
+    """Numbers of clips written and lost for a recording."""
 
     written: int = 0
     removed: int = 0  # older ones that made room
@@ -177,16 +178,16 @@ class ClipWriter(StretchSink):
         self._waiting.append((self._begun_ns, stretch))
         self._begun_ns = stretch.end_ns + 1
         while self._waiting[0][1].end_ns + self._around_ns < stretch.end_ns:
-            self._tell(*self._waiting.popleft())
+            self._pass_messages(*self._waiting.popleft())
 
     def finish(self) -> None:
         """Tell of the rest."""
         while self._waiting:
-            self._tell(*self._waiting.popleft())
+            self._pass_messages(*self._waiting.popleft())
         self._recorder.finish()
-        self._write()
+        self._write_due()
 
-    def _tell(self, begun_ns: int, stretch: Stretch) -> None:
+    def _pass_messages(self, begun_ns: int, stretch: Stretch) -> None:
         """Give the messages around alarms to the recorder, in order of time."""
         around = self._around_ns
         spans = TimeSpans((t - around, t + around) for t in self._alarms)
@@ -203,9 +204,9 @@ class ClipWriter(StretchSink):
             self._recorder.add(message)
             if message.topic == f'/{NODE}/warnings':
                 self._recorder.note(next(following))
-            self._write()
+            self._write_due()
 
-    def _write(self) -> None:
+    def _write_due(self) -> None:
         for clip in self._recorder.clips():
             try:
                 self._store.write(clip)
@@ -216,10 +217,10 @@ class ClipWriter(StretchSink):
 
 
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
-    found = []
+    ordered = []
     for topic, kind, time_ns, payload in columns:
         messages = (
             payload.view(f'V{payload.itemsize}').tolist() if isinstance(payload, np.ndarray) else payload
         )
-        found += [ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), messages, strict=True)]
-    return sorted(found, key=lambda message: message.time_ns)
+        ordered += [ClipMessage(t, topic, kind, d) for t, d in zip(time_ns.tolist(), messages, strict=True)]
+    return sorted(ordered, key=lambda message: message.time_ns)

@@ -83,14 +83,14 @@ class Outliner:
         self._events += scan.events
         if not scan.time_ns.size:
             return
-        rows = self._new(scan)
+        rows = self._new_rows(scan)
         self._count += rows.size
         while self._count > _MOST * self._length:
             self._length *= 2
-        rows = np.concatenate([self._rows, self._thinned(rows)])
-        self._rows = self._thinned(rows) if rows.size > 24 * _MOST else rows
+        rows = np.concatenate([self._rows, self._thin_rows(rows)])
+        self._rows = self._thin_rows(rows) if rows.size > 24 * _MOST else rows
 
-    def _new(self, scan: Scan) -> NDArray[np.void]:
+    def _new_rows(self, scan: Scan) -> NDArray[np.void]:
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)
@@ -112,34 +112,34 @@ class Outliner:
         rows['scores'] = np.stack([np.abs(points.speed), points.load, *margins, amplitude], -1)
         return rows
 
-    def _thinned(self, rows: NDArray[np.void]) -> NDArray[np.void]:
+    def _thin_rows(self, rows: NDArray[np.void]) -> NDArray[np.void]:
         if self._length == 1 or not rows.size:
             return rows
-        starts = self._stretches(rows)
-        kept = [np.array([0, rows.size - 1]), _first(rows['opens'], starts)]
+        starts = self._stretch_starts(rows)
+        rows_kept = [np.array([0, rows.size - 1]), _first_chosen(rows['opens'], starts)]
         for column in rows['scores'].T:
             for score in (column, -column):
                 score = np.where(np.isnan(score), -np.inf, score)
-                most = np.repeat(np.maximum.reduceat(score, starts), np.diff([*starts, score.size]))
-                kept.append(_first((score == most) & (score > -np.inf), starts))
-        return rows[np.unique(np.concatenate(kept))]
+                highest = np.repeat(np.maximum.reduceat(score, starts), np.diff([*starts, score.size]))
+                rows_kept.append(_first_chosen((score == highest) & (score > -np.inf), starts))
+        return rows[np.unique(np.concatenate(rows_kept))]
 
-    def _stretches(self, rows: NDArray[np.void]) -> IndexArray:
-        """Where the stretches begin of which some points stay."""
+    def _stretch_starts(self, rows: NDArray[np.void]) -> IndexArray:
+        """Return where the stretches begin of which some points stay."""
         return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
     def outline(self) -> Outline:
         """Return the outline of what was taken; of few points all of them."""
         config = self._config
-        rows = self._thinned(self._rows)
+        rows = self._thin_rows(self._rows)
         water = None if config.water_temperature is None else rows['water']
-        known = assess(config.bearing, rows['speed'], rows['load'], config.belief, temperature=water)
-        return Outline(rows['time_ns'], self._until(rows), known, rows['sticking'], self._events)
+        assessed = assess(config.bearing, rows['speed'], rows['load'], config.belief, temperature=water)
+        return Outline(rows['time_ns'], self._valid_until(rows), assessed, rows['sticking'], self._events)
 
-    def _until(self, rows: NDArray[np.void]) -> IntArray:
-        """Each counts until the next but where the line is interrupted: once in a stretch."""
+    def _valid_until(self, rows: NDArray[np.void]) -> IntArray:
+        """Return each counts until the next but where the line is interrupted: once in a stretch."""
         time, until = rows['time_ns'], rows['until_ns'].copy()
-        opens = _first(rows['opens'], self._stretches(rows))
+        opens = _first_chosen(rows['opens'], self._stretch_starts(rows))
         before = opens[opens > 0] - 1
         interrupted = np.minimum(until[before], time[before + 1] - 1)
         until[:-1] = np.maximum(time[1:], time[:-1])
@@ -147,7 +147,7 @@ class Outliner:
         return until
 
 
-def _first(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
+def _first_chosen(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
     """Return the first that is chosen of each stretch that begins at the starts."""
     places = np.flatnonzero(chosen)
     owner = np.searchsorted(starts, places, 'right')
@@ -164,7 +164,7 @@ class ConditionInterval:
 
     @property
     def seconds(self) -> float:
-        """How long it lasted [s]; 0 where the clock jumped back in it."""
+        """Length [s]; 0 where the clock jumped back in it."""
         return max(0, self.end_ns - self.start_ns) * 1e-9
 
 
@@ -187,45 +187,45 @@ def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> 
     ]
 
 
-def coarsened(parts: Sequence[ConditionInterval], most: int) -> list[ConditionInterval]:
+def coarsened(parts: Sequence[ConditionInterval], max_count: int) -> list[ConditionInterval]:
     """Fewer spells that show the same at a glance: of each stretch of time the worst condition.
 
     Args:
         parts: Spells that follow each other.
-        most: How many spells to return at most; fewer than that stay as they are.
+        max_count: How many spells to return at most; fewer than that stay as they are.
     """
     start, end = parts[0].start_ns, max(spell.end_ns for spell in parts)
-    if len(parts) <= most or end <= start:
+    if len(parts) <= max_count or end <= start:
         return list(parts)
-    worst = [Condition.NORMAL] * most
+    worst = [Condition.NORMAL] * max_count
     for spell in parts:
-        first = (spell.start_ns - start) * most // (end - start)
-        last = -((start - spell.end_ns) * most // (end - start))
-        for k in range(max(0, first), min(most, max(last, first + 1))):
+        first = (spell.start_ns - start) * max_count // (end - start)
+        last = -((start - spell.end_ns) * max_count // (end - start))
+        for k in range(max(0, first), min(max_count, max(last, first + 1))):
             worst[k] = max(worst[k], spell.condition, key=_SEVERITY.index)
-    edges = [start + (end - start) * k // most for k in range(most + 1)]
-    found: list[ConditionInterval] = []
+    edges = [start + (end - start) * k // max_count for k in range(max_count + 1)]
+    intervals: list[ConditionInterval] = []
     for k, condition in enumerate(worst):
-        begin = found.pop().start_ns if found and found[-1].condition is condition else edges[k]
-        found.append(ConditionInterval(begin, edges[k + 1], condition))
-    return found
+        begin = intervals.pop().start_ns if intervals and intervals[-1].condition is condition else edges[k]
+        intervals.append(ConditionInterval(begin, edges[k + 1], condition))
+    return intervals
 
 
 def together(
     parts: Iterable[ConditionInterval], conditions: Collection[Condition]
 ) -> list[ConditionInterval]:
     """Return the spells spent in any of some conditions; those that follow each other are one."""
-    found: list[ConditionInterval] = []
+    intervals: list[ConditionInterval] = []
     for spell in parts:
         if spell.condition not in conditions:
             continue
-        if found and found[-1].end_ns == spell.start_ns:
-            spell = ConditionInterval(found.pop().start_ns, spell.end_ns, spell.condition)
-        found.append(spell)
-    return found
+        if intervals and intervals[-1].end_ns == spell.start_ns:
+            spell = ConditionInterval(intervals.pop().start_ns, spell.end_ns, spell.condition)
+        intervals.append(spell)
+    return intervals
 
 
-def _outermost(speed: FloatArray, load: FloatArray) -> IndexArray:
+def _outermost_points(speed: FloatArray, load: FloatArray) -> IndexArray:
     """Return the points than which no other is both faster and more loaded, shape (m,).
 
     At one speed the amplitude of the exact cycle rises with the load, and at one load, as a rule,
@@ -264,7 +264,7 @@ class Extremes:
         """Take the next verdicts on one bearing, of n points."""
         if not scan.time_ns.size:
             return
-        size, top = np.abs(scan.speed), self._heaviest(scan)
+        size, top = np.abs(scan.speed), self._heaviest_point(scan)
         # Beyond the highest boundaries a point is stable; but a fold that is not known has no end.
         limit = COVER * np.fmax(top.hopf_speed, top.fold_speed)
         if scan.config.water_temperature is not None:
@@ -272,16 +272,16 @@ class Extremes:
         rows = np.flatnonzero(size <= np.where(np.isnan(top.fold_speed), np.inf, limit))
         codes = scan.assessed(rows).regime_code if rows.size else _NO_CODES
         lasting = scan.until_ns - scan.time_ns
-        own = lasting_ns(codes, lasting[rows], len(REGIMES))
-        own[_STABLE] += lasting.sum() - own.sum()
-        self.lasting_ns += own
+        durations = lasting_ns(codes, lasting[rows], len(REGIMES))
+        durations[_STABLE] += lasting.sum() - durations.sum()
+        self.lasting_ns += durations
         self._take_margins(scan, size, top)
         # One that dies out beyond the fold has no amplitude any more.
         rows = rows[scan.sticking[rows] & ((codes == _BISTABLE) | (codes == _UNSTABLE))]
         if rows.size:
-            self._take(scan, rows[_outermost(size[rows], scan.load[rows])], 'amplitude')
+            self._take_rows(scan, rows[_outermost_points(size[rows], scan.load[rows])], 'amplitude')
 
-    def _heaviest(self, scan: Scan) -> Assessments:
+    def _heaviest_point(self, scan: Scan) -> Assessments:
         """Return a point at least as heavy as some, that known or one of these, if not much heavier.
 
         No boundary of these is higher than its boundaries. They rise with the load but for the fold,
@@ -302,31 +302,31 @@ class Extremes:
         """
         if scan.config.water_temperature is not None:
             if size.any():
-                self._take(scan, np.flatnonzero(size), *_MARGINS)
+                self._take_rows(scan, np.flatnonzero(size), *_MARGINS)
             return
-        rows = np.flatnonzero(size <= self._slow(top))
+        rows = np.flatnonzero(size <= self._slow_limit(top))
         rows = rows[size[rows] > 0.0]
         if rows.size:
             # With the margins of the slowest few others can have a lower one.
-            self._take(scan, rows[[size[rows].argmin()]], *_MARGINS)
-            self._take(scan, rows[size[rows] <= self._slow(top)], *_MARGINS)
+            self._take_rows(scan, rows[[size[rows].argmin()]], *_MARGINS)
+            self._take_rows(scan, rows[size[rows] <= self._slow_limit(top)], *_MARGINS)
 
-    def _slow(self, top: Assessments) -> FloatArray:
+    def _slow_limit(self, top: Assessments) -> FloatArray:
         """Return the highest speed [m/s] at which a margin may be lower than is known; nan without one."""
-        known = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
-        ends = zip(known, (top.hopf_speed, top.fold_speed), strict=True)
+        margins = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
+        ends = zip(margins, (top.hopf_speed, top.fold_speed), strict=True)
         slow: FloatArray = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
         return slow
 
-    def _take(self, scan: Scan, rows: IndexArray, *names: str) -> None:
+    def _take_rows(self, scan: Scan, rows: IndexArray, *names: str) -> None:
         """Take some rows; the least margin is the worst, and the greatest amplitude."""
         points = scan.assessed(rows)
         for name in names:
             sign = -1 if name == 'amplitude' else 1
             values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
             badness = np.where(np.isfinite(values), sign * values, np.inf)
-            least = sign * self.found[name].value if name in self.found else math.inf
-            if badness.min(initial=math.inf) < least:
+            lowest = sign * self.found[name].value if name in self.found else math.inf
+            if badness.min(initial=math.inf) < lowest:
                 i = int(badness.argmin())
                 self.found[name] = Extreme(int(scan.time_ns[rows[i]]), float(values[i]), points.at(i))
 

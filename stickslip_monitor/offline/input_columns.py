@@ -84,55 +84,68 @@ class ColumnBinding:
         """Return the configuration with the topics and timeouts that hold for the table."""
         absent: dict[tuple[str, str], str] = {}
         changed: dict[str, dict[str, Any]] = {}
-        wanted = [(b, *each) for b in config.bearings for each in b.inputs.items() if not each[1].is_assumed]
-        found: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
+        wanted = [
+            (b, *bearing_config)
+            for b in config.bearings
+            for bearing_config in b.inputs.items()
+            if not bearing_config[1].is_assumed
+        ]
+        bindings: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
         for bearing, quantity, source in wanted:
             try:
-                column = self._rows_of(bearing, quantity, source, self._found(bearing, quantity, source))
-                found.append((bearing, quantity, source, column))
+                column = self._rows_of(
+                    bearing, quantity, source, self._find_column(bearing, quantity, source)
+                )
+                bindings.append((bearing, quantity, source, column))
             except BagError as error:
                 absent[bearing.name, quantity] = str(error)
-        for bearing, quantity, source, column in found:
-            topics = {own.topic for _, of, own, same in found if (of, same) == (quantity, column)}
-            if len(topics) > 1 and not source.column and not _names(column, bearing.name, source.topic):
+        for bearing, quantity, source, column in bindings:
+            topics = {binding.topic for _, of, binding, same in bindings if (of, same) == (quantity, column)}
+            if (
+                len(topics) > 1
+                and not source.column
+                and not _is_named_after(column, bearing.name, source.topic)
+            ):
                 absent[bearing.name, quantity] = (
                     f"log '{self._path}': column '{column.heading}' is the {quantity} of one bearing, and"
                     f' {len(topics)} have different topics: write {bearing.name}.{quantity}.column'
                 )
                 continue
             every = self._log.interval(column)
-            own = self._bound(bearing, quantity, source, column, every)
-            changed.setdefault(bearing.name, {})[quantity] = own
-        for each in config.bearings:
-            inputs = changed.get(each.name, {})
-            if each.load.is_assumed and 'speed' in inputs:
+            binding = self._bind_column(bearing, quantity, source, column, every)
+            changed.setdefault(bearing.name, {})[quantity] = binding
+        for bearing_config in config.bearings:
+            inputs = changed.get(bearing_config.name, {})
+            if bearing_config.load.is_assumed and 'speed' in inputs:
                 # It comes with the speed.
                 names = ('topic', 'type', 'field_text', 'field', 'timeout_ns', 'hold_ns')
-                inputs['load'] = replace(each.load, **{k: getattr(inputs['speed'], k) for k in names})
+                inputs['load'] = replace(
+                    bearing_config.load, **{k: getattr(inputs['speed'], k) for k in names}
+                )
         bearings = tuple(replace(b, **changed.get(b.name, {})) for b in config.bearings)
         return Bound(replace(config, bearings=bearings), absent, self.asked)
 
-    def _found(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
+    def _find_column(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
         """Return the one column that is an input.
 
         Raises:
             BagError: None is, or several may be.
         """
-        found = list(self._candidates(bearing.name, quantity, source))
-        if len(found) > 1:
+        columns = list(self._find_candidates(bearing.name, quantity, source))
+        if len(columns) > 1:
             # Another sender of a number stands in for the first.
-            found = [c for c in found if not c.is_other] or found
-            named = [c for c in found if _names(c, bearing.name)]
-            found = named if len(named) == 1 else found
-        if len(found) == 1:
-            return found[0]
+            columns = [c for c in columns if not c.is_other] or columns
+            named = [c for c in columns if _is_named_after(c, bearing.name)]
+            columns = named if len(named) == 1 else columns
+        if len(columns) == 1:
+            return columns[0]
         parameter = f'{bearing.name}.{quantity}.column'
-        if found:
+        if columns:
             # Of columns of one heading only the place tells.
-            is_one = len({column.heading for column in found}) == 1
-            names = [f'#{column.place + 1}' if is_one else column.heading for column in found]
+            is_one = len({column.heading for column in columns}) == 1
+            names = [f'#{column.place + 1}' if is_one else column.heading for column in columns]
             raise BagError(
-                f"log '{self._path}': {len(found)} columns may be the {quantity}: {listed(names)};"
+                f"log '{self._path}': {len(columns)} columns may be the {quantity}: {listed(names)};"
                 f' write {parameter}'
             )
         headings = [column.heading for column in self._all]
@@ -167,46 +180,50 @@ class ColumnBinding:
             f' {{{heading}: {texts[0]}{others}}}, and a bearing for each'
         )
 
-    def _candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
+    def _find_candidates(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
         """Return the columns that may be an input, by the first rule that fits any."""
         if source.column:
-            asked = _ZEROS.sub('', parse_heading(source.column).name)
+            wanted = _ZEROS.sub('', parse_heading(source.column).name)
             same = [c for c in self._all if c.heading == source.column]
-            like = [c for c in self._all if asked and _ZEROS.sub('', parse_heading(c.heading).name) == asked]
+            similar = [
+                c for c in self._all if wanted and _ZEROS.sub('', parse_heading(c.heading).name) == wanted
+            ]
             # Of a log of names by the place of its values all rows.
             number = [
                 c if c.name is None else LogColumn(source.column, c.place)
                 for c in self._all
                 if f'#{c.place + 1}' == source.column
             ]
-            return same or like or number[:1]
+            return same or similar or number[:1]
         topic = source.topic.strip('/')
         names = {parse_heading(topic).name, parse_heading(topic.rpartition('/')[2]).name}
-        own = {quantity, parse_heading(f'{bearing} {quantity}').name}
+        own_names = {quantity, parse_heading(f'{bearing} {quantity}').name}
         units = _units_of(quantity, source)
         # One that says another unit is another quantity: 'Speed (kn)' is the ship's own.
-        able = [c for c in self._all if c.unit in units or not c.has_unit]
+        candidates = [c for c in self._all if c.unit in units or not c.has_unit]
         # PlotJuggler writes the field behind the topic.
         of_topic = [
-            c for c in able if topic and c.heading.strip('/') in (topic, f'{topic}/{source.field_text}')
+            c for c in candidates if topic and c.heading.strip('/') in (topic, f'{topic}/{source.field_text}')
         ]
         # The bearing may be that of a thruster.
         called = {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
-        others = set[str]()
-        for one, other in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
+        foreign_words = set[str]()
+        for one, other_side in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
             called |= one if called & one else set()
-            others |= other if called & one and not called & other else set()
-        able = [c for c in able if not others & {*parse_heading(c.heading).name.split()}]
-        plain = [parse_heading(c.heading).name for c in able]
-        like = [c for c, name in zip(able, plain, strict=True) if name in names - {quantity}]
+            foreign_words |= other_side if called & one and not called & other_side else set()
+        candidates = [c for c in candidates if not foreign_words & {*parse_heading(c.heading).name.split()}]
+        plain = [parse_heading(c.heading).name for c in candidates]
+        similar = [c for c, name in zip(candidates, plain, strict=True) if name in names - {quantity}]
         by_unit = [
-            c for c in able if c.unit in units and (self._log.is_sent or _is_plain(c, quantity, called))
+            c for c in candidates if c.unit in units and (self._log.is_sent or _is_plain(c, quantity, called))
         ]
         local = _LOCAL_IDS.get(quantity, '\0')
-        by_name = [c for c, name in zip(able, plain, strict=True) if name in own or local in c.heading]
-        return of_topic or like or by_unit or by_name
+        by_name = [
+            c for c, name in zip(candidates, plain, strict=True) if name in own_names or local in c.heading
+        ]
+        return of_topic or similar or by_unit or by_name
 
-    def _bound(
+    def _bind_column(
         self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn, every: float
     ) -> InputConfig:
         """Return an input as the table gives it, and note what was guessed."""
@@ -215,7 +232,7 @@ class ColumnBinding:
         is_scaled = unit is not None and not (self._log.is_sent or source.column)
         sent = SourceColumn(column)
         if unit is not None:
-            ratio = _factor(bearing, quantity, unit) / _factor(bearing, quantity, source.unit)
+            ratio = _unit_factor(bearing, quantity, unit) / _unit_factor(bearing, quantity, source.unit)
             ratio = 1.0 if unit == source.unit else ratio
             scaled = (source.scale, source.offset) if is_scaled else (1.0, 0.0)
             sent = SourceColumn(column, ratio, *scaled, kept=NO_VALUES)
@@ -226,38 +243,38 @@ class ColumnBinding:
             topic = f'/{bearing.name}/{quantity}'
         self.columns[topic] = sent
         why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
-        said = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
+        remark = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
         if unit is None and column.has_unit:
             stated = column.unit or parse_heading(column.heading).unit
             if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
                 clause = f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}'"
                 self.asked[bearing.name, quantity] = f'{clause}: is that right?'
         if (source.scale, source.offset) != (1.0, 0.0):
-            said += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
+            remark += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
             if is_scaled:
                 self.asked[bearing.name, quantity] = (
                     f"is column '{column.heading}' in {unit} by its heading, so its scale {source.scale:g}"
                     f' and offset {source.offset:g} are not applied: write'
                     f' {bearing.name}.{quantity}.column: "{column.heading}" if they are to be'
                 )
-            said += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
+            remark += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
         elif isinstance(source, SpeedConfig) and source.gear_text:
-            said += f', {source.gear_text}'
+            remark += f', {source.gear_text}'
         elif quantity == 'speed' and not (source.column or _is_plain(column, quantity, {'s'})):
             self.asked[bearing.name, quantity] = (
                 f"is column '{column.heading}': is it the shaft's own? Write"
                 f' {bearing.name}.{quantity}.column, and gear where one is between'
             )
         if timeout_ns > source.timeout_ns:
-            said += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
-        self.said.append(said)
+            remark += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
+        self.said.append(remark)
         return replace(
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
         )
 
 
-def _names(column: LogColumn, bearing: str, topic: str = '') -> bool:
-    """Whether a heading names a bearing, or is a topic."""
+def _is_named_after(column: LogColumn, bearing: str, topic: str = '') -> bool:
+    """Return whether a heading names a bearing, or is a topic."""
     is_topic = bool(topic) and column.heading.strip('/').startswith(topic.strip('/'))
     return is_topic or {*bearing.split('_')} <= {*parse_heading(column.heading).name.split()}
 
@@ -279,7 +296,7 @@ def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
     return tuple(LOAD_UNITS) if quantity == 'load' else (source.unit,)
 
 
-def _factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
+def _unit_factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
     """Return what a unit is in SI."""
     if quantity == 'speed':
         return bearing.bearing.speed.factor(unit)
@@ -290,5 +307,5 @@ def guess_of(kind: str) -> str:
     """Return the clause ", may be the speed" (or load) for a column of such a unit, or nothing."""
     unit = kind.removeprefix('column in ')
     quantities = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
-    found = quantities.get(unit) if unit != kind else None
-    return f', may be the {found}' if found else ''
+    quantity = quantities.get(unit) if unit != kind else None
+    return f', may be the {quantity}' if quantity else ''

@@ -94,7 +94,7 @@ class Gaps:
         passed_ns = self._take_intervals(stamp_ns, step[first:])
         if log_time_ns is not stamp_ns:
             step = np.diff(log_time_ns, prepend=log_time_ns[0] - 1 if first else self._log_ns)
-            passed_ns = _passed(step[first:])
+            passed_ns = _time_passed(step[first:])
         self._log_passed_ns += passed_ns
         self._take_log(step)
         self._messages += stamp_ns.size
@@ -108,15 +108,15 @@ class Gaps:
         lasting_ns = interval[long]
         self.count += long.size
         self._regular += interval.size - long.size
-        passed_ns, long_ns = _passed(interval), int(lasting_ns.sum())
+        passed_ns, long_ns = _time_passed(interval), int(lasting_ns.sum())
         self._regular_ns += passed_ns - long_ns
         self._long_ns += long_ns
         if not long.size:
             return passed_ns
         begins = stamp_ns[long + stamp_ns.size - interval.size] - lasting_ns
         order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
-        found = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
-        self.longest = sorted([*self.longest, *found], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
+        gaps = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
+        self.longest = sorted([*self.longest, *gaps], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
         return passed_ns
 
     def _take_log(self, step: IntArray) -> None:
@@ -141,7 +141,7 @@ class Gaps:
         return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
     def crowd(self, topic: str) -> str:
-        """Why messages say nothing for want of time between their log times; '' where they have it."""
+        """Return why messages say nothing for want of time between their log times; '' where they have it."""
         count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
         if count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9:
@@ -151,14 +151,14 @@ class Gaps:
         return ''
 
 
-def _passed(interval: IntArray) -> int:
+def _time_passed(interval: IntArray) -> int:
     """Return the time of some intervals, of which those back are none [ns]."""
     return int(np.maximum(interval, 0).sum())
 
 
 @dataclass(frozen=True, slots=True)
 class InputReport:
-    """What came of one input of a bearing."""
+    """Result of one input of a bearing."""
 
     quantity: str  # 'speed', 'load' or 'level'
     topic: str
@@ -185,10 +185,10 @@ class InputReport:
 
     @property
     def complaints(self) -> list[str]:
-        """What was wrong, one clause for each kind."""
+        """Return what was wrong, one clause for each kind."""
         place = f'{self.quantity} on {self.topic}'
-        found = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
-        return [*found, f'{place}: {self.fault}'] if self.fault else found
+        texts = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
+        return [*texts, f'{place}: {self.fault}'] if self.fault else texts
 
 
 class InputCheck:
@@ -196,7 +196,7 @@ class InputCheck:
 
     def __init__(self, config: BearingConfig, place: int, absent: str = '') -> None:
         self.quantity = INPUTS[place]
-        self._place, self._absent = place, absent
+        self._load_bin, self._absent = place, absent
         self._source = config.inputs[self.quantity]
         self._assumed = config.load.assumed if self.quantity == 'load' else None
         self._gear = f' {config.speed.gear_text}'.rstrip() if self.quantity == 'speed' else ''
@@ -222,30 +222,30 @@ class InputCheck:
             equal = np.count_nonzero(series.value[1:] == series.value[:-1])
             self._equal += int(equal) + int(series.value[0] == self._latest)
             self._latest = float(series.value[-1])
-        self._counts += scan.counts[self._place]
+        self._counts += scan.counts[self._load_bin]
         value, arrival_ns = series.value, series.log_time_ns
-        if scan.counts[self._place, Status.ACCEPTED] < value.size:
-            own = (scan.status == Status.ACCEPTED) & (stream.inputs == self._place)
-            value, arrival_ns = stream.value[own], stream.arrival_ns[own]
+        if scan.counts[self._load_bin, Status.ACCEPTED] < value.size:
+            is_used = (scan.status == Status.ACCEPTED) & (stream.inputs == self._load_bin)
+            value, arrival_ns = stream.value[is_used], stream.arrival_ns[is_used]
         # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
-        if self._place < LEVEL and not self._source.is_assumed:
-            si = self._si(value)
+        if self._load_bin < LEVEL and not self._source.is_assumed:
+            si = self._to_si(value)
             self._sources += self._watch.see_column(arrival_ns, si)
             # What stands until the next change is known to come slowly.
             if not self._source.hold_ns:
-                fitness.take_values(self._place, arrival_ns, si)
+                fitness.take_values(self._load_bin, arrival_ns, si)
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 
-    def _si(self, number: Any) -> Any:
+    def _to_si(self, number: Any) -> Any:
         with np.errstate(over='ignore', invalid='ignore'):
-            return si_value(self._numbers, self._place, number)
+            return si_value(self._numbers, self._load_bin, number)
 
-    def _fault(self) -> str:
-        """Why the input brings nothing, or by how much its clock differs."""
+    def _fault_text(self) -> str:
+        """Return why the input brings nothing, or by how much its clock differs."""
         if self._absent:
             return f'{self._absent}.'
-        facts = _facts(self._source)
+        facts = _silent_facts(self._source)
         if not self._messages:
             return input_fault(facts)
         if not self._counts[Status.ACCEPTED]:
@@ -256,19 +256,19 @@ class InputCheck:
         share = int(self._counts[Status.IMPLAUSIBLE]) / self._messages
         return input_fault(replace(received, share=share, reason=Status.IMPLAUSIBLE))
 
-    def report(self, faults: tuple[Fault, ...], asked: tuple[str, ...], clock: str) -> InputReport:
+    def report(self, faults: tuple[Fault, ...], questions: tuple[str, ...], clock: str) -> InputReport:
         """Return the report on the input, with the faults of its messages and clock, and questions."""
         used = int(self._counts[Status.ACCEPTED])
         if self._assumed is not None:
             # It comes with the speed, and what is wrong with that is said there.
             low, high = (load / self._source.factor for load in self._assumed)
-            of_table = f'{_range(low, high)} {self._source.unit} from the alignment table'
+            of_table = f'{_range_text(low, high)} {self._source.unit} from the alignment table'
             values = of_table if low < high else f'{low:g} {self._source.unit}'
             topic = self._source.topic
-            known = self.quantity, topic, self._messages, used, (), self._gaps, (low, high), self._assumed
-            return InputReport(*known, questions=asked, is_assumed=True, values=values)
+            common = self.quantity, topic, self._messages, used, (), self._gaps, (low, high), self._assumed
+            return InputReport(*common, questions=questions, is_assumed=True, values=values)
         first, last = self._span if used else (math.nan, math.nan)
-        low, high = sorted(float(self._si(end)) for end in (first, last))
+        low, high = sorted(float(self._to_si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
         # A word of a table is said by its fault.
         counted[STATUS_SENTENCES[Status.NOT_FINITE]] -= sum(own.count for own in faults if own.is_nan)
@@ -283,9 +283,9 @@ class InputCheck:
             span=(first, last),
             si_span=(low, high),
             sources=tuple(self._sources),
-            questions=asked,
-            fault=clock or self._fault(),
-            values=self._values(first, last, low, high) if used else 'none',
+            questions=questions,
+            fault=clock or self._fault_text(),
+            values=self._range_of_values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
             crowd=self._gaps.crowd(self._source.topic),
             changes_only=self._changes_only(),
@@ -298,18 +298,20 @@ class InputCheck:
         is_sparse = gaps.count >= _CHANGES_GAPS and gaps.share >= _CHANGES_TIME
         return is_sparse and not self._source.hold_ns and equal <= _CHANGES_EQUAL * self._messages
 
-    def _values(self, first: float, last: float, si_low: float, si_high: float) -> str:
+    def _range_of_values(self, first: float, last: float, si_low: float, si_high: float) -> str:
         """Return the valid values in the unit of the configuration, in SI, and as they were sent."""
         source = self._source
         low, high = sorted(source.scale * end + source.offset for end in (first, last))
         si_unit = {'speed': 'm/s', 'load': 'N'}.get(self.quantity, source.unit)
-        more = [f'{_range(si_low, si_high)} {si_unit}'] if si_unit != source.unit else []
+        more = [f'{_range_text(si_low, si_high)} {si_unit}'] if si_unit != source.unit else []
         if (source.scale, source.offset) != (1.0, 0.0):
-            more.append(f'sent as {_range(first, last)}')
-        return f'{_range(low, high)} {source.unit}{self._gear}' + (f' ({"; ".join(more)})' if more else '')
+            more.append(f'sent as {_range_text(first, last)}')
+        return f'{_range_text(low, high)} {source.unit}{self._gear}' + (
+            f' ({"; ".join(more)})' if more else ''
+        )
 
 
-def _range(low: float, high: float) -> str:
+def _range_text(low: float, high: float) -> str:
     return f'{rounded(low, 4)} to {rounded(high, 4)}'
 
 
@@ -321,22 +323,22 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
     Raises:
         BagError: No bearing has both speed and load.
     """
-    found = bind(bag, config)
-    lost = {name for name, quantity in found.absent if quantity in QUANTITIES}
-    if len(lost) == len(found.config.bearings):
-        text = next(text for (_, of), text in found.absent.items() if of in QUANTITIES)
+    bound = bind(bag, config)
+    lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
+    if len(lost) == len(bound.config.bearings):
+        text = next(text for (_, of), text in bound.absent.items() if of in QUANTITIES)
         # What is missing may lie behind a cut, or in what cannot be read.
         raise BagError('; '.join([text, *bag.losses[:_MOST_NAMED]]))
-    return found
+    return bound
 
 
-def _facts(source: InputConfig) -> InputFacts:
+def _silent_facts(source: InputConfig) -> InputFacts:
     """Return the facts of an input without messages."""
     return InputFacts(source.topic, source.type, lost=True)
 
 
 class Plausibility:
-    """What all operating points of a recording say about the inputs of a bearing."""
+    """Judges the inputs of a bearing by all operating points of a recording."""
 
     def __init__(self, config: BearingConfig) -> None:
         self._config = config
@@ -362,70 +364,70 @@ class Plausibility:
         if self._most < 1.0 / FACTOR and turns.any():
             rows = np.flatnonzero(turns)
             # As a rule the fastest is fast enough, and no more is to be worked out.
-            for some in (rows[speed[rows].argmax()][None], rows):
+            for chosen in (rows[speed[rows].argmax()][None], rows):
                 if self._most < 1.0 / FACTOR:
-                    ratio = speed[some] / limit(some)
+                    ratio = speed[chosen] / limit(chosen)
                     self._most = max(self._most, float(np.where(np.isnan(ratio), np.inf, ratio).max()))
 
-    def questions(self, least: float) -> dict[str, list[str]]:
+    def questions(self, nearest: float) -> dict[str, list[str]]:
         """Questions by quantity, each a clause that follows the name of the input.
 
         Args:
-            least: The least speed of the turning shaft relative to the fold; inf for none.
+            nearest: The least speed of the turning shaft relative to the fold; inf for none.
         """
         config = self._config
-        found = questions(config, self._heaviest)
+        texts = questions(config, self._heaviest)
         if self._fastest > FASTEST:
-            found['speed'].append(
+            texts['speed'].append(
                 f'reaches {self._fastest:.4g} m/s at the surface of the journal, more than'
                 f' {FASTEST:g} m/s: are its unit and scale right?'
             )
         if self._negative > 0.5 * self._count:
-            found['load'].append('is negative for most of the time: is the sign of its scale right?')
+            texts['load'].append('is negative for most of the time: is the sign of its scale right?')
         if self._unloaded > _SHARE * self._moving:
-            found['load'].append(
+            texts['load'].append(
                 f'is exactly 0 in {self._unloaded / self._moving:.0%} of the values while the shaft turns: is'
                 ' the sensor connected, are its topic and field right?'
             )
-        found['load'] += self._two_levels()
-        if self._loads.any() and not found['speed']:
-            found['speed'] += self._distance(least)
-        return found
+        texts['load'] += self._two_levels()
+        if self._loads.any() and not texts['speed']:
+            texts['speed'] += self._distance_questions(nearest)
+        return texts
 
-    def _distance(self, least: float) -> list[str]:
-        """Whether the points of a turning shaft are all far from the boundary."""
-        asked = 'are units, scales and topics of speed and load right?'
-        if FACTOR < least < math.inf:
-            return [f'is never below {least:.3g} times the fold speed: {asked}']
+    def _distance_questions(self, nearest: float) -> list[str]:
+        """Ask about units where the points of a turning shaft are all far from the boundary."""
+        question = 'are units, scales and topics of speed and load right?'
+        if FACTOR < nearest < math.inf:
+            return [f'is never below {nearest:.3g} times the fold speed: {question}']
         if self._most < 1.0 / FACTOR:
-            return [f'is never above {self._most:.2g} times the fold speed: {asked}']
+            return [f'is never above {self._most:.2g} times the fold speed: {question}']
         return []
 
     def _two_levels(self) -> list[str]:
-        """Whether the loads are as if a sensor in N had been replaced by one in kN."""
+        """Ask about a sensor in N that seems to have been replaced by one in kN."""
         share = np.cumsum(self._loads) / max(int(self._loads.sum()), 1)
-        there = np.flatnonzero(self._loads > 0.001 * self._loads.sum())
-        for below, above in zip(there[:-1].tolist(), there[1:].tolist(), strict=True):
-            least, most = (10.0 ** (place / _A_DECADE - 6.0) for place in (below + 1, above))
-            if most >= 0.999 * APART * least and _SHARE < share[below] < 1.0 - _SHARE:
+        places = np.flatnonzero(self._loads > 0.001 * self._loads.sum())
+        for below, above in zip(places[:-1].tolist(), places[1:].tolist(), strict=True):
+            lower_n, upper_n = (10.0 ** (place / _A_DECADE - 6.0) for place in (below + 1, above))
+            if upper_n >= 0.999 * APART * lower_n and _SHARE < share[below] < 1.0 - _SHARE:
                 return [
-                    f'is below {least:.3g} N in {share[below]:.0%} of the values and above {most:.3g} N'
+                    f'is below {lower_n:.3g} N in {share[below]:.0%} of the values and above {upper_n:.3g} N'
                     ' in the others, with nothing between: was its unit or sensor changed?'
                 ]
         return []
 
 
 def _by_size(load: FloatArray) -> IntArray:
-    """How many loads are of each fourth of a decade."""
+    """Return the number of loads in each quarter of a decade."""
     if not load.size:
         return np.zeros(_BINS, np.int64)
     ends = np.array([load.min(), load.max()])
-    first, last = _place(ends).tolist()
+    first, last = _load_bin(ends).tolist()
     # Most recordings have all in one, which needs no logarithm of each.
-    places = np.full(load.size, first) if first == last else _place(load)
+    places = np.full(load.size, first) if first == last else _load_bin(load)
     return np.bincount(places, minlength=_BINS)
 
 
-def _place(load: FloatArray) -> IndexArray:
+def _load_bin(load: FloatArray) -> IndexArray:
     place: IndexArray = np.floor(_A_DECADE * (np.log10(load) + 6.0)).clip(0, _BINS - 1).astype(np.intp)
     return place

@@ -41,7 +41,7 @@ def core_count() -> int:
 
 
 def died(outcome: object) -> bool:
-    """Whether the worker of a call died of it, or of one that ran beside it."""
+    """Return whether the worker of a call died of it, or of one that ran beside it."""
     dask = sys.modules.get('distributed')
     return isinstance(outcome, BrokenExecutor if dask is None else (BrokenExecutor, dask.KilledWorker))
 
@@ -67,7 +67,7 @@ def spread(
     waiting = dict(calls)
     while waiting:
         with pool(min(jobs, len(waiting))) as workers:
-            for key, outcome in _done(workers, function, waiting):
+            for key, outcome in _completed_calls(workers, function, waiting):
                 if not died(outcome):
                     del waiting[key]
                     yield key, outcome
@@ -75,13 +75,13 @@ def spread(
         # running, so it is among the oldest: alone, each of these shows what it does.
         for key in list(waiting)[: jobs + 1]:
             with pool(1) as workers:
-                yield from _done(workers, function, {key: waiting.pop(key)})
+                yield from _completed_calls(workers, function, {key: waiting.pop(key)})
 
 
-def _done(
+def _completed_calls(
     workers: Executor, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
 ) -> Iterator[tuple[_Key, Any]]:
-    with _uninterrupted():
+    with _ignore_interrupts():
         futures = {workers.submit(function, *call): key for key, call in calls.items()}
     while futures:
         # As it was called, the time-out is for all: what was lost shows whenever it has passed.
@@ -104,14 +104,14 @@ def _done(
 @contextlib.contextmanager
 def processes(jobs: int) -> Iterator[Executor]:
     """Yield processes of this machine, which go at once when the work is broken off."""
-    others = multiprocessing.active_children()
+    children = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))
     try:
         yield pool
     except BaseException:
         for process in multiprocessing.active_children():
-            if process not in others:
+            if process not in children:
                 process.terminate()
         raise
     finally:
@@ -119,7 +119,7 @@ def processes(jobs: int) -> Iterator[Executor]:
 
 
 @contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
+def _ignore_interrupts() -> Iterator[None]:
     """Let processes started here leave Ctrl-C, which reaches a whole terminal, to this one."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -167,18 +167,19 @@ def on_cluster(
     except TypeError:  # a worker is asked as a scheduler is
         fault = 'cannot be used: it is another part of Dask'
     except (OSError, ValueError, RuntimeError) as error:
-        fault = f'cannot be reached: {_line(error)}'
+        fault = f'cannot be reached: {_error_line(error)}'
     if client is None:
         # What is left of it ends itself when collected, which hangs amid the next one's start.
         gc.collect()
         raise FleetError(f'{place} {fault}')
     with client:
-        own = versions()
-        for worker, there in client.run(versions, on_error='return').items():
-            if there != own:
+        ours = versions()
+        for worker, theirs in client.run(versions, on_error='return').items():
+            if theirs != ours:
                 raise FleetError(
-                    f'worker {worker} of {place} has {_told(there)}, not {_told(own)} as here:'
-                    ' verdicts are only the same with the same versions'
+                    f'worker {worker} of {place} has {_format_versions(theirs)},'
+                    f' not {_format_versions(ours)} as here: verdicts are only the same with the'
+                    ' same versions'
                 )
         try:
             yield from spread(
@@ -196,11 +197,11 @@ def versions() -> dict[str, str]:
     return {'stickslip_monitor': __version__, 'Dask': distributed.__version__, 'Python': python}
 
 
-def _told(found: dict[str, str] | Exception) -> str:
-    if isinstance(found, Exception):
-        return _line(found)
-    return ', '.join(f'{name} {version}' for name, version in found.items())
+def _format_versions(versions_there: dict[str, str] | Exception) -> str:
+    if isinstance(versions_there, Exception):
+        return _error_line(versions_there)
+    return ', '.join(f'{name} {version}' for name, version in versions_there.items())
 
 
-def _line(error: BaseException) -> str:
+def _error_line(error: BaseException) -> str:
     return ' '.join(str(error).split()) or type(error).__name__

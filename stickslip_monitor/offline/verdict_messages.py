@@ -115,10 +115,10 @@ class VerdictWriter(StretchSink):
 
     def take(self, stretch: Stretch) -> None:
         """Write the messages of a stretch, inputs before verdicts."""
-        columns = [*columns_of(self._until(stretch.end_ns)), *self._messages.of(stretch)]
-        self._writer.write_columns((each.topic, each.time_ns, each.payload) for each in columns)
+        columns = [*columns_of(self._messages_until(stretch.end_ns)), *self._messages.of(stretch)]
+        self._writer.write_columns((column.topic, column.time_ns, column.payload) for column in columns)
 
-    def _until(self, end_ns: int) -> Iterator[Message]:
+    def _messages_until(self, end_ns: int) -> Iterator[Message]:
         """Yield the messages of the inputs up to a log time [ns]."""
         while self._next is not None and self._next.log_time_ns <= end_ns:
             yield self._next
@@ -141,15 +141,15 @@ def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
 
 def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
     """Messages as they were recorded, topic by topic."""
-    found: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+    columns: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
     for message in messages:
-        own = found.setdefault((message.topic, message.type), [])
-        own.append((message.log_time_ns, message.data))
-    for (topic, kind), items in found.items():
-        yield _column(topic, kind, items)
+        rows = columns.setdefault((message.topic, message.type), [])
+        rows.append((message.log_time_ns, message.data))
+    for (topic, kind), items in columns.items():
+        yield _make_column(topic, kind, items)
 
 
-def _column(topic: str, kind: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
+def _make_column(topic: str, kind: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
     times, payload = zip(*messages, strict=True)
     return MessageColumn(topic, kind, np.array(times), payload)
 
@@ -163,7 +163,9 @@ class VerdictMessages:
     def __init__(self, config: MonitorConfig, start_ns: int | None, long: bool) -> None:
         self._kinds = output_topics(config.bearings, f'/{NODE}')
         period_ns = round(config.publish_period * 1e9)
-        self._bearings = {own.name: _Follower(own, start_ns, period_ns, long) for own in config.bearings}
+        self._bearings = {
+            bearing.name: _Follower(bearing, start_ns, period_ns, long) for bearing in config.bearings
+        }
         self._start_ns = start_ns or 0
         self._ticked_ns = self._heard_ns = self._start_ns - 1
         self._due: list[Event] = []
@@ -176,33 +178,33 @@ class VerdictMessages:
             spans: The times that are wanted: nothing else is encoded.
         """
         events = events_of(stretch)
-        for name, heard in stretch.bearings.items():
-            time_ns, columns = self._bearings[name].numbers(heard.scan, spans)
+        for name, samples in stretch.bearings.items():
+            time_ns, columns = self._bearings[name].numbers(samples.scan, spans)
             for last, payload in columns:
                 topic = f'/{NODE}/{name}/{last}'
                 yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
-        told = [e for e in events if spans.overlap(e.time_ns, e.time_ns)]
-        if told:
-            texts = [(event.time_ns, encode_string(event_json(event))) for event in told]
+        published = [e for e in events if spans.overlap(e.time_ns, e.time_ns)]
+        if published:
+            texts = [(event.time_ns, encode_string(event_json(event))) for event in published]
             yield self._of_topic(f'/{NODE}/warnings', texts)
-        yield from self._diagnostics(stretch, events, spans)
+        yield from self._diagnostic_columns(stretch, events, spans)
 
     def _of_topic(self, topic: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
-        return _column(topic, self._kinds[topic], messages)
+        return _make_column(topic, self._kinds[topic], messages)
 
-    def _diagnostics(
+    def _diagnostic_columns(
         self, stretch: Stretch, events: Sequence[Event], spans: TimeSpans
     ) -> Iterator[MessageColumn]:
         """Yield the states at every second and every change."""
-        arrivals = [heard.stream.arrival_ns for heard in stretch.bearings.values()]
+        arrivals = [samples.stream.arrival_ns for samples in stretch.bearings.values()]
         is_last = not any(arrival.size for arrival in arrivals)
         # More may have arrived at the same time.
         until_ns = stretch.end_ns - (not is_last)
         self._due += events
         lost = {e.time_ns for e in self._due if e.after is Condition.INPUT_STALE}
-        for name, heard in stretch.bearings.items():
-            lost.update(self._bearings[name].loss(heard))
-        seconds = self._seconds(np.sort(np.concatenate(arrivals)), until_ns)
+        for name, samples in stretch.bearings.items():
+            lost.update(self._bearings[name].loss(samples))
+        seconds = self._seconds_until(np.sort(np.concatenate(arrivals)), until_ns)
         ticks = sorted(
             t
             for t in {*seconds, *lost, *(e.time_ns for e in self._due)}
@@ -212,13 +214,15 @@ class VerdictMessages:
         seen = [t + (t in lost) for t in ticks]
         self._due = [event for event in self._due if event.time_ns > until_ns]
         self._ticked_ns = max(self._ticked_ns, until_ns)
-        states = [self._bearings[name].states(heard, ticks, seen) for name, heard in stretch.bearings.items()]
-        found = [(t, encode_diagnostics(t, fields)) for t, *fields in zip(ticks, *states, strict=True)]
-        if found:
-            yield self._of_topic('/diagnostics', found)
+        states = [
+            self._bearings[name].states(samples, ticks, seen) for name, samples in stretch.bearings.items()
+        ]
+        messages = [(t, encode_diagnostics(t, fields)) for t, *fields in zip(ticks, *states, strict=True)]
+        if messages:
+            yield self._of_topic('/diagnostics', messages)
 
-    def _seconds(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
-        """Every second since the start up to a time, but not of a long silence."""
+    def _seconds_until(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
+        """Yield every second since the start up to a time, but not of a long silence."""
         times = np.concatenate([[self._heard_ns], arrival_ns, [until_ns + 1]])
         self._heard_ns = int(times[-2])
         silent = np.flatnonzero(np.diff(times) > SILENCE_NS)
@@ -231,12 +235,12 @@ class VerdictMessages:
 
 def events_of(stretch: Stretch) -> list[Event]:
     """Return the changes of all bearings' alarms in a stretch, in order of time."""
-    events = [event for heard in stretch.bearings.values() for event in heard.scan.events]
+    events = [event for samples in stretch.bearings.values() for event in samples.scan.events]
     return sorted(events, key=lambda event: event.time_ns)
 
 
 class _Follower:
-    """What is published of one bearing: its verdicts, and its state at some times."""
+    """Messages of one bearing: its verdicts, and its state at some times."""
 
     def __init__(self, config: BearingConfig, start_ns: int | None, period_ns: int, long: bool) -> None:
         self._config, self._period_ns = config, period_ns
@@ -248,7 +252,7 @@ class _Follower:
         self._published_ns: int | None = None
 
     def numbers(self, scan: Scan, spans: TimeSpans) -> tuple[IndexArray, Iterator[tuple[str, Messages]]]:
-        """When verdicts were published [ns], and what the topics say, by their last part."""
+        """Return when verdicts were published [ns], and the topics' values by their last part."""
         rows = np.flatnonzero(self._is_published(scan) & spans.holds(scan.time_ns))
         if not rows.size:
             return rows, iter(())
@@ -256,84 +260,86 @@ class _Follower:
         if rows.size < scan.time_ns.size:
             # Not points.at: what is worked out of all would be, of those that nobody wants.
             points = scan.assessed(rows)
-        return scan.time_ns[rows], self._encoded(points, scan.measured, rows)
+        return scan.time_ns[rows], self._encode_points(points, scan.measured, rows)
 
-    def _encoded(
+    def _encode_points(
         self, points: Assessments, measured: Any, rows: IndexArray
     ) -> Iterator[tuple[str, Messages]]:
         """Return what the topics of a bearing say of some points, by their last part."""
         for name in topic_numbers(self._config):
             yield name, float64_rows(topic_number(name, points))
         for name in topic_words(self._config):
-            known, codes = (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
-            encoded = [encode_string(str(word)) for word in known]
+            names, codes = (REGIMES, points.regime_code) if name == 'regime' else (MEASURED, measured[rows])
+            encoded = [encode_string(str(word)) for word in names]
             yield name, [encoded[code] for code in codes.tolist()]
 
     def _is_published(self, scan: Scan) -> BoolArray:
         """At most one in each period, and whatever comes with a change."""
-        found = np.ones(scan.time_ns.size, np.bool_)
+        is_published = np.ones(scan.time_ns.size, np.bool_)
         if not self._period_ns:
-            return found
+            return is_published
         self._changed.update(scan.at)
         for k, (time, sample) in enumerate(zip(scan.time_ns.tolist(), scan.sample.tolist(), strict=True)):
             before = self._published_ns
             if sample in self._changed or before is None or not (0 <= time - before < self._period_ns):
                 self._published_ns = time
             else:
-                found[k] = False
-        return found
+                is_published[k] = False
+        return is_published
 
-    def loss(self, heard: Heard) -> list[int]:
-        """When an input is lost in a stretch in which nothing comes [ns]."""
+    def loss(self, samples: Heard) -> list[int]:
+        """Return when an input is lost in a part in which nothing comes [ns]."""
         state = self._scan.state
-        if heard.stream.time_ns.size or state.now == NEVER or state.lost:
+        if samples.stream.time_ns.size or state.now == NEVER or state.lost:
             return []
         until = max(rule.standing_until(state, self._scan.settings.live), state.now)
         return [until - state.shift]
 
-    def states(self, heard: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
+    def states(self, samples: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
         """Return the state after all that had arrived at some times, as it is seen then [ns]."""
-        ends = np.searchsorted(heard.stream.arrival_ns, ticks, 'right')
-        found = list(self._scan.memories(heard.stream, ends.tolist()))
-        points = self._assessed([point for _, point in found if point is not None])
-        counts, mixed = self._counted(heard, ends), self._mixed(heard, ends, ticks)
+        ends = np.searchsorted(samples.stream.arrival_ns, ticks, 'right')
+        memories = list(self._scan.memories(samples.stream, ends.tolist()))
+        points = self._assess_points([point for _, point in memories if point is not None])
+        counts, mixed = self._count_samples(samples, ends), self._mixed_reasons(samples, ends, ticks)
         return [
-            self._status(state, None if point is None else next(points), count, why, time_ns)
-            for (state, point), count, why, time_ns in zip(found, counts, mixed, seen, strict=True)
+            self._status_fields(state, None if point is None else next(points), count, why, time_ns)
+            for (state, point), count, why, time_ns in zip(memories, counts, mixed, seen, strict=True)
         ]
 
-    def _assessed(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
+    def _assess_points(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
         """Yield the assessments of some points, whose numbers are worked out together."""
         if points:
             speed, load, water, *chances = np.array(points).T
-            own, table = self._config, self._bearing.settings.boundaries
-            temperature = None if own.water_temperature is None else water
-            together = assess(own.bearing, speed, load, own.belief, table, chances, temperature)
+            config, table = self._config, self._bearing.settings.boundaries
+            temperature = None if config.water_temperature is None else water
+            together = assess(config.bearing, speed, load, config.belief, table, chances, temperature)
             for name in POINT_NUMBERS:
                 getattr(together, name)  # worked out now, for all
             yield from (together.at(k) for k in range(len(points)))
 
-    def _counted(self, heard: Heard, ends: IntArray) -> IntArray:
+    def _count_samples(self, samples: Heard, ends: IntArray) -> IntArray:
         """Return the samples by input and status after so many of a stretch."""
-        kinds = heard.stream.inputs.astype(np.int64) * len(Status) + heard.scan.status
-        counted = ~heard.repeats
-        own = np.zeros((ends.size, self._counts.size), np.int64)
+        kinds = samples.stream.inputs.astype(np.int64) * len(Status) + samples.scan.status
+        counted = ~samples.repeats
+        counts = np.zeros((ends.size, self._counts.size), np.int64)
         for kind in np.unique(kinds[counted]).tolist():
-            own[:, kind] = np.searchsorted(np.flatnonzero(counted & (kinds == kind)), ends)
-        found = own.reshape(-1, *self._counts.shape) + self._counts
-        self._counts += counts_of(heard.stream.inputs[counted], heard.scan.status[counted])
-        return found
+            counts[:, kind] = np.searchsorted(np.flatnonzero(counted & (kinds == kind)), ends)
+        totals = counts.reshape(-1, *self._counts.shape) + self._counts
+        self._counts += counts_of(samples.stream.inputs[counted], samples.scan.status[counted])
+        return totals
 
-    def _mixed(self, heard: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:
-        """Why the verdicts after so many samples rest on two sources; empty where they do not."""
-        stream, valid = heard.stream, heard.scan.status == Status.ACCEPTED
+    def _mixed_reasons(self, samples: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:
+        """Yield why the verdicts after so many samples rest on two sources; empty where they do not."""
+        stream, valid = samples.stream, samples.scan.status == Status.ACCEPTED
         standing = [
-            self._standing(place, stream, np.flatnonzero(valid & (stream.inputs == place)), ends, ticks)
+            self._standing_faults(
+                place, stream, np.flatnonzero(valid & (stream.inputs == place)), ends, ticks
+            )
             for place, _ in enumerate(self._sources)
         ]
         return (mixed_sentence(self._config, faults) for faults in zip(*standing, strict=True))
 
-    def _standing(
+    def _standing_faults(
         self, place: int, stream: Stream, rows: IndexArray, ends: IndexArray, ticks: Sequence[int]
     ) -> list[SourceFault | None]:
         """Return the fault of an input's source at some times; rows are those of its valid values."""
@@ -343,15 +349,15 @@ class _Follower:
         si = si_value(self._bearing.settings.live, place, stream.value[rows])
         if watch.see_steady(si):
             return [None] * len(ticks)
-        found, begin = [], 0
+        faults, begin = [], 0
         for end, tick in zip(np.searchsorted(rows, ends).tolist(), ticks, strict=True):
             watch.see_column(arrival_ns[begin:end], si[begin:end])
-            found.append(watch.standing(tick))
+            faults.append(watch.standing(tick))
             begin = end
         watch.see_column(arrival_ns[begin:], si[begin:])
-        return found
+        return faults
 
-    def _status(
+    def _status_fields(
         self, state: State, point: Assessment | None, counts: IntArray, mixed: str, time_ns: int
     ) -> StatusFields:
         bearing = copy.copy(self._bearing)
