@@ -112,15 +112,12 @@ def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list
         subfolder = Path(where)
         # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
         # stays: whoever reads it says so.
-        yield (
-            subfolder,
-            [
-                name
-                for name in files
-                if not name.startswith('.')
-                and (os.path.isfile(subfolder / name) or os.path.islink(subfolder / name))  # noqa: PTH113, PTH114
-            ],
-        )
+        names = [name for name in files if not name.startswith('.') and _is_file_or_link(subfolder / name)]
+        yield subfolder, names
+
+
+def _is_file_or_link(path: Path) -> bool:
+    return os.path.isfile(path) or os.path.islink(path)  # noqa: PTH113, PTH114
 
 
 def _kind_of(path: Path) -> str:

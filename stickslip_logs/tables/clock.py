@@ -61,7 +61,8 @@ _SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
 _MOST = 1 << 62
 _EPOCH = date(1970, 1, 1).toordinal()
 NAMED = re.compile(
-    r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed|millis|micros)\b'
+    r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed'
+    r'|millis|micros)\b'
     r'|^(?:ms|us|ns)$'
 )
 _IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timezone
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -331,7 +331,8 @@ def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     # matplotlib.dates has no types.
-    locator = AutoDateLocator(minticks=3, maxticks=max_ticks, tz=timezone.utc)  # type: ignore[no-untyped-call]
+    make_locator: Any = AutoDateLocator  # matplotlib has no types
+    locator = make_locator(minticks=3, maxticks=max_ticks, tz=timezone.utc)
     axes.xaxis.set_major_locator(locator)
     formatter = ConciseDateFormatter(locator, tz=timezone.utc)  # type: ignore[no-untyped-call]
     # Months as numbers: their names would follow the language of the machine.
