@@ -77,9 +77,9 @@ class BearingMonitor(Standing):
         rule.use_configured_water(self.state, new)
         for place in config.places:
             if (old.scale[place], old.offset[place]) != (new.scale[place], new.offset[place]):
-                self._rescale(place, old)
+                self._rescale_memory(place, old)
 
-    def _rescale(self, place: int, old: RuleNumbers) -> None:
+    def _rescale_memory(self, place: int, old: RuleNumbers) -> None:
         """Convert what is remembered of an input from the old settings into those of now."""
         state, new = self.state, self.settings.live
         if place == Input.WATER_TEMPERATURE:
@@ -115,9 +115,9 @@ class BearingMonitor(Standing):
 
     def copy(self) -> BearingMonitor:
         """Copy the bearing: what happens to one does not happen to the other."""
-        other = copy.copy(self)
-        other.state, other._held = self.state.copy(), self._held.copy()
-        return other
+        duplicate = copy.copy(self)
+        duplicate.state, duplicate._held = self.state.copy(), self._held.copy()
+        return duplicate
 
     def excuse(self, held_ns: int) -> None:
         """Leave a stall of this process [ns] out of the age of every value."""
@@ -208,15 +208,15 @@ class Monitor:
 
     def __init__(self, config: MonitorConfig, states: Mapping[str, State] | None = None) -> None:
         self.config = config
-        known = states or {}
-        self.bearings = {b.name: BearingMonitor(b, known.get(b.name)) for b in config.bearings}
+        saved = states or {}
+        self.bearings = {b.name: BearingMonitor(b, saved.get(b.name)) for b in config.bearings}
 
-    def _bearing(self, name: str) -> BearingMonitor:
-        found = self.bearings.get(name)
-        if found is None:
+    def _require_bearing(self, name: str) -> BearingMonitor:
+        bearing = self.bearings.get(name)
+        if bearing is None:
             self.config.bearing(name)  # says which there are
             raise AssertionError
-        return found
+        return bearing
 
     def update(self, sample: Sample) -> Update:
         """Take one sample.
@@ -227,7 +227,7 @@ class Monitor:
         if sample.quantity not in INPUTS:
             raise ConfigurationError(f"quantity '{sample.quantity}' is not one of {', '.join(INPUTS)}")
         place = INPUTS.index(sample.quantity)
-        bearing = self._bearing(sample.bearing)
+        bearing = self._require_bearing(sample.bearing)
         return bearing.update(place, sample.time_ns, sample.value, sample.arrival_ns)
 
     def advance(self, time_ns: int) -> list[Event]:
@@ -239,7 +239,7 @@ class Monitor:
 
     def condition(self, name: str) -> Condition:
         """Return what the alarm of a bearing says now."""
-        return self._bearing(name).condition
+        return self._require_bearing(name).condition
 
     def retune(self, config: MonitorConfig) -> None:
         """Take over new thresholds, delays, scales and timeouts.
@@ -254,7 +254,7 @@ class Monitor:
                 ' another set of bearings needs a new monitor'
             )
         for new in config.bearings:
-            self._bearing(new.name).retune(new)
+            self._require_bearing(new.name).retune(new)
         self.config = config
 
     def scan(
@@ -274,6 +274,6 @@ class Monitor:
             ConfigurationError: A bearing is not configured.
         """
         return {
-            name: BearingScan(self._bearing(name).config, start_ns).finish(stream, end_ns)
+            name: BearingScan(self._require_bearing(name).config, start_ns).finish(stream, end_ns)
             for name, stream in streams.items()
         }

@@ -133,11 +133,11 @@ class StationaryAmplitudes:
     stable: NDArray[np.bool_]
 
 
-def _rescaled(found: StationaryAmplitudes, scale: Any) -> StationaryAmplitudes:
-    return replace(found, amplitude=found.amplitude * np.asarray(scale)[..., None])
+def _rescale_amplitudes(amplitudes: StationaryAmplitudes, scale: Any) -> StationaryAmplitudes:
+    return replace(amplitudes, amplitude=amplitudes.amplitude * np.asarray(scale)[..., None])
 
 
-@at_points(_rescaled)
+@at_points(_rescale_amplitudes)
 def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> StationaryAmplitudes:
     """Amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
 

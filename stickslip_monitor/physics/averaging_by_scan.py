@@ -140,7 +140,7 @@ def _highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _rises_to_limit(law: FrictionLaw, speed: FloatArray, at_limit: FloatArray) -> BoolArray:
-    """Where ``rho`` rises up to the sliding limit, its value there given."""
+    """Return where ``rho`` rises up to the sliding limit, its value there given."""
     return slope_surface(law, np.full(speed.size, 1.0 - _ASIDE), speed) < at_limit
 
 
@@ -219,7 +219,7 @@ def cusp_curve(law: FrictionLaw) -> FloatArray:
 
 
 def _off_line(speeds: FloatArray, peak: FloatArray) -> FloatArray:
-    """How far each inner point of a curve lies from the line between its neighbours."""
+    """Return how far each inner point of a curve lies from the line between its neighbours."""
     share = (speeds[1:-1] - speeds[:-2]) / (speeds[2:] - speeds[:-2])
     off: FloatArray = np.abs(peak[1:-1] - peak[:-2] - share * (peak[2:] - peak[:-2]))
     return off
@@ -401,12 +401,12 @@ def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
-    """Where ``-mu'(V) > q``; there may be several such ranges of speed."""
+    """Return where ``-mu'(V) > q``; there may be several such ranges of speed."""
     return -law.slope(speed) > q
 
 
 def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
-    """Where a stable stick-slip cycle exists; there may be several such ranges of speed.
+    """Return where a stable stick-slip cycle exists; there may be several such ranges of speed.
 
     Wherever the highest ``rho`` exceeds ``q``: with growing amplitude it falls below every ``q``.
     """
@@ -463,7 +463,7 @@ def _one_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, *, smallest: 
 def cycles(
     law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
+    """Return every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
 
     Returns:
         Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, w) with the
@@ -575,7 +575,7 @@ def _bent(above: FloatArray, doubt: FloatArray) -> BoolArray:
 def _turns(
     law: FrictionLaw, speed: FloatArray, above: FloatArray, p: IndexArray, c: IndexArray
 ) -> tuple[IndexArray, IndexArray]:
-    """Those triples that turn towards ``q``, by point and middle column."""
+    """Return the triples that turn towards ``q``, by point and middle column."""
     left, here, right = (above[p, c + k] for k in range(3))
     side = np.sign(here)
     towards = (side * left > side * here) & (side * right > side * here)

@@ -177,8 +177,8 @@ class Bearing:
 
     def at_temperature(self, temperature: float) -> Bearing:
         """Return the bearing in water of a temperature [C]; itself where friction depends on speed alone."""
-        own = self.lubrication
-        return self if own is None else replace(self, lubrication=own.at(temperature))
+        lubrication = self.lubrication
+        return self if lubrication is None else replace(self, lubrication=lubrication.at(temperature))
 
 
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:

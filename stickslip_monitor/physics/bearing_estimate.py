@@ -66,7 +66,7 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class FoldShift:
-    """What one standard deviation of a value does to the fold speed, as relative changes."""
+    """Effect of one standard deviation of a value on the fold speed, as relative changes."""
 
     name: str
     spread: float
@@ -107,70 +107,78 @@ def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, 
     Returns:
         journal_diameter, mass, damping, stiffness, static, kinetic, decay and load.
     """
-    own = {name: _stated(name, item) for name, item in given.items()}
-    for each in _derived(own, material):
-        own.setdefault(each.name, each)
+    values = {name: _stated_estimate(name, item) for name, item in given.items()}
+    for derived in _derive_values(values, material):
+        values.setdefault(derived.name, derived)
     diameter, thickness, area, modulus, density, ratio = (
-        own[name]
+        values[name]
         for name in ('journal_diameter', 'thickness', 'area', 'shear_modulus', 'density', 'damping_ratio')
     )
     layer = f'A = {area.value:.3g} m^2 ({area.origin}), h = {1e3 * thickness.value:.3g} mm'
     shear = f'G A/h: G = {modulus.value / 1e6:.3g} MPa ({modulus.origin}), {layer}'
-    stiffness = _product(('stiffness', 'N/m', shear), (modulus, 1.0), (area, 1.0), (thickness, -1.0))
+    stiffness = _multiply_estimates(
+        ('stiffness', 'N/m', shear), (modulus, 1.0), (area, 1.0), (thickness, -1.0)
+    )
     rho = f'rho = {density.value:.4g} kg/m^3 ({density.origin})'
     even = f'rho A h/3, a layer in even shear (Rayleigh): {rho}'
-    mass = _product(('mass', 'kg', even), (density, 1.0), (area, 1.0), (thickness, 1.0), times=1.0 / 3.0)
+    mass = _multiply_estimates(
+        ('mass', 'kg', even), (density, 1.0), (area, 1.0), (thickness, 1.0), times=1.0 / 3.0
+    )
     origin = f'2 zeta sqrt(k m): zeta = {ratio.value:.3g} ({ratio.origin})'
     parts = (ratio, 1.0), (area, 1.0), (modulus, 0.5), (density, 0.5)
-    damping = _product(('damping', 'N s/m', origin), *parts, times=2.0 / math.sqrt(3.0))
-    law = (own[name] for name in ('static', 'kinetic', 'decay'))
-    return diameter, mass, damping, stiffness, *law, own['load']
+    damping = _multiply_estimates(('damping', 'N s/m', origin), *parts, times=2.0 / math.sqrt(3.0))
+    law = (values[name] for name in ('static', 'kinetic', 'decay'))
+    return diameter, mass, damping, stiffness, *law, values['load']
 
 
-def _stated(name: str, item: Given) -> Estimate:
+def _stated_estimate(name: str, item: Given) -> Estimate:
     spread = UNSTATED.get(name, 0.0) if math.isnan(item.spread) else item.spread
     return Estimate(name, item.value, '', spread, 'ring-down' if name == 'damping_ratio' else 'given')
 
 
-def _derived(own: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
+def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
     """Compute a value from others where it is not given itself.
 
     Of a loss factor ``eta``, ``zeta = eta/2`` at resonance: Nashif, Jones and Henderson, Vibration
     Damping, 1985.
     """
-    if length := own.get('length'):
-        area = own['journal_diameter'].value * length.value
+    if length := values.get('length'):
+        area = values['journal_diameter'].value * length.value
         yield Estimate('area', area, 'm^2', LOADED_AREA, 'diameter x length')
-    if hardness := own.get('hardness'):
+    if hardness := values.get('hardness'):
         origin = f'Gent 1958, {hardness.value:g} Shore A'
         yield Estimate('shear_modulus', shear_modulus(hardness.value), 'Pa', GENT, origin)
     if material:
         origin = f'{material} rubber, Brydson 1988'
         yield Estimate('density', DENSITY[material], 'kg/m^3', FILLED, origin)
-    if loss := own.get('loss_factor'):
+    if loss := values.get('loss_factor'):
         origin = f'half the loss factor {loss.value:.3g}, Nashif 1985'
         yield Estimate('damping_ratio', 0.5 * loss.value, '-', loss.spread, origin)
 
 
-def _product(what: tuple[str, str, str], *parts: tuple[Estimate, float], times: float = 1.0) -> Estimate:
+def _multiply_estimates(
+    texts: tuple[str, str, str], *parts: tuple[Estimate, float], times: float = 1.0
+) -> Estimate:
     """Multiply powers, of which the deviations add as those of independent values.
 
-    ``what`` is its name, unit and origin.
+    ``texts`` is its name, unit and origin.
     """
-    name, unit, origin = what
-    value = times * math.prod(each.value**power for each, power in parts)
-    return Estimate(name, value, unit, math.hypot(*(power * each.spread for each, power in parts)), origin)
+    name, unit, origin = texts
+    value = times * math.prod(factor.value**power for factor, power in parts)
+    return Estimate(
+        name, value, unit, math.hypot(*(power * factor.spread for factor, power in parts)), origin
+    )
 
 
 def bearing_of(values: Sequence[Estimate]) -> Bearing:
     """Return the bearing of the estimated values."""
-    own = {item.name: item.value for item in values}
+    by_name = {item.name: item.value for item in values}
     return Bearing(
-        own['mass'],
-        own['damping'],
-        own['stiffness'],
-        Stribeck(own['static'], own['kinetic'], own['decay']),
-        own['journal_diameter'],
+        by_name['mass'],
+        by_name['damping'],
+        by_name['stiffness'],
+        Stribeck(by_name['static'], by_name['kinetic'], by_name['decay']),
+        by_name['journal_diameter'],
     )
 
 
@@ -179,18 +187,19 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
 
     The fold is that of averaging at the mean load; an end without a fold counts as -1.
     """
-    found = []
-    nominal = _fold(values)
+    shifts = []
+    nominal = _fold_of_values(values)
     for item in values:
         moved = (item.value * (1.0 - item.spread), item.value * (1.0 + item.spread))
         changed = [
-            [replace(each, value=value) if each is item else each for each in values] for value in moved
+            [replace(shifted, value=value) if shifted is item else shifted for shifted in values]
+            for value in moved
         ]
-        below, above = (_relative(_fold(each), nominal) for each in changed)
+        below, above = (_relative_shift(_fold_of_values(shifted), nominal) for shifted in changed)
         if below or above:
-            found.append(FoldShift(item.name, item.spread, below, above))
-    found.append(_of_load_exponent(values, nominal))
-    return sorted(found, key=lambda effect: -effect.largest)
+            shifts.append(FoldShift(item.name, item.spread, below, above))
+    shifts.append(_of_load_exponent(values, nominal))
+    return sorted(shifts, key=lambda effect: -effect.largest)
 
 
 def _of_load_exponent(values: Sequence[Estimate], nominal: float) -> FoldShift:
@@ -198,19 +207,19 @@ def _of_load_exponent(values: Sequence[Estimate], nominal: float) -> FoldShift:
     bearing, load = bearing_of(values), next(item.value for item in values if item.name == 'load')
     ends = []
     for factor in (ELSEWHERE, 1.0 / ELSEWHERE):
-        there = replace(bearing, lubrication=Lubrication(factor * load, 1.0))
-        speed = float(fold_speed(there, load))
-        ends.append(_relative(speed if math.isfinite(speed) else 0.0, nominal))
+        at_other_load = replace(bearing, lubrication=Lubrication(factor * load, 1.0))
+        speed = float(fold_speed(at_other_load, load))
+        ends.append(_relative_shift(speed if math.isfinite(speed) else 0.0, nominal))
     return FoldShift(LOAD_EXPONENT, 0.5, *ends)
 
 
-def _relative(fold: float, nominal: float) -> float:
+def _relative_shift(fold: float, nominal: float) -> float:
     change = fold / nominal - 1.0 if nominal > 0.0 else math.inf if fold > 0.0 else 0.0
     # What comes of rounding in mass and stiffness, which do not move the fold.
     return change if abs(change) > 1e-9 else 0.0
 
 
-def _fold(values: Sequence[Estimate]) -> float:
+def _fold_of_values(values: Sequence[Estimate]) -> float:
     """Fold speed [m/s]; 0 where there is none."""
     load = next(item.value for item in values if item.name == 'load')
     speed = float(fold_speed(bearing_of(values), load))

@@ -55,11 +55,11 @@ class BoundaryTable:
 
     def fold(self, load: FloatArray) -> FloatArray:
         """Return the fold that decides at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
-        return self._read(0, load)
+        return self._read_curve(0, load)
 
     def fold_kbm(self, load: FloatArray) -> FloatArray:
         """Return the averaged fold, as :meth:`fold`."""
-        return self._read(1, load)
+        return self._read_curve(1, load)
 
     def highest_fold(self, load: FloatArray) -> FloatArray:
         """Return the highest fold at any load up to each, shape (n,); ``nan`` where its own is [m/s]."""
@@ -72,18 +72,18 @@ class BoundaryTable:
         """Return the lower end of stick-slip at loads [N]; 0 for none [m/s]."""
         shape, (n,) = flatten(load)
         with np.errstate(all='ignore'):
-            return restore(np.nan_to_num(self._read(2, n)), shape)
+            return restore(np.nan_to_num(self._read_curve(2, n)), shape)
 
-    def _read(self, which: int, load: FloatArray) -> FloatArray:
+    def _read_curve(self, which: int, load: FloatArray) -> FloatArray:
         place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
         pieces = self.pieces[which]
-        most = float(len(pieces))
-        inside = np.clip(np.nan_to_num(place, nan=0.0), 0.0, most)
+        last_piece = float(len(pieces))
+        inside = np.clip(np.nan_to_num(place, nan=0.0), 0.0, last_piece)
         k = np.minimum(inside.astype(np.intp), len(pieces) - 1)
         share = inside - k
         c0, c1, c2, c3 = pieces[k].T
         speed = c0 + share * (c1 + share * (c2 + share * c3))
-        speed = np.where(place > most, speed * np.exp((place - most) * self.growth[which]), speed)
+        speed = np.where(place > last_piece, speed * np.exp((place - last_piece) * self.growth[which]), speed)
         return np.where((place >= 0.0) & (speed > 0.0), speed, np.nan)
 
 
@@ -102,12 +102,12 @@ def boundary_at(pieces: Any, growth: float, place: float) -> float:
     """
     if place < 0.0:
         return 0.0
-    most = len(pieces)
-    k = min(int(place), most - 1)
-    share = min(place, float(most)) - k
+    last_piece = len(pieces)
+    k = min(int(place), last_piece - 1)
+    share = min(place, float(last_piece)) - k
     row = pieces[k]
     speed: float = row[0] + share * (row[1] + share * (row[2] + share * row[3]))
-    return speed if place <= most else speed * math.exp((place - most) * growth)
+    return speed if place <= last_piece else speed * math.exp((place - last_piece) * growth)
 
 
 def _averaged_growth(last: FloatArray, step: float) -> float:
@@ -154,9 +154,14 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.exact[0, 0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
-    fold, join = deciding_fold(bearing, load, exact, averaged), _smooth if curve.smooth else _linear
+    fold, join = (
+        deciding_fold(bearing, load, exact, averaged),
+        _spline_pieces if curve.smooth else _linear_pieces,
+    )
     kbm, step = join(averaged), float(grid[1])
-    pieces = np.stack([_linear(fold) if ends else join(fold), kbm, _linear(curve.lower_end(load))])
+    pieces = np.stack(
+        [_linear_pieces(fold) if ends else join(fold), kbm, _linear_pieces(curve.lower_end(load))]
+    )
     growth = _averaged_growth(kbm[-1], step)
     return BoundaryTable(onset, step, pieces, np.array([step if exact[-1] > 0.0 else growth, growth, 0.0]))
 
@@ -166,7 +171,7 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 """The boundaries of a bearing, tabulated once."""
 
 
-def _linear(speed: FloatArray) -> FloatArray:
+def _linear_pieces(speed: FloatArray) -> FloatArray:
     speed = np.where(np.isnan(speed), 0.0, speed)
     pieces = np.zeros((speed.size - 1, 4))
     pieces[:, 0] = speed[:-1]
@@ -175,12 +180,12 @@ def _linear(speed: FloatArray) -> FloatArray:
     return pieces
 
 
-def _smooth(speed: FloatArray) -> FloatArray:
+def _spline_pieces(speed: FloatArray) -> FloatArray:
     """Return a spline through what is finite, from its beginning on; before there is no boundary."""
-    there = np.flatnonzero(speed > 0.0)
-    if there.size < 4 or not np.isfinite(speed[there[0] :]).all():
-        return _linear(speed)
-    first = int(there[0])
+    rows = np.flatnonzero(speed > 0.0)
+    if rows.size < 4 or not np.isfinite(speed[rows[0] :]).all():
+        return _linear_pieces(speed)
+    first = int(rows[0])
     pieces = np.zeros((speed.size - 1, 4))
     place, column = np.arange(speed.size - first, dtype=float), speed[first:]
     pieces[first:] = hermite_cubics(place, column, spline_slopes(place, column))[::-1].T

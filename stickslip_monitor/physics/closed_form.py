@@ -43,7 +43,7 @@ _Function = Callable[[FloatArray], FloatArray]
 _TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
 
 
-def _joined(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
+def _series_or_bessel(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
     """Evaluate the series for small arguments, Bessel functions for the others."""
     small = x <= _SERIES_LIMIT
     if not small.any():
@@ -64,19 +64,19 @@ def _log_excess(alpha: FloatArray) -> FloatArray:
 
 def growth(alpha: FloatArray) -> FloatArray:
     """``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
-    return _joined(alpha, _log_excess, lambda large: np.log(2.0 * i1e(large) / large) + large)
+    return _series_or_bessel(alpha, _log_excess, lambda large: np.log(2.0 * i1e(large) / large) + large)
 
 
 def decline(v: FloatArray) -> FloatArray:
     """``-ln(2 exp(-v) I1(v)/v) = v - growth(v)``: rises from 0 with ``v``."""
-    return _joined(
+    return _series_or_bessel(
         v, lambda small: small - _log_excess(small), lambda large: np.log(0.5 * large / i1e(large))
     )
 
 
 def _growth_slope(alpha: FloatArray) -> FloatArray:
     """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
-    return _joined(
+    return _series_or_bessel(
         alpha,
         lambda small: small / 4.0 * (1.0 - small * small / 24.0),
         lambda large: i0e(large) / i1e(large) - 2.0 / large,
@@ -177,13 +177,13 @@ def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatAr
     return result
 
 
-def _fall(law: Stribeck) -> float:
+def _total_fall(law: Stribeck) -> float:
     return (law.static - law.kinetic) * law.decay
 
 
 def _hopf_number(law: Stribeck, q: FloatArray) -> FloatArray:
     """``-ln kappa``: ``beta V`` of the Hopf speed; ``nan`` where there is none."""
-    fall = _fall(law)
+    fall = _total_fall(law)
     if fall <= 0.0:
         return np.full_like(q, np.nan)
     number = -np.log((q + law.viscous) / fall)
@@ -210,7 +210,7 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
     """
     if law.viscous > 0.0:
         return load_for(-law.slope(speed), damping)
-    fall = _fall(law)
+    fall = _total_fall(law)
     if fall <= 0.0:
         return np.full_like(speed, np.nan)
     if damping == 0.0:
@@ -222,26 +222,26 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
 def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
     v = np.clip(law.decay * speed, _TINY, _HUGE)
-    return _fall(law) * 2.0 * i1e(v) / v - law.viscous
+    return _total_fall(law) * 2.0 * i1e(v) / v - law.viscous
 
 
 cusp_slope = peak_slope
 
 
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
-    """Where a stable cycle exists, given the fold speed."""
+    """Return where a stable cycle exists, given the fold speed."""
     return speed < fold
 
 
 def is_unstable(law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
-    """Where a small disturbance of steady sliding grows: the Hopf speed cannot underflow."""
+    """Return where a small disturbance of steady sliding grows: the Hopf speed cannot underflow."""
     return speed < hopf
 
 
 def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:
     """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed."""
     v = np.clip(law.decay * speed, _TINY, _HUGE)
-    kappa = (q + law.viscous) / _fall(law)
+    kappa = (q + law.viscous) / _total_fall(law)
     alpha = amplitude_of_cycle(v, kappa, law.kinetic / (law.static - law.kinetic))
     return np.maximum(alpha / law.decay, speed)
 
@@ -260,7 +260,7 @@ def threshold_amplitude(law: Stribeck, speed: FloatArray, damping: float, load: 
 def cycles(
     law: Stribeck, speed: FloatArray, damping: float, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
+    """Return every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
 
     Returns:
         Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, 2).

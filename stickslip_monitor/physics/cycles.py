@@ -51,7 +51,7 @@ from stickslip_monitor.physics.orbits import (
 
 
 class CycleKind(IntEnum):
-    """What was found at a point; each member carries its sentence."""
+    """Kinds of cycle at a point; each member carries its sentence."""
 
     sentence: str
 
@@ -105,7 +105,7 @@ _BLOCK = 16384
 
 
 class FoundCycles(NamedTuple):
-    """What is found at points, in units of ``V/omega`` and ``1/omega``, each of shape (n,).
+    """Cycles at points, in units of ``V/omega`` and ``1/omega``, each of shape (n,).
 
     Attributes:
         kind: Numbers of :class:`CycleKind`.
@@ -160,7 +160,7 @@ class Cycle:
     _scale: Any = field(default=1.0, repr=False)
 
     def waveform(self, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One period of the motion, with both its ends.
+        """Return one period of the motion, with both its ends.
 
         A cycle through the belt's speed begins where the lining falls behind, a pure-slip one
         where it turns to follow the belt. Displacements are counted from the unloaded spring.
@@ -180,7 +180,7 @@ class Cycle:
             time = np.linspace(0.0, period[i], count)
             drive = Drive.constant(speed, load, float(period[i]))
             slips = kind[i] == CycleKind.PURE_SLIP
-            start = _beginning(self._bearing, speed, load, self._start[i], slips)
+            start = _start_state(self._bearing, speed, load, self._start[i], slips)
             motion = integrate(self._bearing, drive, start, time, compiled=False)
             out[:, i] = time, motion.displacement, motion.velocity
         time, x, v = out.reshape(3, *np.shape(self.kind), count)
@@ -188,7 +188,7 @@ class Cycle:
         return time, scale * x, scale * v
 
 
-def _beginning(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
+def _start_state(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
     """Return the state in which a cycle begins, from the place in :class:`FoundCycles`."""
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
     place = float(field.force[0]) * law_in_use(bearing.friction).hold - field.damping
@@ -216,7 +216,7 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
     >>> print(cycle.kind, f'{1e3 * cycle.amplitude:.5f} mm')
     stick_slip 0.55676 mm
     """
-    return _cycle(bearing, speed, load, stable=True)
+    return _make_cycle(bearing, speed, load, stable=True)
 
 
 def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
@@ -235,7 +235,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
     >>> print(cycle.kind, f'{1e3 * cycle.amplitude:.5f} mm', cycle.multiplier > 1.0)
     pure_slip 0.59282 mm True
     """
-    return _cycle(bearing, speed, load, stable=False)
+    return _make_cycle(bearing, speed, load, stable=False)
 
 
 @at_points(operator.mul)
@@ -266,8 +266,8 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
             stroke[part] = _sticking_strokes(field)
     rest = rows[np.isnan(stroke[rows])]
     if rest.size:
-        found = _found(bearing, v[rest], n[rest], stable=True, weigh=False)
-        stroke[rest] = found.crest - found.trough
+        cycles = _find_cycles(bearing, v[rest], n[rest], stable=True, weigh=False)
+        stroke[rest] = cycles.crest - cycles.trough
     return restore(0.5 * stroke * np.abs(v) / bearing.natural_frequency, shape)
 
 
@@ -292,7 +292,7 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
         out = np.full(n.size, np.nan)
         loaded = n > 0.0
         one = n.size == 1 and loaded[0]
-        out[loaded] = _fold(bearing, float(n[0])) if one else exact_fold(bearing, n[loaded])
+        out[loaded] = _exact_fold_at(bearing, float(n[0])) if one else exact_fold(bearing, n[loaded])
         return out
 
     return mapped(folds, load)
@@ -323,40 +323,40 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
 
 
 @lru_cache(maxsize=64)
-def _fold(bearing: Bearing, load: float) -> float:
+def _exact_fold_at(bearing: Bearing, load: float) -> float:
     """Return the exact fold; points one by one come at the load of the one before as a rule."""
     return float(exact_fold(bearing, np.array([load]))[0])
 
 
-def _rescaled(cycle: Cycle, scale: Any) -> Cycle:
+def _rescale_cycle(cycle: Cycle, scale: Any) -> Cycle:
     return replace(cycle, amplitude=cycle.amplitude * scale, _scale=scale)
 
 
-@at_points(_rescaled)
-def _cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
+@at_points(_rescale_cycle)
+def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
     shape, (v, n) = flatten(speed, load)
-    found = _found(bearing, v, n, stable)
-    omega, period = bearing.natural_frequency, found.slipping + found.sticking
-    kinds = restore(_decided(bearing, v, n, found, stable).astype(np.int8), shape)
-    amplitude = 0.5 * (found.crest - found.trough) * np.abs(v) / omega
+    cycles = _find_cycles(bearing, v, n, stable)
+    omega, period = bearing.natural_frequency, cycles.slipping + cycles.sticking
+    kinds = restore(_decide_kinds(bearing, v, n, cycles, stable).astype(np.int8), shape)
+    amplitude = 0.5 * (cycles.crest - cycles.trough) * np.abs(v) / omega
     return Cycle(
         amplitude=restore(amplitude, shape),
         period=restore(period / omega, shape),
-        stick_fraction=restore(found.sticking / period, shape),
-        multiplier=restore(np.exp(np.minimum(found.exponent, _LARGEST)), shape),
+        stick_fraction=restore(cycles.sticking / period, shape),
+        multiplier=restore(np.exp(np.minimum(cycles.exponent, _LARGEST)), shape),
         kind=kinds if shape else tuple(CycleKind)[kinds],
         _bearing=bearing,
         _points=(v, n),
-        _start=found.start,
+        _start=cycles.start,
     )
 
 
-def _decided(
-    bearing: Bearing, speed: FloatArray, load: FloatArray, found: FoundCycles, stable: bool
+def _decide_kinds(
+    bearing: Bearing, speed: FloatArray, load: FloatArray, cycles: FoundCycles, stable: bool
 ) -> FloatArray:
     """Return the kinds of what is found, with those that double precision does not decide."""
-    kind = found.kind.copy()
-    kind[(kind == CycleKind.PURE_SLIP) & (found.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
+    kind = cycles.kind.copy()
+    kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
     rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
     rows = rows[kind[rows] != CycleKind.UNRESOLVED]
     below, above = (
@@ -371,7 +371,7 @@ def _decided(
 
 
 def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Why there is certainly no cycle; ``CycleKind.STICK_SLIP`` where there may be one."""
+    """Return the reason why no cycle can exist, else ``CycleKind.STICK_SLIP``."""
     kind = np.full(speed.size, CycleKind.STICK_SLIP)
     momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
     with np.errstate(all='ignore'):
@@ -384,40 +384,40 @@ def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArr
     return kind
 
 
-def _found(
+def _find_cycles(
     bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool, weigh: bool = True
 ) -> FoundCycles:
     """Find the stable cycles, or the smallest unstable ones; ``weigh`` asks for their multipliers."""
-    found = FoundCycles.none(_why_none(bearing, speed, load))
-    rows = np.flatnonzero(found.kind == CycleKind.STICK_SLIP)
+    cycles = FoundCycles.none(_why_none(bearing, speed, load))
+    rows = np.flatnonzero(cycles.kind == CycleKind.STICK_SLIP)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
         with np.errstate(all='ignore'):
             field = slip_field(bearing, np.abs(speed[part]), load[part])
-            found.put(part, (_stable if stable else _unstable)(bearing, field, load[part], weigh))
-    return found
+            cycles.put(part, (_find_stable if stable else _find_unstable)(bearing, field, load[part], weigh))
+    return cycles
 
 
-def _stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
+def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
     """Cycles that reach the belt's speed and, without one, the largest that stay slower."""
-    found = _through_belt(field, weigh)
-    rest = np.flatnonzero(found.kind == CycleKind.NONE)
-    asked = ~_slides_steadily(field.take(rest))
-    asked |= _may_vibrate(bearing, field.speed[rest], load[rest])
-    found.put(rest[asked], _pure_slip(field.take(rest[asked]), True, weigh))
-    return found
+    cycles = _through_belt(field, weigh)
+    rest = np.flatnonzero(cycles.kind == CycleKind.NONE)
+    undecided = ~_slides_steadily(field.take(rest))
+    undecided |= _may_vibrate(bearing, field.speed[rest], load[rest])
+    cycles.put(rest[undecided], _pure_slip(field.take(rest[undecided]), True, weigh))
+    return cycles
 
 
-def _unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
+def _find_unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
     """Find the smallest unstable cycles about a stable steady sliding."""
     rows = np.flatnonzero(_slides_steadily(field))
-    found = FoundCycles.none(np.full(load.size, CycleKind.NONE))
-    found.put(rows, _pure_slip(field.take(rows), False, weigh))
-    return found
+    cycles = FoundCycles.none(np.full(load.size, CycleKind.NONE))
+    cycles.put(rows, _pure_slip(field.take(rows), False, weigh))
+    return cycles
 
 
 def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Where a vibration that never sticks may go on beside stable sliding.
+    """Return where a vibration that never sticks may go on beside stable sliding.
 
     Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
     it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere.
@@ -430,17 +430,17 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
 
 
 def _slides_steadily(field: SlipField) -> BoolArray:
-    """Where a small disturbance of steady sliding dies out."""
+    """Return where a small disturbance of steady sliding dies out."""
     growth = -field.force * field.speed * np.asarray(field.law.slope(field.speed))
     return np.asarray(growth < field.damping)
 
 
-def _stroke(field: SlipField) -> FloatArray:
-    """From one stick limit to the other."""
+def _stick_stroke(field: SlipField) -> FloatArray:
+    """Return the distance from one stick limit to the other."""
     return -2.0 * field.force * law_in_use(field.law).hold
 
 
-def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, FloatArray]:
+def _follow_rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, FloatArray]:
     """Slip phases behind the belt and, where the lining overtakes it, ahead of it.
 
     Returns:
@@ -448,7 +448,7 @@ def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, F
         displacement at which it overtook the belt; ``nan``: it did not.
     """
     one = follow(field, start, np.zeros(start.size), Route(3, _ERROR, contact=True, weigh=weigh))
-    stroke, over = _stroke(field), np.full(start.size, np.nan)
+    stroke, over = _stick_stroke(field), np.full(start.size, np.nan)
     rows = np.flatnonzero((one.end == LANDED) & (one.place < stroke))
     if rows.size:
         over[rows] = one.place[rows]
@@ -464,30 +464,30 @@ def _rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, F
 
 def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
     """Find the stable cycles that reach the belt's speed."""
-    one, over = _rounds(field, np.zeros(field.speed.size), False)
-    found = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
+    one, over = _follow_rounds(field, np.zeros(field.speed.size), False)
+    cycles = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
     landed = one.end == LANDED
     sticks = landed & ((one.place <= 0.0) | np.isnan(over))
     rows = np.flatnonzero(sticks)
     nothing, sticking = np.zeros(rows.size), np.maximum(-one.place[rows], 0.0)
     (crest, trough), time = one.turns[:, rows], one.time[rows]
     kind, endless = nothing + CycleKind.STICK_SLIP, nothing - np.inf
-    found.put(rows, FoundCycles(kind, crest, trough, time, sticking, nothing, endless))
+    cycles.put(rows, FoundCycles(kind, crest, trough, time, sticking, nothing, endless))
     rows = np.flatnonzero(landed & ~sticks)
     if rows.size:
-        found.put(rows, _overtaking(field.take(rows), one.place[rows], weigh))
-    return found
+        cycles.put(rows, _find_overtaking(field.take(rows), one.place[rows], weigh))
+    return cycles
 
 
 def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Where the slip phase from breakaway meets the belt, whatever comes then."""
+    """Return where the slip phase from breakaway meets the belt, whatever comes then."""
     nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True)
     with np.errstate(all='ignore'):
         field = slip_field(bearing, np.abs(speed), load)
         return np.asarray(follow(field, nothing, nothing, route).end == LANDED)
 
 
-def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:
+def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:
     """Cycles that pass the belt's speed twice and are never held: fixed points of a round.
 
     The round that started at breakaway ended beyond it, at ``first`` > 0; orbits do not cross, so
@@ -495,7 +495,7 @@ def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles
     """
 
     def gain(start: FloatArray, rows: IndexArray) -> FloatArray:
-        return _rounds(field.take(rows), start, False)[0].place - start
+        return _follow_rounds(field.take(rows), start, False)[0].place - start
 
     rows, high, jump = np.arange(first.size), 2.0 * first, field.offset
     top = gain(high, rows)
@@ -506,17 +506,17 @@ def _overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles
         high[more] *= 4.0
         top[more] = gain(high[more], more)
     start = root_on_bracket(gain, first, high, (gain(first, rows), top), (rows,))
-    (one, over), stroke = _rounds(field, start, weigh), _stroke(field)
+    (one, over), stroke = _follow_rounds(field, start, weigh), _stick_stroke(field)
     # The flow jumps where friction reverses.
     jumps = (over - stroke - jump) / (over + jump)
     jumps *= (start + jump) / (start - stroke - jump)
     nothing = np.zeros(first.size)
     exponent = one.divergence + np.log(np.abs(jumps))
     kind, (crest, trough) = nothing + CycleKind.OVERTAKING, one.turns
-    found = FoundCycles(kind, crest, trough, one.time, nothing, start, exponent)
+    cycles = FoundCycles(kind, crest, trough, one.time, nothing, start, exponent)
     lost = np.flatnonzero((one.end != LANDED) | np.isnan(over))
-    found.put(lost, FoundCycles.none(np.full(lost.size, CycleKind.UNRESOLVED)))
-    return found
+    cycles.put(lost, FoundCycles.none(np.full(lost.size, CycleKind.UNRESOLVED)))
+    return cycles
 
 
 def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
@@ -524,14 +524,14 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
 
     The largest stable one, or the smallest unstable one.
     """
-    found = FoundCycles.none(np.full(field.speed.size, CycleKind.NONE))
+    slip_cycles = FoundCycles.none(np.full(field.speed.size, CycleKind.NONE))
     # The amplitude of the orbit that grazes the belt, by going back in time from there.
     outer = follow(field, -field.offset, np.zeros(field.speed.size), Route(1, _ERROR, -1.0))
-    found.kind[outer.end == EXHAUSTED] = CycleKind.UNRESOLVED
+    slip_cycles.kind[outer.end == EXHAUSTED] = CycleKind.UNRESOLVED
     largest = field.rest() - outer.turns[0]
     rows = np.flatnonzero((outer.end == TURNED) & (largest > 0.0))
     if not rows.size:
-        return found
+        return slip_cycles
     around, largest = field.take(rows).about_steady_sliding(), largest[rows]
 
     def gain(a: FloatArray, which: IndexArray) -> FloatArray:
@@ -544,25 +544,25 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     shares = np.append(1e-3 / _PANELS, np.arange(1, _PANELS + 1) / _PANELS)
     grid = largest[:, None] * shares
     gains = gain(grid.ravel(), np.repeat(np.arange(rows.size), shares.size)).reshape(grid.shape)
-    changes = _changes(gains, stable)
-    some = np.flatnonzero(changes.any(axis=1))
-    if not some.size:
-        return found
+    changes = _find_sign_changes(gains, stable)
+    changed = np.flatnonzero(changes.any(axis=1))
+    if not changed.size:
+        return slip_cycles
     # The outermost change of a stable cycle, the innermost of an unstable one.
-    first = np.argmax(changes[some], axis=1)
-    last = _PANELS - 1 - np.argmax(changes[some, ::-1], axis=1)
+    first = np.argmax(changes[changed], axis=1)
+    last = _PANELS - 1 - np.argmax(changes[changed, ::-1], axis=1)
     k = last if stable else first
-    ends = gains[some, k], gains[some, k + 1]
-    a = root_on_bracket(gain, grid[some, k], grid[some, k + 1], ends, (some,))
+    ends = gains[changed, k], gains[changed, k + 1]
+    a = root_on_bracket(gain, grid[changed, k], grid[changed, k + 1], ends, (changed,))
     route, nothing = Route(2, _ERROR, -1.0, weigh=weigh), np.zeros(a.size)
-    turn = follow(around.take(some), -a, nothing, route)
+    turn = follow(around.take(changed), -a, nothing, route)
     kind = np.where(turn.end == TURNED, float(CycleKind.PURE_SLIP), float(CycleKind.UNRESOLVED))
     cycles = FoundCycles(kind, turn.turns[0], -a, -turn.time, nothing, a, -turn.divergence)
-    found.put(rows[some], cycles)
-    return found
+    slip_cycles.put(rows[changed], cycles)
+    return slip_cycles
 
 
-def _changes(gains: FloatArray, stable: bool) -> BoolArray:
+def _find_sign_changes(gains: FloatArray, stable: bool) -> BoolArray:
     """Panels in which a gain of energy becomes a loss, or a loss a gain."""
     wanted = 1.0 if stable else -1.0
     changes = (wanted * gains[:, :-1] > 0.0) & (wanted * gains[:, 1:] <= 0.0)
@@ -574,8 +574,11 @@ def _changes(gains: FloatArray, stable: bool) -> BoolArray:
 
 
 def _sticking_strokes(field: SlipField) -> FloatArray:
-    """From turn to turn of the cycles that certainly stick; ``nan`` for all others."""
+    """Return the strokes from turn to turn of the cycles that certainly stick; ``nan`` for all others."""
     nothing = np.zeros(field.speed.size)
-    one, stroke = follow(field, nothing, nothing, Route(3, _OF_AMPLITUDES, contact=True)), _stroke(field)
+    one, stroke = (
+        follow(field, nothing, nothing, Route(3, _OF_AMPLITUDES, contact=True)),
+        _stick_stroke(field),
+    )
     sticks = (one.end == LANDED) & (one.place >= stroke + _LOCATED * (1.0 - stroke))
     return np.where(sticks, one.turns[0] - one.turns[1], np.nan)

@@ -123,8 +123,8 @@ _FINE, _FINEST = 1e-11, 1e-13
 # Exponent of the attraction after which nothing is left of where an orbit began, damping in units of
 # m omega from which slip is drawn so much, the rate that still draws, and z of steady sliding.
 _ENOUGH, _HEAVY, _DRAWS, _NEAR_REST = 40.0, 6.0, 3.0, 1e-3
-# Ends of vibration and of sticking under averaging that are so far apart are those of different cycles: of
-# ten linings averaging has the end of the vibration to 1e-4 there, and the share of both only to 8e-3.
+# Ends of vibration and of sticking under averaging that are so far apart are those of different cycles. There
+# averaging has the end of the vibration to 2e-4 at eight of nine points, and is above it at one.
 _APART = 1.02
 # Share of the steepest fall from which a law falls most at rest: the bound is a rounding above it.
 _AS_STEEP = 1.0 - 1e-9
@@ -134,7 +134,7 @@ _Margin = Callable[[FloatArray, IndexArray, float], FloatArray]
 
 
 class Grazing:
-    """Where the slip phase of a bearing grazes the belt."""
+    """Grazing of the belt by the slip phase of a bearing."""
 
     def __init__(self, bearing: Bearing) -> None:
         self.bearing, self.law, self.use = bearing, bearing.friction, law_in_use(bearing.friction)
@@ -156,20 +156,20 @@ class Grazing:
             error: Of a step.
         """
         n = speed.size
-        both = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
-        slip, graze = both.take(slice(n)), both.take(slice(n, None))
+        fields = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
+        slip, graze = fields.take(slice(n)), fields.take(slice(n, None))
         e, z = np.zeros((2, 2 * n))
         if np.max(slip.damping + slip.force * slip.speed * self._course[1][-1], initial=0.0) > _HEAVY:
-            e[:n], z[:n] = self._drawn(slip, ahead=True)
-        e[n:], z[n:] = self._drawn(graze, ahead=False)
+            e[:n], z[:n] = self._start_on_manifold(slip, ahead=True)
+        e[n:], z[n:] = self._start_on_manifold(graze, ahead=False)
         e[n:] = np.where(z[n:] > 0.0, e[n:], -graze.offset)
         last, direction = np.where(z[:n] > 1.0, 1, 2), np.repeat([1.0, -1.0], n)
-        most = _MAX_STEPS if error <= _FINE else _MAX_LONG_STEPS
-        most += 4 * len(self.use.kinks)  # a kink may take four
-        route = Route(np.concatenate([last, np.ones(n, int)]), error, direction, most=most)
+        max_steps = _MAX_STEPS if error <= _FINE else _MAX_LONG_STEPS
+        max_steps += 4 * len(self.use.kinks)  # a kink may take four
+        route = Route(np.concatenate([last, np.ones(n, int)]), error, direction, most=max_steps)
         with np.errstate(all='ignore'):
-            orbits = follow(both, e, z, route)
-            size = both.rest() - orbits.place
+            orbits = follow(fields, e, z, route)
+            size = fields.rest() - orbits.place
             result = np.log(size[:n] / size[n:])
         slips, grazes = orbits.end[:n], orbits.end[n:]
         unclear = (slips == EXHAUSTED) | (grazes == EXHAUSTED)
@@ -181,8 +181,8 @@ class Grazing:
             result[unclear] = self.margin(speed[unclear], load[unclear], self.fine)
         return result
 
-    def _drawn(self, field: SlipField, ahead: bool) -> FloatArray:
-        """Where to begin on the slow manifold that draws orbits.
+    def _start_on_manifold(self, field: SlipField, ahead: bool) -> FloatArray:
+        """Return where to begin on the slow manifold that draws orbits.
 
         Damping draws what slips behind the belt, and back in time a steep fall of friction what
         grazes, by ``exp`` of the integral of the rate: what comes before enough of that need not be
@@ -207,8 +207,8 @@ class Grazing:
         place = field.damping * z - field.force[:, None] * (self.use.hold - mu)
         # What comes from outside must come past it, and slide no faster into another such stretch.
         lowest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, start]
-        found = (start > 1) & (place[every, start] <= np.minimum(lowest, 0.0))
-        return np.where(found, [place[every, start], z[every, start]], 0.0)
+        is_drawn = (start > 1) & (place[every, start] <= np.minimum(lowest, 0.0))
+        return np.where(is_drawn, [place[every, start], z[every, start]], 0.0)
 
     @cached_property
     def _course(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -218,7 +218,7 @@ class Grazing:
 
     @cached_property
     def drop(self) -> float:
-        """What the coefficient of friction falls by at most."""
+        """Largest fall of the coefficient of friction."""
         lowest = min(np.min(self._course[2]), np.min(self.law.coefficient(self.scales)))
         return self.use.hold - float(lowest)
 
@@ -317,7 +317,7 @@ class Grazing:
             excess = self.excess(inner.ravel(), np.repeat(load[live], inner.shape[1]), error)
             excess = excess.reshape(inner.shape)
             sticks = excess > 0.0
-            peak = self._peaks(load[live], inner, excess)
+            peak = self._find_peaks(load[live], inner, excess)
             for k in np.flatnonzero(sticks.any(axis=1) | np.isfinite(peak)):
                 first = int(np.argmax(sticks[k])) if sticks[k].any() else inner.shape[1] - 1
                 beside = inner[k, first] if sticks[k].any() else 0.0
@@ -329,30 +329,30 @@ class Grazing:
             live = live[np.isnan(low[live]) & (top[live] > slowest[live])]
         return low, high
 
-    def _peaks(self, load: FloatArray, speed: FloatArray, excess: FloatArray) -> FloatArray:
+    def _find_peaks(self, load: FloatArray, speed: FloatArray, excess: FloatArray) -> FloatArray:
         """Return the highest speed between those of a scan at which the lining sticks; ``nan`` for none.
 
         A range of speeds so narrow shows in margins that rise towards it on both sides by more than
         is missing.
         """
-        left, here, right = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
+        left, middle, right = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
         with np.errstate(invalid='ignore'):
-            near = (here < 0.0) & (here >= left) & (here >= right)
-            near &= -here < np.maximum(here - left, here - right)
+            near = (middle < 0.0) & (middle >= left) & (middle >= right)
+            near &= -middle < np.maximum(middle - left, middle - right)
         out = np.full(load.size, np.nan)
         row, column = np.nonzero(near)
         if row.size:
             share = np.linspace(0.0, 1.0, _CLOSER + 1)[1:-1]
             begin, end = speed[row, column + 2], speed[row, column]
             closer = begin[:, None] * (end / begin)[:, None] ** share
-            found = self.excess(closer.ravel(), np.repeat(load[row], share.size), _COARSE) > 0.0
-            places = np.where(found.reshape(closer.shape), closer, np.nan)
+            sticks = self.excess(closer.ravel(), np.repeat(load[row], share.size), _COARSE) > 0.0
+            places = np.where(sticks.reshape(closer.shape), closer, np.nan)
             for k, place in zip(row, np.fmax.reduce(places, axis=1), strict=True):
                 out[k] = np.fmax(out[k], place)
         return out
 
     def loads(
-        self, speed: FloatArray, close: float, most: float, rough: FloatArray | None = None
+        self, speed: FloatArray, close: float, max_load: float, rough: FloatArray | None = None
     ) -> FloatArray:
         """Return the least loads that graze at speeds [N], ``nan`` for none.
 
@@ -361,30 +361,30 @@ class Grazing:
         Args:
             speed: ``V`` > 0, shape (n,) [m/s].
             close: Error in ``ln N``.
-            most: The largest load of interest [N].
+            max_load: The largest load of interest [N].
             rough: Speeds and such loads of a rough scan, ``inf`` for none, shape (2, m).
         """
         n = speed.size
         with np.errstate(divide='ignore'):
-            least = np.log(self.least_loads(speed))
-        least[least == np.inf] = np.nan  # friction falls nowhere about such a speed
-        guess = least
+            log_least = np.log(self.least_loads(speed))
+        log_least[log_least == np.inf] = np.nan  # friction falls nowhere about such a speed
+        guess = log_least
         if rough is not None:
             with np.errstate(invalid='ignore'):
                 near = np.interp(np.log(speed), *np.log(rough))
-            guess = np.where(np.isfinite(near) & np.isfinite(least), np.fmax(near, least), least)
-        search = _Search(guess, np.full(n, self.rate), least, np.full(n, np.inf), math.log(most))
+            guess = np.where(np.isfinite(near) & np.isfinite(log_least), np.fmax(near, log_least), log_least)
+        search = _Search(guess, np.full(n, self.rate), log_least, np.full(n, np.inf), math.log(max_load))
         coarse = _COARSE_IN_PIECES if self.use.kinks else _COARSE
-        return self._found(
+        return self._find_zeros(
             search, lambda x, rows, error: self.margin(speed[rows], np.exp(x), error), close, coarse=coarse
         )
 
     def loads_from(self, speed: FloatArray, guess: FloatArray, close: float) -> FloatArray:
         """Return the loads that graze at speeds, from guesses that are right to 1e-3 [N]."""
         x, n = np.log(guess), speed.size
-        endless, most = np.full(n, np.inf), float(np.max(x, initial=0.0)) + _FARTHEST
-        search = _Search(x, np.full(n, self.rate), -endless, endless, most)
-        return self._found(
+        endless, log_max = np.full(n, np.inf), float(np.max(x, initial=0.0)) + _FARTHEST
+        search = _Search(x, np.full(n, self.rate), -endless, endless, log_max)
+        return self._find_zeros(
             search, lambda x, rows, error: self.margin(speed[rows], np.exp(x), error), close, near=True
         )
 
@@ -403,27 +403,27 @@ class Grazing:
         above, below = (margin(place, every, _COARSE) for place in (x, y))
         with np.errstate(all='ignore'):
             secant = (below - above) / (y - x)
-            known = np.isfinite(secant) & (above > 0.0) & (below < 0.0)
-            guess = np.where(known, x - above / secant, 0.5 * (x + y))
-        rate = np.where(known, secant, -self.rate)
-        out[rows] = self._found(_Search(guess, rate, x, y, math.inf), margin, close)
+            is_bracketed = np.isfinite(secant) & (above > 0.0) & (below < 0.0)
+            guess = np.where(is_bracketed, x - above / secant, 0.5 * (x + y))
+        rate = np.where(is_bracketed, secant, -self.rate)
+        out[rows] = self._find_zeros(_Search(guess, rate, x, y, math.inf), margin, close)
         return out
 
-    def _found(
+    def _find_zeros(
         self, search: _Search, margin: _Margin, close: float, near: bool = False, coarse: float = _COARSE
     ) -> FloatArray:
         """Return where margins vanish: by long steps first, then as close as is wanted."""
         coarse = min(max(1e-5 * float(np.min(np.abs(search.rate), initial=1.0)), 1e-10), coarse)
         if not near:
-            x, rate = _solved(lambda x, rows: margin(x, rows, coarse), search, _ROUGHLY, 1.0)
+            x, rate = _solve_brackets(lambda x, rows: margin(x, rows, coarse), search, _ROUGHLY, 1.0)
             search = search._replace(guess=x, rate=rate)
         if close < _ROUGHLY:
-            x, _ = _solved(lambda x, rows: margin(x, rows, self.fine), search, close, _KNOWN)
+            x, _ = _solve_brackets(lambda x, rows: margin(x, rows, self.fine), search, close, _KNOWN)
         return np.exp(x)
 
 
 class _Search(NamedTuple):
-    """Where margins are to vanish.
+    """Search for vanishing margins.
 
     Attributes:
         guess: Shape (n,).
@@ -440,8 +440,8 @@ class _Search(NamedTuple):
     most: float
 
 
-def _solved(
-    margin: Callable[[FloatArray, IndexArray], FloatArray], search: _Search, close: float, known: float
+def _solve_brackets(
+    margin: Callable[[FloatArray, IndexArray], FloatArray], search: _Search, close: float, slope_error: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return where margins vanish: secants within brackets, all at once.
 
@@ -449,7 +449,7 @@ def _solved(
         margin: Of places and their indices; may be infinite.
         search: Where they are looked for.
         close: How well a place is to be known.
-        known: How well, as a share, the slopes are known.
+        slope_error: How well, as a share, the slopes are known.
 
     Returns:
         The places, ``nan`` where they were not found, and the slopes there, ``inf`` where margins jump,
@@ -459,7 +459,7 @@ def _solved(
     x, slope, n = guess.copy(), rate.copy(), guess.size
     sign = 1.0 if n == 0 or rate[0] > 0.0 else -1.0
     low, high, before, value_before = search.low.copy(), search.high.copy(), *np.full((2, n), np.nan)
-    live, last = np.flatnonzero(np.isfinite(x) & np.isfinite(slope)), np.full(n, known)
+    live, last = np.flatnonzero(np.isfinite(x) & np.isfinite(slope)), np.full(n, slope_error)
     for _ in range(_MAX_ROUNDS):
         if not live.size:
             break
@@ -474,18 +474,18 @@ def _solved(
             move = np.where(finite, -value / slope[live], np.where(above, -_OUTWARD, _OUTWARD))
             move = np.clip(move, -_WIDEST, _WIDEST)
             new, width = at + move, high[live] - low[live]
-            both = np.isfinite(width)
-            halved = both & ((new <= low[live]) | (new >= high[live]))
+            is_bracketed = np.isfinite(width)
+            halved = is_bracketed & ((new <= low[live]) | (new >= high[live]))
             new = np.where(halved, 0.5 * (low[live] + high[live]), new)
         # A secant leaves about the product of its step with the one before.
         left = np.abs(move) * last[live]
-        done = finite & ~halved & ((left < close) | (value == 0.0)) | (both & (width < close))
+        done = finite & ~halved & ((left < close) | (value == 0.0)) | (is_bracketed & (width < close))
         # A table that scatters, of 100 points: nine loads take 1.8 s with this end, 2.7 s without.
-        jumps = both & ~finite & (width < _ROUGHLY)
+        jumps = is_bracketed & ~finite & (width < _ROUGHLY)
         slope[live[jumps]] = np.inf
         before[live], value_before[live], x[live] = at, value, new
         last[live] = np.minimum(np.abs(move), 1.0)
-        far = ~both & ((new > search.most) | (new < guess[live] - _FARTHEST))
+        far = ~is_bracketed & ((new > search.most) | (new < guess[live] - _FARTHEST))
         x[live[far]] = np.nan
         live = live[~done & ~far & ~jumps]
     x[live] = np.nan
@@ -646,9 +646,9 @@ class FoldCurve:
         out, law = np.zeros(load.size), self.grazing.law
         if not -float(law.slope(ALMOST_REST)) < self.grazing.use.fall * _AS_STEEP:
             return out  # it falls most at rest
-        speed, least = self.averaged
+        speed, least_load = self.averaged
         with np.errstate(all='ignore'):
-            x, y, level = np.log(speed), np.log(np.minimum.accumulate(least)), np.log(load)
+            x, y, level = np.log(speed), np.log(np.minimum.accumulate(least_load)), np.log(load)
             i = np.searchsorted(-y, -level, side='left')
             rows = np.flatnonzero((i > 0) & (i < speed.size))
             i = i[rows]
@@ -661,7 +661,7 @@ class FoldCurve:
 def fold_curve(bearing: Bearing) -> FoldCurve | None:
     """Solve the curve of a bearing with damping; ``None`` where no load has a cycle."""
     grazing = Grazing(bearing)
-    span = _range(grazing)
+    span = _curve_range(grazing)
     if span is None:
         return None
     averaged = np.stack(_averaged_curve(grazing))
@@ -688,19 +688,19 @@ def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
         return speed, np.asarray(grazing.bearing.damping / np.maximum(peak, 0.0))
 
 
-def _range(grazing: Grazing) -> FoldRange | None:
+def _curve_range(grazing: Grazing) -> FoldRange | None:
     """Return the loads and speeds of a curve by a rough scan of both; ``None`` for no cycle at all."""
     bearing, law, breaks = grazing.bearing, grazing.law, grazing.scales
-    least = _averaged_curve(grazing)[1]
+    least_load = _averaged_curve(grazing)[1]
     lowest = _SLOWEST * breaks[0]
-    averaged = float(np.min(least, initial=np.inf))
-    most = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
-    bounds = (most, bearing.damping / grazing.use.fall, float(grazing.least_loads(np.array([lowest]))[0]))
-    most = max(bounds[0], 2.0**_OCTAVES * bounds[1], 2.0**_OCTAVES * bounds[2])
+    averaged = float(np.min(least_load, initial=np.inf))
+    max_load = min(_LARGE, _GIVES * bearing.stiffness / max(law.static, 1e-9))
+    bounds = (max_load, bearing.damping / grazing.use.fall, float(grazing.least_loads(np.array([lowest]))[0]))
+    max_load = max(bounds[0], 2.0**_OCTAVES * bounds[1], 2.0**_OCTAVES * bounds[2])
     rough = np.geomspace(
-        lowest, max(float(grazing.highest_speeds(np.array([most]))[0]), 4.0 * lowest), _ROUGH_SCAN
+        lowest, max(float(grazing.highest_speeds(np.array([max_load]))[0]), 4.0 * lowest), _ROUGH_SCAN
     )
-    exact = np.nan_to_num(grazing.loads(rough, _ROUGHLY, most), nan=np.inf)
+    exact = np.nan_to_num(grazing.loads(rough, _ROUGHLY, max_load), nan=np.inf)
     k = int(np.argmin(exact))
     onset, octaves = min(averaged, float(exact[k])), _OCTAVES
     if not onset < np.inf:
@@ -731,8 +731,8 @@ def _range(grazing: Grazing) -> FoldRange | None:
 
 
 def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatArray]:
-    """Of a smooth law: a series of Chebyshev's polynomials in the place, as long as it takes."""
-    series, known = _series(grazing, span)
+    """Return the curve of a smooth law as Chebyshev's series in the place, as long as it takes."""
+    series, curve_range = _fit_series(grazing, span)
     share = (np.arange(_READ + 1) / _READ) ** 1.5
     exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
     # About the least of all there is more to read, so that no load falls between two speeds.
@@ -745,10 +745,10 @@ def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatA
     if exact[-1] < math.log(span.top):
         x = np.linspace(exact[-1], math.log(span.top), _LARGER)
         larger = np.stack([x, _last_speeds(grazing.bearing, np.exp(x))])
-    return np.stack([known.places(share), np.exp(exact)]), larger
+    return np.stack([curve_range.places(share), np.exp(exact)]), larger
 
 
-def _series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[FloatArray, FoldRange]:
+def _fit_series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[FloatArray, FoldRange]:
     """Chebyshev's series of the logarithm of the loads that graze, and the speeds where it holds.
 
     These end where a motion is damped so much that it does not turn.
@@ -767,7 +767,7 @@ def _series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[Float
         if lost.size:
             if lost[0] < 2 or not cuts:
                 return np.array([np.inf]), span
-            return _series(grazing, span._replace(high=float(speed[lost[0] - 1])), cuts - 1)
+            return _fit_series(grazing, span._replace(high=float(speed[lost[0] - 1])), cuts - 1)
         series = _chebyshev_series(solved)
         if np.abs(series[-3:]).max() < _SHORT or count >= _MOST:
             return series, span
@@ -782,18 +782,18 @@ def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
     shape = grazing.bearing.damping / np.maximum(slope, _LEVEL * grazing.use.fall)
     rows = np.arange(0, speed.size, _EVERY)
     ratio = np.log(grazing.loads(speed[rows], _ROUGHLY, _BEYOND * span.top, span.rough) / shape[rows])
-    found = np.isfinite(ratio)
+    is_finite = np.isfinite(ratio)
     exact = np.full(speed.size, np.inf)
-    if np.count_nonzero(found) > 1:
-        lost = np.interp(place, place[rows], ~found) > 0.0
-        rows, ratio = rows[found], ratio[found]
+    if np.count_nonzero(is_finite) > 1:
+        lost = np.interp(place, place[rows], ~is_finite) > 0.0
+        rows, ratio = rows[is_finite], ratio[is_finite]
         joined = hermite(place[rows], ratio, monotone_slopes(place[rows], ratio), place)
         exact = np.where(lost, np.inf, shape * np.exp(joined))
     return np.stack([speed, exact])
 
 
 def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
-    """Of a law in pieces beyond critical damping: over the load, unknown where it jumps."""
+    """Return the curve over the load of a law in pieces beyond critical damping, unknown where it jumps."""
     x = np.linspace(math.log(span.onset), math.log(span.top), _CONTACTS)
     fold = _last_speeds(grazing.bearing, np.exp(x))
     with np.errstate(all='ignore'):
@@ -837,15 +837,15 @@ def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray
         rows = np.flatnonzero((i >= 0) & (i < x.size - 1))
         rows = rows[np.isfinite(y[i[rows] + 1])]
         i = i[rows]
-        slope = _slopes(x, y, smooth)
+        slope = _curve_slopes(x, y, smooth)
         h, rise, part = x[i + 1] - x[i], y[i + 1] - y[i], level[rows] - y[i]
         cubic = (part, rise, h * slope[i], h * slope[i + 1])
-        share = root_on_bracket(_missing, np.zeros(i.size), np.ones(i.size), (part, part - rise), cubic)
+        share = root_on_bracket(_missing_part, np.zeros(i.size), np.ones(i.size), (part, part - rise), cubic)
     result[rows] = np.exp(x[i] + share * h)
     return result
 
 
-def _slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
+def _curve_slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
     """Return the slopes of a curve at its points, of stretches that are finite."""
     slope = np.zeros(x.size)
     join = spline_slopes if smooth else monotone_slopes
@@ -857,7 +857,7 @@ def _slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
     return slope
 
 
-def _missing(
+def _missing_part(
     t: FloatArray, part: FloatArray, rise: FloatArray, begin: FloatArray, end: FloatArray
 ) -> FloatArray:
     """Return how far a cubic on [0, 1] with a rise and two slopes is below a level."""

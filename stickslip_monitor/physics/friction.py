@@ -33,7 +33,7 @@ from stickslip_monitor.physics.friction_table import Tabulated as Tabulated
 
 @runtime_checkable
 class FrictionLaw(Protocol):
-    """What the dynamics asks of a friction law; a frozen dataclass with these members is one.
+    """Friction law as the dynamics needs it; a frozen dataclass with these members is one.
 
     >>> isinstance(Coulomb(static=0.3, kinetic=0.2), FrictionLaw)
     True
@@ -88,7 +88,7 @@ _Law = TypeVar('_Law')
 
 
 def computes_as(law: object, kind: type[_Law]) -> TypeGuard[_Law]:
-    """Whether a law is of a kind and computes as that does.
+    """Return whether a law is of a kind and computes as that does.
 
     A subclass that overrides what a law gives is a law of the user's own: the closed forms, tables
     and kernels of its parent are not its own.
@@ -98,7 +98,7 @@ def computes_as(law: object, kind: type[_Law]) -> TypeGuard[_Law]:
     return isinstance(law, kind) and same
 
 
-def _sign(speed: FloatArray) -> FloatArray:
+def _sign_of_speed(speed: FloatArray) -> FloatArray:
     return np.where(speed < 0.0, -1.0, 1.0)
 
 
@@ -152,7 +152,7 @@ class Stribeck:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
         falling = (self.static - self.kinetic) * np.exp(-self.decay * np.abs(v))
-        return _sign(v) * (self.kinetic + falling) + self.viscous * v
+        return _sign_of_speed(v) * (self.kinetic + falling) + self.viscous * v
 
     def slope(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
@@ -190,7 +190,7 @@ class Stretched:
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Where the exponent reaches these multiples: each panel between them is smooth."""
+        """Multiples at which the exponent is reached: each panel between them is smooth."""
         places = (0.02, 0.2, 1.0, 4.0, 12.0, 40.0)
         return tuple(place ** (1.0 / self.exponent) / self.decay for place in places)
 
@@ -199,7 +199,7 @@ class Stretched:
         v = np.asarray(speed, dtype=float)
         fading = np.exp(-((self.decay * np.abs(v)) ** self.exponent))
         falling = (self.static - self.kinetic) * fading
-        return _sign(v) * (self.kinetic + falling) + self.viscous * v
+        return _sign_of_speed(v) * (self.kinetic + falling) + self.viscous * v
 
     def slope(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
@@ -253,7 +253,7 @@ class Coulomb:
     def coefficient(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
-        return np.where(v == 0.0, self.static, _sign(v) * self.kinetic)
+        return np.where(v == 0.0, self.static, _sign_of_speed(v) * self.kinetic)
 
     def slope(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
@@ -293,8 +293,8 @@ def friction_drop(law: Exponential, origin: float, step: float) -> float:
         at, more = law.decay * origin, law.decay * step
         more = more if more > -1.0 - at else -1.0 - at
     else:
-        at = _decline(law, origin)
-        more = _decline(law, origin + step) - at
+        at = _stretched_exponent(law, origin)
+        more = _stretched_exponent(law, origin + step) - at
     if more >= 0.0:
         return -law.gap * math.exp(-at) * math.expm1(-more) - law.viscous * step
     return law.gap * math.exp(-at - more) * math.expm1(more) - law.viscous * step
@@ -312,11 +312,11 @@ def friction_slope(law: Exponential, speed: float) -> float:
     if law.exponent != 1.0:
         base = min(law.decay * v, _FADED)
         rate *= law.exponent * base ** (law.exponent - 1.0)
-        return law.viscous - law.gap * rate * math.exp(-_decline(law, v))
+        return law.viscous - law.gap * rate * math.exp(-_stretched_exponent(law, v))
     return law.viscous - law.gap * rate * math.exp(-law.decay * v)
 
 
-def _decline(law: Exponential, speed: float) -> float:
+def _stretched_exponent(law: Exponential, speed: float) -> float:
     """``(beta v)^delta``, 0 below ``v`` = 0 [-]."""
     return min(law.decay * speed, _FADED) ** law.exponent if speed > 0.0 else 0.0
 

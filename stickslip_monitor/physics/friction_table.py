@@ -80,7 +80,7 @@ class Tabulated:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Where the second derivative of the coefficient jumps: the measured speeds."""
+        """Speeds at which the second derivative of the coefficient jumps: the measured ones."""
         return self.breakpoints
 
     @property
@@ -104,7 +104,7 @@ class Tabulated:
     def coefficient(self, speed: ArrayLike) -> FloatArray:
         """See :class:`FrictionLaw`."""
         v = np.asarray(speed, dtype=float)
-        i, s = self._place(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
+        i, s = self._find_interval(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
         a, b, c, d = self.cubics[:, i]
         value: FloatArray = ((a * s + b) * s + c) * s + d
         # At v = 0 the positive end, whatever the sign of zero.
@@ -114,14 +114,14 @@ class Tabulated:
         """See :class:`FrictionLaw`."""
         v = np.abs(np.asarray(speed, dtype=float))
         inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
-        i, s = self._place(inside)
+        i, s = self._find_interval(inside)
         a, b, c, _ = self.cubics[:, i]
         derivative = (3.0 * a * s + 2.0 * b) * s + c
         # Where the curve turns level, rounding must not give its slope the wrong sign.
         falls_or_rises = derivative * self._rises[i] > 0.0
         return np.where((v == inside) & falls_or_rises, derivative, 0.0)
 
-    def _place(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    def _find_interval(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
         """Interval of each measured speed, and the distance from its begin [m/s]."""
         i = np.searchsorted(self._begins[1:], inside, side='right')
         return i, inside - self._begins[i]
@@ -157,12 +157,12 @@ class Cubics(NamedTuple):
     d: Any
 
 
-def _piece(law: Cubics, speed: float) -> int:
+def _find_piece(law: Cubics, speed: float) -> int:
     """Return the cubic that holds at a relative speed [m/s]; the first one below it."""
     return max(bisect_right(law.begin, speed) - 1, 0)
 
 
-def _coefficient(law: Cubics, speed: float) -> float:
+def _cubic_coefficient(law: Cubics, speed: float) -> float:
     i = max(bisect_right(law.begin, speed) - 1, 0)  # not by a call: it is asked twelve times a step
     s = speed - law.begin[i]
     return law.a[i] + s * (law.b[i] + s * (law.c[i] + s * law.d[i]))
@@ -179,8 +179,8 @@ def friction_drop(law: Cubics, origin: float, step: float) -> float:
     >>> print(friction_drop(Tabulated([0.0, 1.0], [0.75, 0.25]).numbers, 0.0, 0.5))
     0.25
     """
-    top = law.a[0] if origin == 0.0 else _coefficient(law, origin)
-    return top - _coefficient(law, origin + step)
+    top = law.a[0] if origin == 0.0 else _cubic_coefficient(law, origin)
+    return top - _cubic_coefficient(law, origin + step)
 
 
 def friction_slope(law: Cubics, speed: float) -> float:
@@ -190,6 +190,6 @@ def friction_slope(law: Cubics, speed: float) -> float:
     -0.5
     """
     v = abs(speed)
-    i = _piece(law, v)
+    i = _find_piece(law, v)
     s = v - law.begin[i]
     return law.b[i] + s * (2.0 * law.c[i] + s * 3.0 * law.d[i])

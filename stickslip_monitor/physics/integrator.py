@@ -39,7 +39,7 @@ class Phase(IntEnum):
 
 
 class MotionOutcome(Enum):
-    """How an integration ended, each with its sentence."""
+    """Outcomes of an integration, each with its sentence."""
 
     COMPLETE = 'the motion was followed to the end of the drive'
     EXHAUSTED = 'the motion needs more steps than its time scales allow for'
@@ -262,28 +262,30 @@ def integrate(
     require_positive('accuracy', accuracy)
     law = scalar_law(bearing.friction)
     use = is_compiled(compiled) and law.module is not None
-    own = law.compiled if use and law.compiled else law.plain
-    body = _body(bearing, drive, own, accuracy)
+    law_functions = law.compiled if use and law.compiled else law.plain
+    body = _make_body(bearing, drive, law_functions, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
         """Return what the inner loops take: arrays if compiled, else lists, which are fast then."""
-        arrays: list[NDArray[Any]] = [np.ascontiguousarray(each, dtype=kind) for each in values]
+        arrays: list[NDArray[Any]] = [
+            np.ascontiguousarray(values_of_column, dtype=kind) for values_of_column in values
+        ]
         return arrays if use else [array.tolist() for array in arrays]
 
     speed, load = (np.stack([x[:-1], np.diff(x) / np.diff(drive.time)]) for x in (drive.speed, drive.load))
     lines = march.Lines(*columns(float, drive.time, *speed, *load))
-    phase = _starting_phase(own, body, lines, state)
+    phase = _starting_phase(law_functions, body, lines, state)
     out = columns(float, at, *np.zeros((4, at.size)))
     samples = march.MotionSamples(*out, *columns(int, np.zeros(at.size)))
     log = march.TransitionLog(*columns(float, np.zeros(_LOG)), *columns(int, np.zeros(_LOG)))
     x, z = float(state.displacement), float(state.relative_speed)
     begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
     now = march.Now(march.EVENTS_FULL, *begun)
-    loop = _loop(law) if use else march.march
+    loop = _march_loop(law) if use else march.march
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
     while now.status == march.EVENTS_FULL:
-        now = march.Now(*loop(own, body, lines, now, samples, log))
+        now = march.Now(*loop(law_functions, body, lines, now, samples, log))
         instants.append(np.array(log.time[: now.events], dtype=float))
         afters.append(np.array(log.phase[: now.events], dtype=np.int8))
         now = now._replace(events=0)
@@ -306,12 +308,12 @@ def integrate(
     )
 
 
-def _loop(law: ScalarLaw) -> Callable[..., Any]:
+def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
     return jit.compiled('march', scalars, slip_step, march, law=law.module, inline=False)
 
 
 def is_compiled(compiled: bool | None) -> bool:
-    """Whether to compile: as asked for, or where numba is installed.
+    """Return whether to compile: as asked for, or where numba is installed.
 
     Raises:
         PhysicsError: It was asked for and numba is not installed.
@@ -333,7 +335,7 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -> march.Body:
+def _make_body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -> march.Body:
     """Return the oscillator, with several times the steps that its fastest time scale can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
     fastest += float(np.max(drive.load)) * law.steepest / bearing.mass

@@ -147,12 +147,12 @@ def as_measured(bearing: _Bearing) -> _Bearing:
     if bearing.lubrication is None:
         return bearing
     own: Any = bearing
-    plain: _Bearing = _without(own)
+    plain: _Bearing = _without_lubrication(own)
     return plain
 
 
 @lru_cache(maxsize=64)
-def _without(bearing: Any) -> Any:
+def _without_lubrication(bearing: Any) -> Any:
     return replace(bearing, lubrication=None)
 
 
@@ -213,21 +213,26 @@ def gives_load(function: _Function) -> _Function:
 
     @wraps(function)
     def scaled(bearing: Lubricated, speed: ArrayLike) -> Any:
-        own = bearing.lubrication
-        if own is None:
+        lubrication = bearing.lubrication
+        if lubrication is None:
             return function(bearing, speed)
-        return load_over_speed(own, lambda v: function(as_measured(bearing), v), speed, own.viscosity_ratio)
+        return load_over_speed(
+            lubrication, lambda v: function(as_measured(bearing), v), speed, lubrication.viscosity_ratio
+        )
 
     return scaled  # type: ignore[return-value]
 
 
 def load_over_speed(
-    own: Lubrication, boundary: Callable[[FloatArray], Any], speed: ArrayLike, viscosity_ratio: ArrayLike
+    lubrication: Lubrication,
+    boundary: Callable[[FloatArray], Any],
+    speed: ArrayLike,
+    viscosity_ratio: ArrayLike,
 ) -> Any:
     """Return the least load [N] at which a point lies within a boundary.
 
     Args:
-        own: The lubrication.
+        lubrication: The lubrication.
         boundary: The load [N] from which on a speed [m/s] is within it, for friction as measured.
         speed: Surface speeds [m/s].
         viscosity_ratio: ``eta(T)/eta(T0)`` at each.
@@ -235,7 +240,7 @@ def load_over_speed(
     Returns:
         Shape of the broadcast inputs; ``nan`` where no load is.
     """
-    g = own.load_exponent
+    g = lubrication.load_exponent
     if g == 0.0:
         return mapped(lambda v, e: np.asarray(boundary(v * e)) / e, speed, viscosity_ratio)
     size = math.ceil(math.log(_FASTEST / _SLOWEST) * _PER_E_FOLD)
@@ -247,23 +252,23 @@ def load_over_speed(
         return np.where(np.isnan(load), np.inf, load)
 
     def within(at: FloatArray, log_load: FloatArray) -> FloatArray:
-        """By how much ``ln N'`` is above the boundary where the reference speed is ``exp(at)``."""
+        """Return by how much ``ln N'`` is above the boundary where the reference speed is ``exp(at)``."""
         return log_load - (1.0 / g - 1.0) * at - np.clip(log_boundary(at), -_FAR, _FAR)
 
-    known = np.clip(log_boundary(grid), -_FAR, _FAR)
+    log_speeds = np.clip(log_boundary(grid), -_FAR, _FAR)
 
     def loads(v: FloatArray, ratio: FloatArray) -> FloatArray:
         # s = V/V', and N = N0 (s ratio)^(1/g): the faster the reference point, the less the load.
         log_v = np.log(np.maximum(np.abs(v), _RESTING))
-        log_load = math.log(own.load) + np.log(ratio) / g + (1.0 / g - 1.0) * log_v
-        above = log_load[:, None] - (1.0 / g - 1.0) * grid - known > 0.0
+        log_load = math.log(lubrication.load) + np.log(ratio) / g + (1.0 / g - 1.0) * log_v
+        above = log_load[:, None] - (1.0 / g - 1.0) * grid - log_speeds > 0.0
         last = size - 1 - np.argmax(above[:, ::-1], axis=1)
-        found = above.any(axis=1)
+        is_found = above.any(axis=1)
         low, high = grid[last], grid[np.minimum(last + 1, size - 1)]
         ends = within(low, log_load), within(high, log_load)
         at = np.where(last == size - 1, high, root_on_bracket(within, low, high, ends, [log_load]))
-        load = own.load * np.exp((log_v - at + np.log(ratio)) / g)
+        load = lubrication.load * np.exp((log_v - at + np.log(ratio)) / g)
         load = np.where(last == size - 1, 0.0, load)  # whatever the load: nothing damps
-        return np.where(found, load, np.nan)
+        return np.where(is_found, load, np.nan)
 
     return mapped(loads, speed, viscosity_ratio)

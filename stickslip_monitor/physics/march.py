@@ -71,7 +71,7 @@ class Lines(NamedTuple):
 
 
 class Now(NamedTuple):
-    """Where the motion is, and what was counted.
+    """Place of the motion, and what was counted.
 
     Attributes:
         status: ``DONE``, ``EVENTS_FULL``, ``EXHAUSTED`` or ``NOT_FINITE``.
@@ -161,7 +161,7 @@ def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, sid
 
 
 def dips(begin: SlipState, end: SlipState, h: float) -> bool:
-    """Whether ``z``, convex where it turns, may have been below 0 within a step.
+    """Return whether ``z``, convex where it turns, may have been below 0 within a step.
 
     It stays above its tangents at both ends.
     """
@@ -171,19 +171,19 @@ def dips(begin: SlipState, end: SlipState, h: float) -> bool:
     return not begin.z + begin.rate * s > 0.0
 
 
-def speed_scale(own: Any, medium: Medium, begin: SlipState, length: float) -> float:
+def speed_scale(law_numbers: Any, medium: Medium, begin: SlipState, length: float) -> float:
     """Return the size of the speeds in a step, by which its error is judged."""
     size: float = abs(begin.z) + length * (abs(medium.drift) + abs(begin.rate))
     if size == 0.0:
         # Released at the limit from a belt at rest: only the change of the load moves it.
-        size = 0.5 * length * length * abs(bend(own, medium, begin))
+        size = 0.5 * length * length * abs(bend(law_numbers, medium, begin))
     return size
 
 
 def slip_advance(
     law: LawInUse, body: Body, medium: Medium, begin: SlipState, trial: float, left: float
 ) -> Advance:
-    """One step of a slip, up to a contact with the belt in it.
+    """Take one step of a slip, up to a contact with the belt in it.
 
     Args:
         law: The law.
@@ -193,22 +193,22 @@ def slip_advance(
         trial: Its length to try; 0 for none yet.
         left: The longest that it may be.
     """
-    own, h = law.own, trial
+    law_numbers, h = law.own, trial
     if h == 0.0:
-        rate = abs(medium.force * friction_slope(own, begin.z))
+        rate = abs(medium.force * friction_slope(law_numbers, begin.z))
         h = (
             _FIRST
             * math.sqrt(math.sqrt(math.sqrt(body.tolerance)))
             / (1.0 + body.damping + min(rate, 1.0 / _SHORTEST))
         )
     while True:
-        length = min(until_kink(own, law.kinks, medium, begin, h), left)
-        state, error = slip_step(own, medium, begin, length)
-        allowed = max(body.tolerance * speed_scale(own, medium, begin, length), _UNDERFLOW)
+        length = min(until_kink(law_numbers, law.kinks, medium, begin, h), left)
+        state, error = slip_step(law_numbers, medium, begin, length)
+        allowed = max(body.tolerance * speed_scale(law_numbers, medium, begin, length), _UNDERFLOW)
         after = next_length(length, error, allowed)
         fine = error <= allowed
         if fine and begin.z == 0.0 and state.z < 0.0 and length > _SHORTEST:
-            turn = begin.rate if begin.rate != 0.0 else bend(own, medium, begin)
+            turn = begin.rate if begin.rate != 0.0 else bend(law_numbers, medium, begin)
             if turn > 0.0:  # it left the belt, and came back within the step
                 fine, after = False, 0.5 * length
         if fine:
@@ -218,12 +218,12 @@ def slip_advance(
         h = after
     after = max(after, h)  # the step was short for the sake of a kink or of the inputs
     if state.z < 0.0:
-        length, state = cut_step(own, medium, begin, length, RELATIVE_SPEED, 0.0)
+        length, state = cut_step(law_numbers, medium, begin, length, RELATIVE_SPEED, 0.0)
         return Advance(length, CONTACT, state, 0.0)
     if dips(begin, state, length):
-        s, lowest = cut_step(own, medium, begin, length, RATE, 0.0)
+        s, lowest = cut_step(law_numbers, medium, begin, length, RATE, 0.0)
         if lowest.z < 0.0:
-            s, lowest = cut_step(own, medium, begin, s, RELATIVE_SPEED, 0.0)
+            s, lowest = cut_step(law_numbers, medium, begin, s, RELATIVE_SPEED, 0.0)
             return Advance(s, CONTACT, lowest, 0.0)
     return Advance(length, NOTHING, state, after)
 
@@ -240,7 +240,7 @@ def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
 
 
 def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: float) -> Advance:
-    """One step of sticking, up to the release in it.
+    """Take one step of sticking, up to the release in it.
 
     The friction needed less what the belt can hold, on each side a parabola of the time.
     """
@@ -289,12 +289,12 @@ def phase_at_rest(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
 
 
 def write_samples(
-    own: Any, omega: float, step: Whole, samples: MotionSamples, cursor: int, end: float
+    law_numbers: Any, omega: float, step: Whole, samples: MotionSamples, cursor: int, end: float
 ) -> int:
     """Write the samples up to the end of a step; the number of those written in all.
 
     Args:
-        own: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.own`.
         omega: Natural frequency [rad/s].
         step: The step.
         samples: The samples.
@@ -307,15 +307,15 @@ def write_samples(
         if t > step.length and end == math.inf:
             break
         t = min(t, step.length)
-        here = step.after
+        state = step.after
         if step.phase == 0:
-            here = stuck(medium, t)
+            state = stuck(medium, t)
         elif t < step.length:
-            here = slip_step(own, medium, step.begin, t).state
-        samples.displacement[cursor] = (step.e + side * here.e) / omega
-        samples.velocity[cursor] = side * (medium.drift + medium.drift_rate * t - here.z)
-        samples.acceleration[cursor] = omega * (side * (medium.drift_rate - here.rate))
-        samples.relative_speed[cursor] = side * here.z
+            state = slip_step(law_numbers, medium, step.begin, t).state
+        samples.displacement[cursor] = (step.e + side * state.e) / omega
+        samples.velocity[cursor] = side * (medium.drift + medium.drift_rate * t - state.z)
+        samples.acceleration[cursor] = omega * (side * (medium.drift_rate - state.rate))
+        samples.relative_speed[cursor] = side * state.z
         samples.phase[cursor] = step.phase
         cursor += 1
     return cursor
@@ -384,8 +384,8 @@ def march(
             elif stalled > _STALLED:
                 phase = 0
             else:
-                here = medium_at(law, body, lines, piece, time, 1.0)
-                phase = phase_at_rest(law, here, omega * x, phase)
+                medium_here = medium_at(law, body, lines, piece, time, 1.0)
+                phase = phase_at_rest(law, medium_here, omega * x, phase)
             log.time[events], log.phase[events] = base + (time + rest), phase
             events += 1
     return status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled

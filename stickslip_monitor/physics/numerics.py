@@ -44,7 +44,7 @@ def hermite_cubics(x: FloatArray, y: FloatArray, slope: FloatArray) -> FloatArra
 
 
 def hermite(x: FloatArray, y: FloatArray, slope: FloatArray, at: FloatArray) -> FloatArray:
-    """Those cubics at places; beyond the first and the last point they stay where they are.
+    """Evaluate cubics at places; beyond the first and the last point they stay where they are.
 
     >>> x, y, slope = np.array([0.0, 2.0]), np.array([1.0, 5.0]), np.array([0.0, 4.0])
     >>> hermite(x, y, slope, np.array([1.0, 9.0])).tolist()
@@ -114,8 +114,8 @@ def spline_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _end_balance(h: float, beside: float, chord: float, next_chord: float) -> float:
-    both = h + beside
-    return ((h + 2.0 * both) * beside * chord + h * h * next_chord) / both
+    total = h + beside
+    return ((h + 2.0 * total) * beside * chord + h * h * next_chord) / total
 
 
 def _end_slope(h: float, beside: float, chord: float, next_chord: float) -> float:
@@ -167,10 +167,10 @@ def root_on_bracket(
         # A last step along the secant misses by about its length times the one before it, over
         # the bracket: so close it cannot miss by more than rounding.
         miss = np.abs(secant) * np.minimum(np.abs(b - c) / np.abs(a - b), 1.0)
-        there = (fb == 0.0) | (miss <= _SECANT_CLOSE * np.abs(b))
+        is_done = (fb == 0.0) | (miss <= _SECANT_CLOSE * np.abs(b))
         close = np.abs(a - b) <= _CLOSE * np.abs(b)
-        root[running] = np.where(there & (fb != 0.0), b - secant, b)
-        keep = ~(there | close)
+        root[running] = np.where(is_done & (fb != 0.0), b - secant, b)
+        keep = ~(is_done | close)
         running, a, b, c = running[keep], a[keep], b[keep], c[keep]
         if not running.size:
             break
@@ -184,6 +184,6 @@ def root_on_bracket(
             share = ahead + (c - b) / (a - b) * fb / (fc - fb) * fa / (fc - fa)
         fits &= np.isfinite(share) & (step < _PATIENCE)
         share = np.where(fits, share, 0.5)
-        least = np.minimum(_CLOSE * np.abs(b) / np.abs(a - b), 0.5)
-        share = np.clip(share, least, 1.0 - least)
+        min_share = np.minimum(_CLOSE * np.abs(b) / np.abs(a - b), 0.5)
+        share = np.clip(share, min_share, 1.0 - min_share)
     return root

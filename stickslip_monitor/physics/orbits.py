@@ -84,7 +84,7 @@ def law_in_use(law: FrictionLaw) -> LawInUse:
 
 @dataclass(frozen=True, slots=True)
 class SlipField:
-    """What orbits slip in; of one number for each orbit from ``speed`` on.
+    """Field in which orbits slip; of one number for each orbit from ``speed`` on.
 
     Attributes:
         law: The friction law.
@@ -117,8 +117,11 @@ class SlipField:
             slow = np.maximum(self.origin, ALMOST_REST)
             drop = np.asarray(self.law.coefficient(slow) - self.law.coefficient(self.origin + self.speed))
         else:
-            own, pairs = law_in_use(self.law).own, zip(self.origin.tolist(), self.speed.tolist(), strict=True)
-            drop = np.array([friction_drop(own, *pair) for pair in pairs])
+            law_numbers, pairs = (
+                law_in_use(self.law).own,
+                zip(self.origin.tolist(), self.speed.tolist(), strict=True),
+            )
+            drop = np.array([friction_drop(law_numbers, *pair) for pair in pairs])
         return self.damping - self.offset - self.force * drop
 
     def about_steady_sliding(self) -> SlipField:
@@ -141,7 +144,7 @@ def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipFie
 
 
 class Route(NamedTuple):
-    """How orbits are followed.
+    """Way in which orbits are followed.
 
     Attributes:
         last: Number of turns that ends them, one number or one each; 0 for none.
@@ -162,7 +165,7 @@ class Route(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Orbits:
-    """How orbits ended, each of shape (n,).
+    """Ends of orbits, each of shape (n,).
 
     Attributes:
         end: ``EXHAUSTED``, ``TURNED``, ``LANDED``, ``MISSED``, ``RESTED`` or ``LEFT``.
@@ -216,7 +219,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
 
 
 def follow_each(
-    own: Any,
+    law_numbers: Any,
     kinks: Sequence[float],
     damping: float,
     drift: float,
@@ -227,7 +230,7 @@ def follow_each(
     """Follow one orbit after the other and write how each ended.
 
     Args:
-        own: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.own`.
         kinks: Its kinks [m/s].
         damping: ``2 zeta``.
         drift: As of :class:`SlipField`.
@@ -240,17 +243,17 @@ def follow_each(
         row, to = rows[k], out[k]
         medium = Medium(row[0], row[1], damping, row[2], row[3], drift, 0.0, 0.0, 0.0)
         own_route = Route(int(row[6]), route.error, row[7], route.contact, route.weigh, route.most)
-        found = follow_one(own, kinks, medium, row[4], row[5], own_route)
-        to[0], to[1], to[2], to[3], to[4], to[5], to[6] = found
+        orbit = follow_one(law_numbers, kinks, medium, row[4], row[5], own_route)
+        to[0], to[1], to[2], to[3], to[4], to[5], to[6] = orbit
 
 
 def follow_one(
-    own: Any, kinks: Sequence[float], medium: Medium, e: float, z: float, route: Route
+    law_numbers: Any, kinks: Sequence[float], medium: Medium, e: float, z: float, route: Route
 ) -> tuple[float, float, float, float, float, float, float]:
     """Follow the orbit that begins at ``e`` and ``z``.
 
     Args:
-        own: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.own`.
         kinks: Its kinks [m/s].
         medium: What it slips in.
         e: Displacement.
@@ -261,18 +264,20 @@ def follow_one(
         How it ended, when, where, its first two turns, the divergence, and the steps it took.
     """
     drift = medium.drift
-    state, rest = SlipState(e, z, acceleration(own, medium, e, z)), 0.0
+    state, rest = SlipState(e, z, acceleration(law_numbers, medium, e, z)), 0.0
     if drift:
-        rest = -acceleration(own, medium, 0.0, 1.0)
-    energy = _energy(e - rest, z - drift)
-    stiffness = abs(medium.force * medium.speed * friction_slope(own, medium.origin + medium.speed * z))
+        rest = -acceleration(law_numbers, medium, 0.0, 1.0)
+    energy = _motion_energy(e - rest, z - drift)
+    stiffness = abs(
+        medium.force * medium.speed * friction_slope(law_numbers, medium.origin + medium.speed * z)
+    )
     h = route.direction * 0.1 / (1.0 + medium.damping + min(stiffness, 1e6))
     side = z - drift or route.direction * state.rate
     time, turns, first, second, end, gain, steps = 0.0, 0, math.nan, math.nan, EXHAUSTED, 0.0, 0
     for _ in range(route.most):
         steps += 1
-        length = until_kink(own, kinks, medium, state, h)
-        after, error = slip_step(own, medium, state, length)
+        length = until_kink(law_numbers, kinks, medium, state, h)
+        after, error = slip_step(law_numbers, medium, state, length)
         moved = abs(state.e) + abs(state.z) + abs(length) * (abs(drift) + abs(state.rate))
         wanted, h = h, next_length(length, error, route.error * moved)
         if not error <= route.error * moved:
@@ -282,17 +287,19 @@ def follow_one(
         if abs(h) < abs(wanted) > abs(length):
             h = wanted  # the step was short for the kink's sake
         if route.contact and (turns == 2 or drift < 0.0):
-            end, length, after = _landing(own, medium, state, length, after)
+            end, length, after = _find_landing(law_numbers, medium, state, length, after)
         if end == EXHAUSTED and drift >= 0.0 and (after.z - drift) * side <= 0.0:
-            length, after = cut_step(own, medium, state, length, RELATIVE_SPEED, drift)
+            length, after = cut_step(law_numbers, medium, state, length, RELATIVE_SPEED, drift)
             turns, side = turns + 1, -side
             first = after.e if turns == 1 else first
             second = after.e if turns == 2 else second
             end = TURNED if turns == route.last else EXHAUSTED
-        gain += _divergence(own, medium, state, length, route.weigh)
+        gain += _integrate_divergence(law_numbers, medium, state, length, route.weigh)
         time, state = time + length, after
         if end == EXHAUSTED and drift >= 0.0:
-            end = _fading(medium, route.direction, energy, _energy(after.e - rest, after.z - drift), after.z)
+            end = _fading_end(
+                medium, route.direction, energy, _motion_energy(after.e - rest, after.z - drift), after.z
+            )
         if end != EXHAUSTED:
             break
     place = state.e if end in (TURNED, LANDED) else math.nan
@@ -300,37 +307,39 @@ def follow_one(
     return end, time, place, first, second, gain, steps
 
 
-def _divergence(own: Any, medium: Medium, begin: SlipState, step: float, weigh: bool) -> float:
+def _integrate_divergence(
+    law_numbers: Any, medium: Medium, begin: SlipState, step: float, weigh: bool
+) -> float:
     """Return the integral of the flow's divergence over a step; 0 where it is not weighed."""
     total = 0.0
     for k in range(len(_NODES) if weigh else 0):
-        here = slip_step(own, medium, begin, _NODES[k] * step).state
-        slope = friction_slope(own, medium.origin + medium.speed * here.z)
+        state = slip_step(law_numbers, medium, begin, _NODES[k] * step).state
+        slope = friction_slope(law_numbers, medium.origin + medium.speed * state.z)
         total -= _WEIGHTS[k] * (medium.damping + medium.force * medium.speed * slope)
     return total * step
 
 
-def _energy(e: float, z: float) -> float:
+def _motion_energy(e: float, z: float) -> float:
     return e * e + z * z  # a power raises where it overflows
 
 
-def _landing(
-    own: Any, medium: Medium, begin: SlipState, length: float, after: SlipState
+def _find_landing(
+    law_numbers: Any, medium: Medium, begin: SlipState, length: float, after: SlipState
 ) -> tuple[int, float, SlipState]:
-    """Whether a step meets the belt or passes the place that could hold, and where it ends then."""
+    """Return whether a step meets the belt or passes the place that could hold, and where it ends then."""
     hold, end = -medium.offset, EXHAUSTED
     if medium.drift > 0.0 and after.e > hold:
         if begin.e > hold:
             return MISSED, 0.0, begin
-        length, after = cut_step(own, medium, begin, length, PLACE, hold)
+        length, after = cut_step(law_numbers, medium, begin, length, PLACE, hold)
         end = MISSED
     if after.z < 0.0:
-        length, after = cut_step(own, medium, begin, length, RELATIVE_SPEED, 0.0)
+        length, after = cut_step(law_numbers, medium, begin, length, RELATIVE_SPEED, 0.0)
         end = LANDED
     return end, length, after
 
 
-def _fading(medium: Medium, direction: float, begun: float, now: float, z: float) -> int:
+def _fading_end(medium: Medium, direction: float, begun: float, now: float, z: float) -> int:
     """``RESTED`` where a motion has come to rest, ``LEFT`` where, back in time, it has left for good."""
     if now < _SETTLED * begun:
         return RESTED

@@ -104,27 +104,27 @@ class Tolerance:
 
     @property
     def of_speed(self) -> float:
-        """What is uncertain of a boundary's speed on every passage."""
+        """Variance of a boundary's speed on every passage."""
         return math.hypot(self.speed, self.model_error, self.scatter)
 
     def of_fall(self, law: FrictionLaw) -> float:
         """Relative standard deviation of ``mu_s - mu_k``, the fall of friction with speed."""
-        kinetic = _kinetic(law)
+        kinetic = _least_coefficient(law)
         fall = abs(law.static - kinetic)
-        both = math.hypot(self.static * law.static, self.kinetic * kinetic)
-        return both / fall if fall > 0.0 else UNKNOWN_FALL * (both > 0.0)
+        deviation = math.hypot(self.static * law.static, self.kinetic * kinetic)
+        return deviation / fall if fall > 0.0 else UNKNOWN_FALL * (deviation > 0.0)
 
     def covariance(self, law: FrictionLaw) -> FloatArray:
         """Covariance of ``(ln r, ln q)``, shape (2, 2), without what is measured at each point."""
-        decay, other = self.decay**2, self.damping**2 + self.of_fall(law) ** 2
-        return np.array([[decay, -decay], [-decay, decay + other]])
+        decay, load_variance = self.decay**2, self.damping**2 + self.of_fall(law) ** 2
+        return np.array([[decay, -decay], [-decay, decay + load_variance]])
 
 
 EXACT = Tolerance()
 """Nothing is uncertain."""
 
 
-def _kinetic(law: FrictionLaw) -> float:
+def _least_coefficient(law: FrictionLaw) -> float:
     """Return the least coefficient of sliding that a law states."""
     return float(getattr(law, 'kinetic', min(getattr(law, 'values', (0.0,)))))
 
@@ -139,11 +139,11 @@ def moved(bearing: Bearing, speeds: float, loads: float) -> Bearing:
         PhysicsError: The law is none of a configuration's.
     """
     law, by = bearing.friction, speeds * loads
-    kinetic = _kinetic(law)
+    kinetic = _least_coefficient(law)
     static = kinetic + by * (law.static - kinetic)
     if isinstance(law, Stribeck | Stretched):
-        own = replace(law, static=static, decay=law.decay / speeds, viscous=law.viscous * loads)
-        return replace(bearing, friction=own)
+        moved_law = replace(law, static=static, decay=law.decay / speeds, viscous=law.viscous * loads)
+        return replace(bearing, friction=moved_law)
     if isinstance(law, Coulomb):
         return replace(bearing, friction=Coulomb(static, kinetic))
     if isinstance(law, Tabulated):
@@ -181,7 +181,7 @@ class Belief:
     _numbers: list[float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'table', self._tabulated())
+        object.__setattr__(self, 'table', self._make_table())
         object.__setattr__(self, '_numbers', self.table.tolist())
 
     @classmethod
@@ -195,8 +195,8 @@ class Belief:
 
         To first order, where the load of the boundary grows as the speed; 1 for ``p = 0.5``.
         """
-        (r, both), (_, q) = self._total
-        spread = math.sqrt(max(r + 2.0 * both + q, 0.0))
+        (r, covariance_rq), (_, q) = self._total
+        spread = math.sqrt(max(r + 2.0 * covariance_rq + q, 0.0))
         return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
 
     def probabilities(self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0) -> tuple[Any, Any]:
@@ -209,18 +209,18 @@ class Belief:
             return chances(self._numbers, abs(speed), load, share)
         shape, (v, n, part) = flatten(speed, load, share)
         points, out = np.column_stack([np.abs(v), n, part]), np.empty((v.size, 2))
-        _loop(fill_chances, v.size)(self.table, points, out)
+        _point_loop(fill_chances, v.size)(self.table, points, out)
         return restore(out[:, 0], shape), restore(out[:, 1], shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
         """Return the ``p`` quantile of the fold speed at a load [m/s]; 0 where there is none."""
-        return self._quantile(FOLD, load, p)
+        return self._boundary_quantile(FOLD, load, p)
 
     def hopf_speed(self, load: ArrayLike, p: float) -> Any:
         """Return the ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none."""
-        return self._quantile(HOPF, load, p)
+        return self._boundary_quantile(HOPF, load, p)
 
-    def _quantile(self, which: int, load: ArrayLike, p: float) -> Any:
+    def _boundary_quantile(self, which: int, load: ArrayLike, p: float) -> Any:
         if not 0.0 < p < 1.0:
             raise PhysicsError(f'p = {p:g} must be between 0 and 1')
         z = float(ndtri(p))
@@ -228,7 +228,7 @@ class Belief:
             return boundary_speed(self._numbers, which, load, z)
         shape, (n,) = flatten(load)
         out = np.empty(n.size)
-        _loop(fill_speeds, n.size)(self.table, which, n, z, out)
+        _point_loop(fill_speeds, n.size)(self.table, which, n, z, out)
         return restore(out, shape)
 
     def fold_margins(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
@@ -237,13 +237,13 @@ class Belief:
         ``inf`` where that share of the belief has no fold, ``nan`` without a probability.
         """
         shape, (v, n) = flatten(speed, load)
-        known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
+        is_known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
         margins = []
         for p in (QUANTILES[2], QUANTILES[0]):
-            fold = np.asarray(self.fold_speed(np.where(known, n, 0.0), p))
+            fold = np.asarray(self.fold_speed(np.where(is_known, n, 0.0), p))
             margin = np.full(v.size, np.inf)
             np.divide(np.abs(v), fold, out=margin, where=fold > 0.0)
-            margins.append(restore(np.where(known, margin - 1.0, np.nan), shape))
+            margins.append(restore(np.where(is_known, margin - 1.0, np.nan), shape))
         return margins[0], margins[1]
 
     @property
@@ -253,16 +253,16 @@ class Belief:
 
     @property
     def _of_load(self) -> FloatArray:
-        """What is uncertain of the measured load, which moves a reference point in speed and load."""
-        own = self.bearing.lubrication
-        g = 0.0 if own is None else own.load_exponent
+        """Return the covariance of the measured load, which moves a reference point in speed and load."""
+        lubrication = self.bearing.lubrication
+        g = 0.0 if lubrication is None else lubrication.load_exponent
         return self.load**2 * np.outer([g, 1.0 - g], [g, 1.0 - g])
 
-    def _tabulated(self) -> FloatArray:
+    def _make_table(self) -> FloatArray:
         ln_v = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _COUNT)
         (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
-        known = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
-        parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *known])]
+        log_loads = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
+        parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *log_loads])]
         folds, hopfs = (
             _log_load(of, as_measured(self.bearing), ln_v)
             for of in (averaging.fold_load, averaging.hopf_load)
@@ -273,7 +273,7 @@ class Belief:
 
     def _along_fold(self, ln_v: FloatArray, folds: FloatArray) -> _Way:
         """Factors that leave the fold in the middle of the loads where it is."""
-        (r, both), (_, q) = self.covariance
+        (r, covariance_rq), (_, q) = self.covariance
         middle = 0.5 * (math.log(self.loads[0]) + math.log(self.loads[1]))
         log_q = _NODES_AT * math.sqrt(q)
 
@@ -283,7 +283,7 @@ class Belief:
         near = fold(middle + np.array([-0.02, 0.0, 0.02]))
         slope = float(near[2] - near[0]) / 0.04
         # Of u = ln r + slope ln q, by how much the fold is off.
-        of_u, with_q = r + 2.0 * slope * both + slope * slope * q, both + slope * q
+        of_u, with_q = r + 2.0 * slope * covariance_rq + slope * slope * q, covariance_rq + slope * q
         mean = with_q / q if q > 0.0 else 0.0
         reach = _REACH * math.sqrt(r)
         log_r = np.clip(mean * log_q + near[1] - fold(middle + log_q), -reach, reach)
@@ -314,32 +314,32 @@ class _Way:
 
 def _along_speeds(total: FloatArray) -> _Way:
     """Nodes of ``ln r``, with the mean of ``ln q`` at each."""
-    (r, both), (_, q) = total
-    mean = both / r if r > 0.0 else 0.0
+    (r, covariance_rq), (_, q) = total
+    mean = covariance_rq / r if r > 0.0 else 0.0
     log_r = _NODES_AT * math.sqrt(r)
-    return _Way(log_r, mean * log_r, 0.0, max(q - mean * both, 0.0))
+    return _Way(log_r, mean * log_r, 0.0, max(q - mean * covariance_rq, 0.0))
 
 
 def _rows_of(total: FloatArray, way: _Way, ln_v: FloatArray, load: FloatArray) -> FloatArray:
     """Tabulate the rows of one boundary, shape (speeds, :data:`_PER_BOUNDARY`)."""
-    (r, both), (_, q) = total
+    (r, covariance_rq), (_, q) = total
     slope = np.gradient(load, ln_v)
-    width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * both + q, _LEAST**2))
+    width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * covariance_rq + q, _LEAST**2))
     columns = np.arange(-_WIDEST, _WIDEST + 1.0)
     log_load = load[:, None] + width[:, None] * columns
     # At each node the load of the boundary, its slope, and what the node's kernel spreads it.
     at = ln_v[:, None] - way.log_r
-    there, steep = np.interp(at, ln_v, load) - way.log_q, np.interp(at, ln_v, slope)
-    kernel = np.gradient(there, _NODES_AT, axis=1) * _KERNEL
+    load_there, steep = np.interp(at, ln_v, load) - way.log_q, np.interp(at, ln_v, slope)
+    kernel = np.gradient(load_there, _NODES_AT, axis=1) * _KERNEL
     spread = np.sqrt(way.of_q + steep**2 * way.of_r + kernel**2 + _LEAST**2)
     p = np.zeros(log_load.shape)
     for k, share in enumerate(_NODE_WEIGHTS):
-        p += share * ndtr((log_load - there[:, k : k + 1]) / spread[:, k : k + 1])
+        p += share * ndtr((log_load - load_there[:, k : k + 1]) / spread[:, k : k + 1])
     off = ndtri(np.clip(p, 1e-12, 1.0 - 1e-12)) - columns
     return np.column_stack([load, width, np.clip(off, -_WIDEST, _WIDEST)])
 
 
-def _loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
+def _point_loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
     """Return a loop over points as it stands, or compiled where there are many."""
     if size < _MANY_POINTS or not jit.has_compiler():
         return plain
@@ -417,11 +417,11 @@ def chances(table: Sequence[float], speed: float, load: float, share: float) -> 
     if load <= 0.0:
         return 0.0, 0.0
     log_speed, log_load = math.log(speed), math.log(load)
-    can = _normal(probit(table, FOLD, log_speed + math.log(share), log_load))
-    return can, min(_normal(probit(table, HOPF, log_speed, log_load)), can)
+    can = _normal_cdf(probit(table, FOLD, log_speed + math.log(share), log_load))
+    return can, min(_normal_cdf(probit(table, HOPF, log_speed, log_load)), can)
 
 
-def _normal(z: float) -> float:
+def _normal_cdf(z: float) -> float:
     return 0.5 * math.erfc(-z * math.sqrt(0.5))
 
 

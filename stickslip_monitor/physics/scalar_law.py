@@ -46,7 +46,7 @@ def friction_slope(law: Any, speed: float) -> float:
 
 
 class LawInUse(NamedTuple):
-    """What the loops take of a law.
+    """Functions of a law for the loops.
 
     Attributes:
         own: What :func:`friction_drop` and :func:`friction_slope` take.
@@ -78,18 +78,20 @@ class _Plain:
         else:
             numbers = law.numbers  # type: ignore[attr-defined]
             columns = (x.tolist() if isinstance(x, np.ndarray) else x for x in numbers)
-            own = type(numbers)(*columns)
+            law_numbers = type(numbers)(*columns)
             never = getattr(module, 'NEVER_OVERFLOWS', False)
             self.drop = (
-                partial(module.friction_drop, own) if never else partial(_guarded, module.friction_drop, own)
+                partial(module.friction_drop, law_numbers)
+                if never
+                else partial(_guard_overflow, module.friction_drop, law_numbers)
             )
-            self.slope = partial(module.friction_slope, own)
+            self.slope = partial(module.friction_slope, law_numbers)
 
 
-def _guarded(drop: Any, own: Any, origin: float, step: float) -> float:
+def _guard_overflow(drop: Any, law_numbers: Any, origin: float, step: float) -> float:
     """Guard a function as compiled loops are: a step to where the law overflows is refused."""
     try:
-        return drop(own, origin, step)
+        return drop(law_numbers, origin, step)
     except OverflowError:
         return math.nan
 
@@ -120,10 +122,10 @@ class ScalarLaw:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Send a module to another process by its name."""
-        return _received, (self.plain, self.compiled, self.module and self.module.__name__)
+        return _make_scalar_law, (self.plain, self.compiled, self.module and self.module.__name__)
 
 
-def _received(plain: LawInUse, compiled: LawInUse | None, module: str | None) -> ScalarLaw:
+def _make_scalar_law(plain: LawInUse, compiled: LawInUse | None, module: str | None) -> ScalarLaw:
     return ScalarLaw(plain, compiled, None if module is None else import_module(module))
 
 
@@ -136,7 +138,7 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
     """
     module = own_module(law)
     kinks = tuple(getattr(law, 'kinks', ())) if module else ()
-    top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest(law, -1.0), _largest(law, 1.0)
+    top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest_slope(law, -1.0), _largest_slope(law, 1.0)
     falls_at_once = law.static > top * (1.0 + 1e-15)
     bounds = max(law.static, top), top, math.inf if falls_at_once else fall, max(fall, rise)
     plain = LawInUse(_Plain(law, module), kinks, *bounds)
@@ -152,7 +154,7 @@ def own_module(law: FrictionLaw) -> ModuleType | None:
     >>> own_module(Stribeck(0.3, 0.1, 10.0)).__name__
     'stickslip_monitor.physics.friction'
     """
-    kind = next((each for each in type(law).__mro__ if 'numbers' in vars(each)), None)
+    kind = next((base for base in type(law).__mro__ if 'numbers' in vars(base)), None)
     if kind is None or not computes_as(law, kind):
         return None
     module = import_module(kind.__module__)
@@ -160,18 +162,18 @@ def own_module(law: FrictionLaw) -> ModuleType | None:
     return module if is_file and hasattr(module, 'friction_drop') else None
 
 
-def _largest(law: FrictionLaw, sign: float) -> float:
+def _largest_slope(law: FrictionLaw, sign: float) -> float:
     """Return the largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
     breaks = speed_scales(law)
     if not breaks:
         return 0.0
     edges = np.array([ALMOST_REST, *breaks, 4.0 * breaks[-1]])
-    low, width, most = edges[:-1], np.diff(edges), 0.0
+    low, width, largest = edges[:-1], np.diff(edges), 0.0
     share = np.linspace(0.0, 1.0, _PLACES)
     for _ in range(_SEARCHES):
         places = np.clip(low[:, None] + width[:, None] * share, edges[:-1, None], edges[1:, None])
         slope = sign * np.asarray(law.slope(places))
-        most = max(most, float(np.max(slope)))
+        largest = max(largest, float(np.max(slope)))
         low = low + width * np.clip(share[np.argmax(slope, axis=1)] - share[1], 0.0, 1.0)
         width = 2.0 * width * share[1]
-    return most * (1.0 + _ROUNDING)
+    return largest * (1.0 + _ROUNDING)

@@ -56,7 +56,7 @@ A1, A2, A3, A4, A5, A6, A7, A8, A9, A10, A11, B, E5, E3, C = _ROWS
 
 
 class Medium(NamedTuple):
-    """What a lining slips in.
+    """Medium in which a lining slips.
 
     Attributes:
         speed: The unit ``U`` of speeds [m/s].
@@ -90,7 +90,7 @@ class SlipState(NamedTuple):
 
 
 class SlipStep(NamedTuple):
-    """Where a step ends, and its estimated error in the units of the motion."""
+    """End of a step, and its estimated error in the units of the motion."""
 
     state: SlipState
     error: float
@@ -106,29 +106,29 @@ _AT_KINK = 1e-6
 _DENSE = 2.0
 
 
-def acceleration(own: Any, medium: Medium, e: float, z: float) -> float:
+def acceleration(law_numbers: Any, medium: Medium, e: float, z: float) -> float:
     """``z'`` at the begin of a step, at a displacement and a relative speed."""
-    drop = friction_drop(own, medium.origin, medium.speed * z)
+    drop = friction_drop(law_numbers, medium.origin, medium.speed * z)
     return e + medium.offset - medium.damping * z + medium.force * drop
 
 
-def bend(own: Any, medium: Medium, state: SlipState, t: float = 0.0) -> float:
+def bend(law_numbers: Any, medium: Medium, state: SlipState, t: float = 0.0) -> float:
     """``z''`` of a state at a time since the step began."""
     v = medium.origin + medium.speed * state.z
-    friction = (medium.force + medium.force_rate * t) * medium.speed * friction_slope(own, v)
+    friction = (medium.force + medium.force_rate * t) * medium.speed * friction_slope(law_numbers, v)
     value = medium.drift + medium.drift_rate * t - state.z + medium.offset_rate
     if medium.force_rate != 0.0:
-        value += medium.force_rate * friction_drop(own, medium.origin, medium.speed * state.z)
+        value += medium.force_rate * friction_drop(law_numbers, medium.origin, medium.speed * state.z)
     return value - (medium.damping + friction) * state.rate
 
 
-def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipStep:
+def slip_step(law_numbers: Any, medium: Medium, begin: SlipState, step: float) -> SlipStep:
     """Return the state after a step by DOP853, and the step's error.
 
     The displacement that the belt's own speed makes is exact, the rest by the method's stages.
 
     Args:
-        own: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.own`.
         medium: What the motion takes place in, as the step begins.
         begin: The state there.
         step: Its length, negative to go back in time.
@@ -144,57 +144,57 @@ def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipSt
     t = C[1] * step
     z1 = z0 + step * a * r0
     x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0) + offset + do * t
-    r1 = x - damping * z1 + (force + df * t) * friction_drop(own, origin, speed * z1)
+    r1 = x - damping * z1 + (force + df * t) * friction_drop(law_numbers, origin, speed * z1)
     a, b = A2
     t = C[2] * step
     z2 = z0 + step * (a * r0 + b * r1)
     x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z1) + offset + do * t
-    r2 = x - damping * z2 + (force + df * t) * friction_drop(own, origin, speed * z2)
+    r2 = x - damping * z2 + (force + df * t) * friction_drop(law_numbers, origin, speed * z2)
     a, b = A3
     t = C[3] * step
     z3 = z0 + step * (a * r0 + b * r2)
     x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z2) + offset + do * t
-    r3 = x - damping * z3 + (force + df * t) * friction_drop(own, origin, speed * z3)
+    r3 = x - damping * z3 + (force + df * t) * friction_drop(law_numbers, origin, speed * z3)
     a, b, c = A4
     t = C[4] * step
     z4 = z0 + step * (a * r0 + b * r2 + c * r3)
     x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z2 + c * z3) + offset + do * t
-    r4 = x - damping * z4 + (force + df * t) * friction_drop(own, origin, speed * z4)
+    r4 = x - damping * z4 + (force + df * t) * friction_drop(law_numbers, origin, speed * z4)
     a, b, c = A5
     t = C[5] * step
     z5 = z0 + step * (a * r0 + b * r3 + c * r4)
     x = e0 + t * (drift + 0.5 * dd * t) - step * (a * z0 + b * z3 + c * z4) + offset + do * t
-    r5 = x - damping * z5 + (force + df * t) * friction_drop(own, origin, speed * z5)
+    r5 = x - damping * z5 + (force + df * t) * friction_drop(law_numbers, origin, speed * z5)
     a, b, c, d = A6
     t = C[6] * step
     z6 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5)
     lag = a * z0 + b * z3 + c * z4 + d * z5
     x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
-    r6 = x - damping * z6 + (force + df * t) * friction_drop(own, origin, speed * z6)
+    r6 = x - damping * z6 + (force + df * t) * friction_drop(law_numbers, origin, speed * z6)
     a, b, c, d, e = A7
     t = C[7] * step
     z7 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6)
     lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6
     x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
-    r7 = x - damping * z7 + (force + df * t) * friction_drop(own, origin, speed * z7)
+    r7 = x - damping * z7 + (force + df * t) * friction_drop(law_numbers, origin, speed * z7)
     a, b, c, d, e, f = A8
     t = C[8] * step
     z8 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7)
     lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7
     x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
-    r8 = x - damping * z8 + (force + df * t) * friction_drop(own, origin, speed * z8)
+    r8 = x - damping * z8 + (force + df * t) * friction_drop(law_numbers, origin, speed * z8)
     a, b, c, d, e, f, g = A9
     t = C[9] * step
     z9 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8)
     lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8
     x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
-    r9 = x - damping * z9 + (force + df * t) * friction_drop(own, origin, speed * z9)
+    r9 = x - damping * z9 + (force + df * t) * friction_drop(law_numbers, origin, speed * z9)
     a, b, c, d, e, f, g, h = A10
     t = C[10] * step
     z10 = z0 + step * (a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8 + h * r9)
     lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8 + h * z9
     x = e0 + t * (drift + 0.5 * dd * t) - step * lag + offset + do * t
-    r10 = x - damping * z10 + (force + df * t) * friction_drop(own, origin, speed * z10)
+    r10 = x - damping * z10 + (force + df * t) * friction_drop(law_numbers, origin, speed * z10)
     a, b, c, d, e, f, g, h, i = A11
     rate = a * r0 + b * r3 + c * r4 + d * r5 + e * r6 + f * r7 + g * r8 + h * r9 + i * r10
     lag = a * z0 + b * z3 + c * z4 + d * z5 + e * z6 + f * z7 + g * z8 + h * z9 + i * z10
@@ -203,7 +203,7 @@ def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipSt
     held = offset + do * step
     end = force + df * step
     r11 = moved - step * lag + held - damping * z11
-    r11 += end * friction_drop(own, origin, speed * z11)
+    r11 += end * friction_drop(law_numbers, origin, speed * z11)
     a, b, c, d, e, f, g, h = B
     rate = a * r0 + b * r5 + c * r6 + d * r7 + e * r8 + f * r9 + g * r10 + h * r11
     lag = a * z0 + b * z5 + c * z6 + d * z7 + e * z8 + f * z9 + g * z10 + h * z11
@@ -216,28 +216,28 @@ def slip_step(own: Any, medium: Medium, begin: SlipState, step: float) -> SlipSt
     fifth = max(abs(rate), abs(lag))
     ratio = 0.1 * third / fifth if fifth > 0.0 else 0.0
     error = abs(step) * fifth / math.sqrt(1.0 + ratio * ratio)
-    r = x + held - damping * z + end * friction_drop(own, origin, speed * z)
+    r = x + held - damping * z + end * friction_drop(law_numbers, origin, speed * z)
     return SlipStep(SlipState(x, z, r), error)
 
 
-def measured(what: float, state: SlipState) -> float:
+def measured(quantity: float, state: SlipState) -> float:
     """Return the displacement, the relative speed or the rate of a state."""
-    return state.e if what == PLACE else state.z if what == RELATIVE_SPEED else state.rate
+    return state.e if quantity == PLACE else state.z if quantity == RELATIVE_SPEED else state.rate
 
 
 def cut_step(
-    own: Any, medium: Medium, begin: SlipState, h: float, what: float, level: float
+    law_numbers: Any, medium: Medium, begin: SlipState, h: float, quantity: float, level: float
 ) -> tuple[float, SlipState]:
     """Return the length at which a step passes a level, and the state there.
 
     Newton's method, kept between a length before the level and one behind.
 
     Args:
-        own: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.own`.
         medium: What the motion takes place in, as the step begins.
         begin: The state there.
         h: Its length, by which the level has been passed.
-        what: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``.
+        quantity: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``.
         level: The level of that.
 
     >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -247,24 +247,24 @@ def cut_step(
     0.5
     """
     before, behind = 0.0, h
-    first = measured(what, begin) - level
+    first = measured(quantity, begin) - level
     rounding = 1e-15 * (abs(first) + abs(level))
-    s, state = h, slip_step(own, medium, begin, h).state
-    upward = measured(what, state) > level
+    s, state = h, slip_step(law_numbers, medium, begin, h).state
+    upward = measured(quantity, state) > level
     if (first > 0.0) == upward and first != 0.0:
         return s, state
     for _ in range(60):
-        miss = measured(what, state) - level
+        miss = measured(quantity, state) - level
         if (miss > 0.0) == upward:
             behind = s
         else:
             before = s
-        if what == PLACE:
+        if quantity == PLACE:
             rate = medium.drift + medium.drift_rate * s - state.z
-        elif what == RELATIVE_SPEED:
+        elif quantity == RELATIVE_SPEED:
             rate = state.rate
         else:
-            rate = bend(own, medium, state, s)
+            rate = bend(law_numbers, medium, state, s)
         after = s - miss / rate if rate != 0.0 else before
         inside = min(before, behind) < after < max(before, behind)
         if abs(miss) <= rounding or (inside and abs(after - s) <= 1e-15 * abs(h)):
@@ -274,11 +274,11 @@ def cut_step(
             if after in (before, behind):
                 break
         s = after
-        state = slip_step(own, medium, begin, s).state
+        state = slip_step(law_numbers, medium, begin, s).state
     return s, state
 
 
-def until_kink(own: Any, kinks: Sequence[float], medium: Medium, state: SlipState, h: float) -> float:
+def until_kink(law_numbers: Any, kinks: Sequence[float], medium: Medium, state: SlipState, h: float) -> float:
     """Length of a step, cut where the relative speed comes to a kink of the law.
 
     A step over one is refused where the jump of the law's second derivative matters. Kinks so
@@ -291,7 +291,7 @@ def until_kink(own: Any, kinks: Sequence[float], medium: Medium, state: SlipStat
         return h
     speed = medium.speed
     v, direction = medium.origin + speed * state.z, 1.0 if h > 0.0 else -1.0
-    turn, heading = bend(own, medium, state), direction * state.rate
+    turn, heading = bend(law_numbers, medium, state), direction * state.rate
     # What has come so close to a kink is taken to have passed it.
     beside = v + _AT_KINK * speed if heading > 0.0 else v - _AT_KINK * speed
     low, high = 0, count
