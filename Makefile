@@ -19,7 +19,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # Two installations into one environment must not run at once.
 .NOTPARALLEL:
 SIGNALK := test/monitor/links/signalk_server
-.PHONY: help setup demo demo-ship dashboard signalk-server test test-all lint format docs bags
+.PHONY: help setup demo demo-ship dashboard signalk-server test test-all test-alone lint format docs bags
 .PHONY: bench bench-soak calibration-study fuzz simulate warning-quality colcon-test clean
 
 help:  ## Show this list
@@ -50,11 +50,13 @@ test: $(VENV)/.test  ## Run the everyday tests (PYTEST_ARGS='-k friction' for so
 test-all: $(VENV)/.test  ## Run all tests, those marked slow too
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
+test-alone: $(VENV)/.test  ## Run the everyday tests of the packages without those above them
+	$(BIN)/python scripts/try_alone.py -- -n 2 --dist loadfile $(PYTEST_ARGS)
+
 lint: $(VENV)/.lint  ## Check style, format, types and who imports whom
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/lint-imports
 	$(BIN)/lint-imports
 
 format: $(VENV)/.lint  ## Mend what the linter and the formatter can mend

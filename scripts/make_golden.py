@@ -28,8 +28,8 @@ sys.path.insert(0, str(ROOT / 'test' / 'monitor'))
 
 from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
 
-from stickslip_lab.scenes.scene import load_scene  # noqa: E402
 from stickslip_monitor import Monitor  # noqa: E402
+from stickslip_monitor.monitor.parameter_file import load_config, load_yaml  # noqa: E402
 from stickslip_monitor.monitor.signals import Status  # noqa: E402
 from stickslip_monitor.offline.check import check_recording  # noqa: E402
 
@@ -84,7 +84,8 @@ def all_cases(only: str = '') -> Iterator[tuple[str, Case]]:
 
 def of_bag(name: str) -> Iterator[tuple[str, Case]]:
     """Check a recording with the configuration of its scene; yield its bearings."""
-    config = load_scene(ROOT / 'launch_configs' / 'scenes' / f'{name}.yaml').config
+    scene = ROOT / 'launch_configs' / 'scenes' / f'{name}.yaml'
+    config = load_config(scene.parent / load_yaml(scene)['config'])
     report = check_recording(ROOT / 'bags' / name, config)
     for bearing, own in report.bearings.items():
         counts = {item.quantity: [item.messages, item.used] for item in own.inputs}

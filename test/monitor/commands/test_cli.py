@@ -4,27 +4,22 @@
 from __future__ import annotations
 
 import os
-import pty
-import re
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
-from threading import Thread
 
 import pytest
+from command_cases import OF_MONITOR, show_help, show_on_40_columns
 from shared import ROOT, Stickslip
 
-from stickslip_monitor.cli import COMMANDS, main
+from stickslip_monitor.cli import main
 from stickslip_monitor.commands.options import parse_load
 from stickslip_monitor.errors import ConfigurationError
 
 CONFIG = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
 BAG = str(ROOT / 'bags' / 'coast_down')
 POINT = ('assess', '--config', CONFIG, '--speed', '20rpm', '--load', '1kN')
-CURVE = ('fit', str(ROOT / 'launch_configs' / 'examples' / 'friction_curve.csv'))
 SCRIPTS = sysconfig.get_path('scripts')
 
 
@@ -60,13 +55,9 @@ def test_assess_asks_about_a_slip(tmp_path: Path, stickslip: Stickslip) -> None:
     assert question.endswith('in metres?')
 
 
-@pytest.mark.parametrize('command', COMMANDS)
+@pytest.mark.parametrize('command', OF_MONITOR)
 def test_every_command_shows_its_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A per cent sign in a help text is a format of argparse, and fails when it is shown."""
-    with pytest.raises(SystemExit) as stop:
-        main([command, '--help'])
-    assert stop.value.code == 0
-    assert capsys.readouterr().out.startswith(f'usage: stickslip {command} ')
+    show_help(command, capsys)
 
 
 def test_a_recording_is_shown_without_a_configuration(stickslip: Stickslip) -> None:
@@ -103,47 +94,12 @@ def test_units_are_understood_in_any_case(stickslip: Stickslip) -> None:
 
 
 @pytest.mark.parametrize(
-    'arguments',
-    [
-        (*CURVE, '--journal-diameter', '0.1', '--config', CONFIG, '--load', '1kN'),
-        POINT,
-        ('check', BAG, '--config', CONFIG),
-        ('accuracy', '--from', str(ROOT / 'docs' / 'accuracy.csv')),
-        ('simulate', str(ROOT / 'launch_configs/scenes/wear.yaml'), '-o', 'bag'),
-        ('--help',),
-    ],
-    ids=lambda arguments: arguments[0],
+    'arguments', [POINT, ('check', BAG, '--config', CONFIG), ('--help',)], ids=lambda arguments: arguments[0]
 )
 def test_on_a_screen_of_40_columns_nothing_is_cut_off(
     arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, value in (('COLUMNS', '40'), ('TERM', 'xterm'), ('NO_COLOR', '1')):
-        monkeypatch.setenv(name, value)
-    monkeypatch.chdir(tmp_path)
-    terminal, screen = pty.openpty()
-    parts: list[bytes] = []
-    reader = Thread(target=lambda: parts.extend(_read(terminal)))
-    reader.start()
-    with os.fdopen(screen, 'w') as file, monkeypatch.context() as patch, suppress(SystemExit):
-        patch.setattr('sys.stdout', file)
-        assert main(arguments) < 2
-    reader.join()
-    shown = b''.join(parts).decode()
-    # Long words (paths) are left to the terminal to break.
-    shown = re.sub('\x1b\\[[0-9;]*m', '', shown)
-    lines = [line for line in shown.splitlines() if len(line.split()) > 1]
-    assert max(map(len, lines)) <= 40
-    assert '\N{HORIZONTAL ELLIPSIS}' not in shown
-
-
-def _read(terminal: int) -> Iterator[bytes]:
-    """What comes until the program has ended."""
-    with os.fdopen(terminal, 'rb', buffering=0) as file:
-        try:
-            while data := file.read(65536):
-                yield data
-        except OSError:
-            return
+    show_on_40_columns(arguments, tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(

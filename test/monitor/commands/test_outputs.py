@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -11,82 +10,40 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 
 import pytest
+from command_cases import (
+    OF_MONITOR,
+    WAYS,
+    declared,
+    given,
+    inputs_of,
+    outputs_of,
+    refuse_outputs_that_are_inputs,
+)
 from shared import CONFIG, ROOT, Stickslip
 
-from stickslip_monitor import cli
-from stickslip_monitor.cli import COMMANDS
-from stickslip_monitor.commands.options import FileOption
 from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import OutputError
 
 BAG = ROOT / 'bags' / 'coast_down'
-WAYS: Mapping[str, Callable[[Path, Path], object]] = {
-    'itself': lambda new, old: old.rename(new),
-    'hard link': lambda new, old: os.link(old, new),
-    'symbolic link': lambda new, old: new.symlink_to(old),
-}
-
-
-def declared(command: str) -> Sequence[FileOption]:
-    """What the options of a command name."""
-    parser = argparse.ArgumentParser()
-    import_module(cli.module_of(command)).add_arguments(parser)
-    return parser.get_default('files') or ()
-
-
-def outputs_of(command: str) -> dict[str, Sequence[str]]:
-    """The endings of what a command writes."""
-    return {file.dest: list(file.marks) for file in declared(command) if file.marks is not None}
-
-
-def inputs_of(command: str) -> list[str]:
-    """What a command reads."""
-    return [file.dest for file in declared(command) if file.is_read]
-
-
-def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
-    """Arguments with these paths and nothing else."""
-    texts = {k: [*map(str, v)] if isinstance(v, list) else str(v) for k, v in paths.items()}
-    nothing = {file.dest: None for file in files}
-    return argparse.Namespace(files=files, force=True, **nothing | texts)
 
 
 def test_the_commands_that_write_declare_it() -> None:
-    written = {name: sorted(outputs_of(name)) for name in COMMANDS}
+    written = {name: sorted(outputs_of(name)) for name in OF_MONITOR}
     assert {name: outputs for name, outputs in written.items() if outputs} == {
-        'accuracy': ['output', 'picture'],
-        'calibrate': ['fragment', 'output', 'picture'],
         'check': ['report'],
         'diagram': ['output'],
-        'fit': ['fragment', 'output', 'picture'],
         'init': ['output'],
         'map': ['output'],
     }
 
 
 @pytest.mark.parametrize('way', WAYS)
-@pytest.mark.parametrize('command', [n for n in COMMANDS if outputs_of(n) and inputs_of(n)])
+@pytest.mark.parametrize('command', [n for n in OF_MONITOR if outputs_of(n) and inputs_of(n)])
 def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path: Path) -> None:
-    files, number = declared(command), 0
-    sources = inputs_of(command)
-    for output, suffixes in outputs_of(command).items():
-        for suffix in suffixes:
-            for source in sources:
-                number += 1
-                old, new = tmp_path / f'{number}.in', tmp_path / f'{number}{suffix}'
-                old.write_text('anything')
-                WAYS[way](new, old)
-                read = new if way == 'itself' else old
-                args = given(files, **{source: [read], output: str(new)})
-                with pytest.raises(OutputError, match=r'is the input'):
-                    check_files(args)
-                assert new.read_text() == 'anything'
-    assert number
+    refuse_outputs_that_are_inputs(command, way, tmp_path)
 
 
 @pytest.mark.parametrize('where', ['configuration', 'recording', 'archive'])
@@ -104,15 +61,6 @@ def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) ->
     }[where]
     with pytest.raises(OutputError, match='is the input'):
         check_files(given(files, report=tmp_path / output, **source))
-
-
-def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path: Path) -> None:
-    (tmp_path / 'own.json').write_text('{"schema": "stickslip_monitor/calibration/1"}')
-    (tmp_path / 'own.yaml').write_text('a: own.json')
-    files, output = declared('calibrate'), str(tmp_path / 'own.json')
-    check_files(given(files, output=output, config=tmp_path / 'own.yaml', add=output))
-    with pytest.raises(OutputError, match='is the input'):
-        check_files(given(files, fragment=output, config=tmp_path / 'own.yaml'))
 
 
 @pytest.mark.parametrize(
@@ -141,31 +89,6 @@ def test_a_foreign_file_is_replaced_only_by_force_and_an_own_one_always(
     assert output.read_text() != foreign
     assert output.stat().st_mode & 0o777 == 0o600
     assert [path.name for path in tmp_path.iterdir()] == [output.name]
-
-
-@pytest.mark.parametrize(
-    ('paths', 'text'),
-    [
-        ({'output': 'a.csv', 'fragment': 'a.csv'}, 'are one file'),
-        ({'output': '{0}/a.csv', 'fragment': '{0}/../{1}/a.csv'}, 'are one file'),
-        ({'output': 'a.pdf'}, r"output '.*a\.pdf' must end in \.csv"),
-        ({'picture': 'none/a.png'}, "there is no folder '.*none'"),
-        ({'picture': 'folder.png'}, 'is a folder, and only files are replaced'),
-        ({'picture': 'pipe.png'}, 'is a pipe, and only files are replaced'),
-        ({'picture': ''}, '--picture is given an empty name'),
-    ],
-)
-def test_what_cannot_be_written_is_told_before_the_work(
-    paths: dict[str, str], text: str, tmp_path: Path
-) -> None:
-    (tmp_path / 'folder.png').mkdir()
-    os.mkfifo(tmp_path / 'pipe.png')
-    filled = {
-        option: path and str(tmp_path / path.format(tmp_path, tmp_path.name))
-        for option, path in paths.items()
-    }
-    with pytest.raises(OutputError, match=text):
-        check_files(given(declared('fit'), **filled))
 
 
 @pytest.mark.parametrize('option', ['--clips', '--mcap'])

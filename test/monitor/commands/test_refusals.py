@@ -3,31 +3,28 @@
 
 from __future__ import annotations
 
-import argparse
 import math
-import shlex
-import shutil
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
-from shared import ROOT, Stickslip, record
+from command_cases import (
+    OF_MONITOR,
+    numbers,
+    refuse_line,
+    refuse_numbers_out_of_bounds,
+    write_files_of_a_user,
+)
+from shared import ROOT, Stickslip
 
-from stickslip_monitor import cli
 from stickslip_monitor.cli import COMMANDS
 
-LAW = '{law: stribeck, static: 0.30, kinetic: 0.10, decay: 10.0}'
 BAG = f'{ROOT}/bags/coast_down'
 CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
-# The recording begins on 2026-05-04 at 06:00 UTC.
-REPORT = 'aft_stern,2026-05-05T06:00:00Z,2026-05-05T06:02:00Z,quiet\n'
 
 REFUSED = {
     # What was meant.
     'chek x': "command 'chek' is not known; did you mean 'check'?",
     'figures -o x': "command 'figures' has moved to `python scripts/draw_findings.py`",
-    'calibrate --level=x': "option '--level' is gone: configure level.topic in the parameter file",
     'score x': "command 'score' has moved to `python -m benchmarks.score`",
     'xyz': f"command 'xyz' is not known; there are: {', '.join(COMMANDS)}",
     'assess --bering=a': "option '--bering=a' is not known; did you mean '--bearing'? (see"
@@ -35,7 +32,6 @@ REFUSED = {
     'assess -c own.yaml --speed 20rpm': 'required: --load (see stickslip assess --help)',
     f'check {BAG[:-1]} -c own.yaml': "; did you mean 'coast_down'?",
     f'check {BAG} -c ow.yaml': "No such file or directory; did you mean 'own.yaml'?",
-    'simulate scen.yaml -o x': "; did you mean 'scene.yaml'?",
     'assess -c own.yaml --speed 1rpm --load 1N --bearing aft': "'aft' is not configured; did you"
     " mean 'aft_stern'?",
     # Quantities.
@@ -46,9 +42,6 @@ REFUSED = {
     'map -c own.yaml -o a.csv --loads 2kN': "loads = '2kN' must be LOW:HIGH, each with its unit",
     'map -c own.yaml -o a.csv --loads 2kN:1kN': "loads = '2kN:1kN' must be rising from its first value",
     'map -c own.yaml -o a.csv --speeds=-1rpm:9rpm': "speeds = '-1rpm:9rpm' must be rising",
-    f'fit {CURVE} -c own.yaml --load 0N': "load = '0N' must be above 0",
-    f'fit {CURVE} --journal-diameter 0': '--journal-diameter = 0.0 must be a finite number above 0',
-    f'fit {CURVE} --journal-diameter 80mm': "--journal-diameter = '80mm' must be a finite number above 0",
     'dashboard -c own.yaml --port 80x': "--port = '80x' must be a whole number between 0 and 65535",
     f'check {BAG} -c own.yaml --jobs many': "--jobs = 'many' must be a whole number not below 1",
     f'check {BAG} -c own.yaml --report x.pdf': "output 'x.pdf' must end in .html",
@@ -57,11 +50,6 @@ REFUSED = {
     # Options that go together, or do not.
     'map -c own.yaml -o a.csv --track x': "track 'x' is for pictures: write a .png or .svg",
     'diagram -c two.yaml --load 1kN -o a.csv': 'choose --bearing from aft_stern, forward',
-    f'fit {CURVE}': "speeds in rpm need the journal's diameter: give --journal-diameter",
-    f'fit {CURVE} -c own.yaml': '--config needs --load',
-    f'fit {CURVE} --load 1kN': '--load needs --config',
-    f'fit {CURVE} --speed 1rpm': '--speed needs --config and --load',
-    'accuracy --from x --quick': 'does not go with --quick',
     f'check - {BAG} -c own.yaml': "'-', a recording on standard input, goes alone",
     f'check {BAG} -c own.yaml --resume x': "option '--resume' is gone: run the check again",
     f'check {BAG} -c own.yaml --learn level': "option '--learn' is gone: use stickslip calibrate, which says",
@@ -84,8 +72,6 @@ REFUSED = {
     'map -c own.yaml -o a': "output 'a' must end in one of .png, .svg, .csv",
     'map -c own.yaml -o no/a.csv': "'no/a.csv' cannot be written: there is no folder",
     'map -c own.yaml -o a.png --track none': "bag 'none' does not exist",
-    'fit none.csv': 'none.csv: No such file',
-    'accuracy --from none.csv': 'cannot be read',
     # The folder that the shell is in is not meant, but a variable that is not set.
     'play empty': "bag 'empty' has no messages to play",
     'play none': "bag 'none' does not exist",
@@ -96,11 +82,8 @@ REFUSED = {
     "info ''": 'bag is given an empty name',
     "play ''": 'bag is given an empty name',
     "check '' -c own.yaml": 'bags is given an empty name',
-    "simulate '' -o x": 'scene is given an empty name',
     "dashboard -c own.yaml --bag ''": '--bag is given an empty name',
     'info own.yaml': "log 'own.yaml' has no line with a time and a number",
-    f'calibrate {BAG} -c own.yaml --reports late.csv': 'line 2: the report lies outside',
-    'calibrate bare -c own.yaml': 'holds no truth about aft_stern',
     'dashboard -c own.yaml --log no/x.json': "--log = 'no/x.json': there is no folder",
     'dashboard -c own.yaml --log own.yaml': 'is not a file of stickslip_monitor: left alone',
     'dashboard -c own.yaml --bag none': "bag 'none' does not exist",
@@ -114,24 +97,7 @@ REFUSED = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Files of a user."""
     path = tmp_path_factory.mktemp('own')
-    text = (ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text('utf-8')
-    own = text[text.index('    aft_stern:') :].replace('aft_stern:', 'forward:', 1)
-    assert LAW in text
-    for name, content in {
-        'own.yaml': text,
-        'two.yaml': text.replace('[aft_stern]', '[aft_stern, forward]') + own,
-        'late.csv': f'bearing,start,end,state\n{REPORT}',
-        'short': 'hunter2\n',
-        'open': 'hunter2\n',
-        'there.mcap': '',
-    }.items():
-        (path / name).write_text(content, 'utf-8')
-    (path / 'short').chmod(0o600)
-    shutil.copy(ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml', path / 'scene.yaml')
-    (path / 'open').chmod(0o604)
-    record(path / 'empty', {'/a': ([], [])})
-    two = [0, 10**9], [1.0, 1.0]
-    record(path / 'bare', {'/shaft/speed': two, '/bearing/aft_stern/load': two})
+    write_files_of_a_user(path)
     return path
 
 
@@ -142,38 +108,16 @@ def test_what_is_refused_is_told_in_one_sentence(
     if line.startswith('dashboard'):
         pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
     monkeypatch.chdir(folder)
-    before = sorted(folder.iterdir())
-    done = stickslip(*shlex.split(line))
-    told = done.err
-    assert done.code == 2
-    assert REFUSED[line] in told
-    assert told.startswith('ERROR: ')
-    assert told.count('\n') == 1
-    assert 'hunter2' not in told
-    assert sorted(folder.iterdir()) == before
-
-
-def numbers() -> dict[str, tuple[str, Any]]:
-    """Each option that takes a number between bounds, by its command."""
-    found = {}
-    for command in COMMANDS:
-        parser = argparse.ArgumentParser()
-        import_module(cli.module_of(command)).add_arguments(parser)
-        for action in parser._actions:
-            if hasattr(action, 'rule'):
-                found[f'{command} {action.option_strings[0]}'] = (command, action)
-    return found
+    refuse_line(line, REFUSED[line], folder, stickslip)
 
 
 def test_options_with_bounds_have_them() -> None:
     """As in the docs and the help of each command."""
-    assert {name: action.rule for name, (_, action) in numbers().items()} == {
-        'calibrate --forget': (0, 1, False),
+    assert {name: action.rule for name, (_, action) in numbers(OF_MONITOR).items()} == {
         'check --jobs': (1, math.inf, False),
         'dashboard --port': (0, 65535, False),
         'dashboard --rate': (0, math.inf, True),
         'diagram --points': (10, 100_000, False),
-        'fit --journal-diameter': (0, math.inf, True),
         'health --timeout': (0, 600, True),
         'play --loop': (1, math.inf, False),
         'play --rate': (0, math.inf, True),
@@ -182,18 +126,6 @@ def test_options_with_bounds_have_them() -> None:
     }
 
 
-@pytest.mark.parametrize('name', numbers())
+@pytest.mark.parametrize('name', numbers(OF_MONITOR))
 def test_a_number_out_of_its_bounds_is_refused(name: str, stickslip: Stickslip) -> None:
-    command, action = numbers()[name]
-    low, high, above = action.rule
-    wrong = [low if above else low - 1, *([high + 1] if high < math.inf else [])]
-    wrong += [math.nan, *([math.inf] if above else [])] if action.kind is float else []
-    for value in wrong:
-        done = stickslip(command, f'{name.split()[1]}={value}')
-        assert done.code == 2
-        assert f'ERROR: {name.split()[1]} = {action.type(value)!r} must be ' in done.err
-    right = [low + 1, high if high < math.inf else low + 2]
-    for value in right:
-        args = argparse.Namespace()
-        action(argparse.ArgumentParser(), args, action.type(value))
-        assert getattr(args, action.dest) == value
+    refuse_numbers_out_of_bounds(name, *numbers(OF_MONITOR)[name], stickslip)
