@@ -62,19 +62,7 @@ def run_alone(tree: Path, absent: Sequence[str], pytest_args: Sequence[str]) -> 
     if there.strip() != '[]':
         print(f'{there.strip()} can be imported, and should be absent', file=sys.stderr)
         return 1
-    line = [
-        sys.executable,
-        '-m',
-        'pytest',
-        '-q',
-        '-n',
-        '2',
-        '--dist',
-        'loadfile',
-        '-m',
-        'not slow',
-        *pytest_args,
-    ]
+    line = [sys.executable, '-m', 'pytest', '-q', '-m', 'not slow', *pytest_args]
     return subprocess.run(line, cwd=tree, env=environment, check=False).returncode
 
 
