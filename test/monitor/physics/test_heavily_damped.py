@@ -98,7 +98,7 @@ def test_a_law_that_names_no_breakpoints_has_the_boundaries_of_the_same_law_that
     load = np.array([3.2e4, 1e5, 1e6])
     np.testing.assert_allclose(exact_fold_speed(own, load), exact_fold_speed(known, load), rtol=1e-9)
     tables = [boundary_table(each) for each in (own, known)]
-    for name in ('averaged', 'exact'):
+    for name in ('fold_kbm', 'fold'):
         np.testing.assert_allclose(*(getattr(each, name)(load) for each in tables), rtol=1e-6)
     slow = replace(own, friction=Unnamed(decay=0.003)), replace(known, friction=Stribeck(0.3, 0.1, 0.003))
     np.testing.assert_allclose(*(exact_fold_speed(each, 1e9) for each in slow), rtol=1e-9)

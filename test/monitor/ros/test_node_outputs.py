@@ -16,8 +16,8 @@ from stickslip_monitor import assess, build_config
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
-# Reference bearing, 1000 N: Hopf speed 30.738 rpm, fold speed 40.7231 rpm (PHYSICS: closed forms);
-# caution below 1.1 * 40.7231 = 44.795 rpm, until above 1.12 * 40.7231 = 45.610 rpm.
+# Reference bearing, 1000 N: Hopf speed 30.738 rpm (closed form), fold 40.7179 rpm (grazing orbit, PHYSICS);
+# caution below 1.1 * 40.7179 = 44.790 rpm, until above 1.12 * 40.7179 = 45.604 rpm.
 LEVELS = [(60.0, 'normal'), (42.0, 'caution'), (35.0, 'bistable'), (20.0, 'stick_slip')]
 
 
@@ -40,7 +40,7 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
         assert (event['reason'], event['load'], event['input_age']) == (to, 1000.0, {})
         assert event['speed'] == pytest.approx(math.pi * 0.1 * rpm / 60.0, rel=1e-12)
         assert event['sticking'] is (to == 'stick_slip')
-        assert event['fold_margin'] == pytest.approx(rpm / 40.7231 - 1.0, abs=2e-6)
+        assert event['fold_margin'] == pytest.approx(rpm / 40.7179 - 1.0, abs=2e-6)
         assert event['text'].startswith('aft: ')
     late = monitor.warnings()
     monitor.peer.until(lambda: len(late) >= len(warnings), 'latched warnings')
@@ -61,7 +61,8 @@ def test_published_numbers_equal_the_assessment(host: Any) -> None:
                 0.0 if math.isnan(expected.amplitude_exact) else expected.amplitude_exact, rel=1e-6
             ),
             'hopf_margin': expected.hopf_margin,
-            'fold_margin': expected.fold_margin,
+            # The node reads it from the boundaries tabulated over the load.
+            'fold_margin': pytest.approx(expected.fold_margin, rel=1e-9),
             'regime': expected.regime.value,
         }
     assert answers[20, 1000]['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
@@ -135,7 +136,7 @@ def test_diagnostics_come_without_samples_and_at_once_on_a_change(host: Any) -> 
     assert words == ['unstable', 'stick_slip', 'true']
     assert float(record['shaft speed [rpm]']) == 20.0
     assert float(record['speed [m/s]']) == pytest.approx(math.pi / 30.0, rel=1e-8)
-    assert float(record['fold speed [m/s]']) == pytest.approx(0.2132256, abs=5e-8)
+    assert float(record['fold speed [m/s]']) == pytest.approx(0.2131982, abs=1e-7)
     assert float(record['amplitude [m]']) == pytest.approx(0.52688e-3, abs=5e-9)
     diagnostics.clear()
     peer.until(lambda: len(diagnostics) >= 2, 'diagnostics, also while nothing arrives')
