@@ -62,7 +62,9 @@ def test_a_bad_first_row_is_no_heading(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    'data', [f'speed,mu\n{BODY}'.encode('utf-16'), gzip.compress(f'speed,mu\n{BODY}'.encode())]
+    'data',
+    [f'speed,mu\n{BODY}'.encode('utf-16'), gzip.compress(f'speed,mu\n{BODY}'.encode())],
+    ids=['UTF-16', 'gzip'],  # packed data have the time in them, and would name the test
 )
 def test_encodings_and_packings_are_those_of_logs(data: bytes, tmp_path: Path) -> None:
     (tmp_path / 'a.csv').write_bytes(data)
