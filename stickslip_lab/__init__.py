@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What no ship runs: scenes, the accuracy study, friction from a bench, the calibration study."""
+"""What no ship runs: scenes, the accuracy study, friction from a bench, calibration."""

@@ -48,7 +48,10 @@ class LogTimes:
         self.text, self.replaced, self._begun = '', False, False
 
     def of(self, reading: Iterable[Part]) -> Iterator[Part]:
-        """Yield the stretches of a recording with the times that count."""
+        """Yield stretches with stamps in place of log times that pass at another pace; else unchanged.
+
+        The first stretch with values decides. Stamps are made to rise; ``text`` and ``replaced`` are set.
+        """
         for part in reading:
             if not self._begun:
                 self._judge_paces(list(part.values()))

@@ -226,7 +226,11 @@ class McapFile:
         return count
 
     def _piece_spans(self, piece: Piece) -> list[tuple[int, int]]:
-        """First and last log time of a piece, if it has any; widen the span of the file."""
+        """Return first and last log time [ns] of a piece, or an empty list.
+
+        Widens the span of the file by the times above 0, notes that there is a time of 0, and reports
+        negative times as lost.
+        """
         times = piece.log_time_ns
         if (times < 0).any():
             self.findings.lose(
@@ -400,7 +404,11 @@ class _Heads:
             self.blocks.append(block)
 
     def _skip_damage(self) -> bool:
-        """Go on behind damage, where the index of chunks leads on; whether it does."""
+        """Move to the next place of the chunk index, and record the hole before it.
+
+        At the last place, the summary, the data end. Returns False, and moves nothing, where no place
+        follows.
+        """
         if self._places is None:
             self._places = self._read_places()
         place = next((place for place in self._places if place > self.offset), None)

@@ -334,6 +334,7 @@ class McapRecording(Recording):
         wanted = spans or TimeSpans([(self.least_ns, _LATEST_NS)])
 
         def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
+            """Return log times [ns], block and topic numbers and data of the chosen messages in the spans."""
             topic = np.full(piece.log_time_ns.size, -1)
             for number, _, rows in chosen:
                 topic[rows] = number

@@ -132,7 +132,11 @@ class BlockTimes:
                 yield topic, time_ns[is_time], byte[is_time]
 
     def _walk_block(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
-        """Return the messages of a block after its records, as far as it can be restored."""
+        """Find the messages of a block by walking its records, up to damage in it.
+
+        Gives none for a block over the size limit, and stops where the budget of sparse bytes, which this
+        adds to, is spent.
+        """
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
             with contextlib.suppress(DamagedBlock):

@@ -256,7 +256,11 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
 def _list_tokens(
     definitions: Definitions, root: str, prefix: FieldPath
 ) -> Iterator[tuple[FieldPath, Token | None]]:
-    """List the tokens of a type with their paths; None for what has no layout."""
+    """Yield each token of a type with its path; None for what has no layout.
+
+    An array of numbers is one token, a text one without a length. A wstring, an array without a fixed size
+    and too deep nesting have no layout.
+    """
     if len(prefix) > _DEEPEST:
         yield prefix, None
         return

@@ -438,7 +438,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
 
 
 def _load_yaml(data: bytes) -> Any:
-    """YAML without aliases, which rosbag2 does not write, and without much nesting."""
+    """Load YAML without aliases, which rosbag2 does not write, and without deep nesting."""
     depth = 0
     for event in yaml.parse(data, _LOADER):
         depth += isinstance(event, yaml.CollectionStartEvent)

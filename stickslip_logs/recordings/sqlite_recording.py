@@ -295,6 +295,7 @@ def _places(file: int, rowid: IntArray) -> IntArray:
 
 
 def _make_columns(rows: Sequence[tuple[int, int, bytes, int]]) -> Columns:
+    """Turn rows (log time [ns], topic, data, row id) into columns of these, shape (n,) each."""
     data = np.empty(len(rows), np.object_)
     data[:] = [row[2] for row in rows]
     times, topics, rowids = (np.array([row[k] for row in rows], np.int64) for k in (0, 1, 3))

@@ -38,7 +38,7 @@ from stickslip_logs.recordings.recording import (
     missing_topic,
 )
 from stickslip_logs.recordings.writer import encode_float64s
-from stickslip_logs.sources import SourceAdmission
+from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.clock import Cells, Clock, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit

@@ -239,6 +239,7 @@ class BagWriter:
         return {topic: self._writer.counts.get(channel, 0) for topic, (_, channel) in self._topics.items()}
 
     def _finish(self) -> None:
+        """End the file, write the metadata of a folder, and put the draft at the path of the bag."""
         if not self._is_broken:
             self._writer.finish()
             if not self._is_file:

@@ -70,7 +70,10 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
 
 
 def _time_before(head: str) -> str:
-    """Return the time that a logger wrote before a sentence: a date with a time, seconds or ms since 1970."""
+    """Return the time that a logger wrote before a sentence, empty where there is none.
+
+    A stamp stays as it is written; a number is in seconds since 1970, milliseconds are converted.
+    """
     if stamp := _ISO.search(head):
         return stamp.group()
     if epoch := _EPOCH.search(head):

@@ -163,7 +163,9 @@ def begun_at(clock: Clock, zero_ns: int) -> Clock:
 
 
 def find_clock(path: Path, table: TableColumns) -> Clock:
-    """Find the time of a table.
+    """Find the column of times, or two of date and time of day, by the headings and rows at hand.
+
+    The path is only for the error.
 
     Raises:
         BagError: No column is one.
@@ -516,6 +518,10 @@ def scaled_reader(factor: int, zero: int, decimal: str) -> ReadTimes:
 
 
 def _exact_time(cell: str, factor: int, zero: int) -> int | None:
+    """Return (cell + zero) times factor [ns], exactly; ``zero`` is in the unit of the cell.
+
+    None for what is no number or out of range.
+    """
     try:
         time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * factor
         return round(time_ns) if abs(time_ns) < _MOST else None

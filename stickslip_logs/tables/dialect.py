@@ -219,7 +219,10 @@ def _command_for_lines(path: Path, lines: Sequence[str]) -> str:
 
 
 def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the paths to the numbers and texts of a JSON object."""
+    """Yield the paths of keys to the numbers, texts and booleans in nested JSON objects.
+
+    Lists and null are passed over; what is no object yields nothing.
+    """
     for key, own in value.items() if isinstance(value, dict) else ():
         if isinstance(own, dict):
             yield from _keys_of(own, (*above, key))

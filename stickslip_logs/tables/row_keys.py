@@ -74,7 +74,7 @@ def find_key_column(
 
 
 def _is_number(word: str) -> bool:
-    """Return whether a text is a number with a point or a comma, and perhaps with a unit."""
+    """Return whether a text is a number, whole or with a decimal sign, perhaps with a known unit behind."""
     number, _, unit = word.partition(' ')
     texts = (word, number) if unit_of(unit) else (word,)
     return any(parse_number(text, sign) is not None for text in texts for sign in '.,')

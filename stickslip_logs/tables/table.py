@@ -229,6 +229,11 @@ class TextTable(NumberTable):
         return text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
 
     def _bus_blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+        """Yield the rows of a bus log in blocks, a number a row (time, name, value, unit, sender).
+
+        Lines that are damaged or without a time are counted as lost, lines without a sentence as a note, at
+        the end.
+        """
         log_rows = BUS_LOGS[self._dialect.delimiter](self._read_lines())
         lost, foreign, clock = 0, 0, self.clocks[0]
         while batch := list(itertools.islice(log_rows, BLOCK)):
@@ -348,6 +353,10 @@ class _TextReading:
         return bool(named) and is_other and len(named & set(cells)) > min(1, len(named) - 1)
 
     def _take_heading(self, row: Cells | None) -> None:
+        """Find the wanted columns in the order of a repeated heading; change nothing for other cells.
+
+        Where one of them is missing, it is remembered, and the rows up to the next heading are passed over.
+        """
         if row is None:
             return
         self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1

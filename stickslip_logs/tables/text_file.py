@@ -86,7 +86,10 @@ def unpacked_begin(path: Path) -> bytes:
 
 
 def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
-    """Read a file once for its head, its tail and the number of its lines; or for its head alone.
+    """Read a file once for its head, its tail and its number of lines.
+
+    The tail is empty where the head holds all. Unless the whole is wanted, it stops behind the head. Damage
+    after the first bytes is put into ``problem``; an empty file is no error.
 
     Raises:
         BagError: Nothing of it can be read.

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
-from stickslip_logs.sources import SourceAdmission
+from stickslip_logs.senders import SourceAdmission
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest

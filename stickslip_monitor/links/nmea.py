@@ -172,6 +172,7 @@ class NmeaInputs(BusInputs):
                     yield from ((item.bearing, item.place, value) for item in items)
 
     def _note_value(self, item: BusInput, value: float, now: float) -> None:
+        """Count a NaN among what came in the input's place; else forget that count."""
         if math.isnan(value):
             self._others[item]['invalid by its talker'] += 1
         else:

@@ -96,7 +96,10 @@ class Port:
             self._close_port()
 
     def send(self, lines: Iterable[str]) -> None:
-        """Send lines; one that cannot be sent is lost, and logged."""
+        """Send lines without waiting; while the port is closed they are lost.
+
+        One that cannot be sent makes :meth:`run` report, close and reopen the port.
+        """
         for line in lines:
             if self._descriptor is None:
                 return
@@ -274,6 +277,7 @@ class NmeaClient(Sink):
             await port.start()
 
     def _make_port(self, role: str, address: str) -> Port:
+        """Return a port for a role, ``listen`` or ``alerts``."""
         listens = role == 'listen'
         on_link = partial(self._report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.

@@ -99,7 +99,10 @@ class SignalKInputs(BusInputs):
         return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
 
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
-        """Yield bearing, input, number (NaN for an invalid value) and stamp [ns] of every sample."""
+        """Yield bearing, input, number and stamp [ns] of each fresh sample of an admitted source.
+
+        The number is NaN if invalid or in another unit; the stamp is ``None`` if unreadable.
+        """
         self._take_units(frame)
         for update, source, path, value in _own_values(frame, self._own):
             groups = [pair for pair in self.groups if pair[0][0].path == path]

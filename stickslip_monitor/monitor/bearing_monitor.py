@@ -7,7 +7,6 @@ It reads no clock. Time is that of the samples; :meth:`Monitor.advance` lets tim
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -112,12 +111,6 @@ class BearingMonitor(Standing):
         if place == Input.WATER_TEMPERATURE:
             return bool(self.water_doubt)
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
-
-    def copy(self) -> BearingMonitor:
-        """Copy the bearing: what happens to one does not happen to the other."""
-        duplicate = copy.copy(self)
-        duplicate.state, duplicate._held = self.state.copy(), self._held.copy()
-        return duplicate
 
     def excuse(self, held_ns: int) -> None:
         """Leave a stall of this process [ns] out of the age of every value."""

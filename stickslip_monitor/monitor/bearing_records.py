@@ -387,7 +387,7 @@ class NodeHealth:
 
 
 def health_record(node: str, health: NodeHealth) -> DiagnosticRecord:
-    """Return the diagnostic status of the node of that full name, without the leading slash."""
+    """Return the diagnostic status of a node; ``node`` is its full name without the leading slash."""
     return DiagnosticRecord(
         level=health.severity,
         name=f'{node}: {NODE_STATUS}',

@@ -497,7 +497,7 @@ def judge_lining(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh:
 
 
 def end_stick_slip(s: State, verdict: int) -> None:
-    """End stick-slip; where the level alone says so, in the bistable range, that was something else."""
+    """End stick-slip; vibration that a quiet level alone ended within the bistable range was foreign."""
     s.sticking, s.growth, s.borne = 0, 0.0, 0.0
     if verdict == QUIET and s.course == IDLE:
         s.doubt = 2 * DOUBT

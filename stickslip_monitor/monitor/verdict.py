@@ -296,7 +296,7 @@ _OVER = {
 
 
 def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
-    """Write what the alarm says, and what is about to change."""
+    """Write one sentence: what is about to change, else what the condition means."""
     condition, clears = b.condition, b.clears
     if clears is not None:
         held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''

@@ -40,7 +40,7 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
 
 
 def _by_columns(log: TableRecording, config: MonitorConfig) -> Bound:
-    """Let columns stand for the topics of a configuration."""
+    """Bind the inputs of a configuration to columns of a log, note guesses, and request the columns."""
     binding = ColumnBinding(log)
     bound = binding.bind(config)
     for text in binding.said:

@@ -181,7 +181,7 @@ def check_recording(
 
 
 def _note_pace(bag: Recording, reports: Mapping[str, BearingReport]) -> None:
-    """Note what the times of the samples hide, and what helps."""
+    """Note where samples are too far apart for short stick-slip, or stored only where they change."""
     inputs = [(name, item) for name, report in reports.items() for item in report.inputs[:2]]
     coarse = max((item.gaps.usual for _, item in inputs if item.gaps.usual >= COARSE), default=0.0)
     if coarse > 0.0:

@@ -125,7 +125,10 @@ class ClipFolder:
         raise AssertionError('unreachable: the numbers do not end')
 
     def _remove_drafts(self) -> None:
-        """Remove what a crash left of clips that were being written."""
+        """Remove own or empty drafts to which nothing was written for an hour.
+
+        Newer ones may be another monitor's.
+        """
         for path in self.path.iterdir():
             if not _DRAFT.fullmatch(path.name) or not path.is_file():
                 continue

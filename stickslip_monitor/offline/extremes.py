@@ -261,7 +261,7 @@ class Extremes:
         self._top: Assessments | None = None
 
     def take(self, scan: Scan) -> None:
-        """Take the next verdicts on one bearing, of n points."""
+        """Add verdicts on a bearing to the times in each regime, the least margins and the amplitudes."""
         if not scan.time_ns.size:
             return
         size, top = np.abs(scan.speed), self._heaviest_point(scan)
@@ -296,7 +296,9 @@ class Extremes:
         return self._top
 
     def _take_margins(self, scan: Scan, size: FloatArray, top: Assessments) -> None:
-        """Take the margins of the points that turn, of which the heaviest is known.
+        """Update the least margins by the points that turn; ``size`` is the speed without its sign [m/s].
+
+        A point at least as heavy as all of them spares working out the fast ones.
 
         At rest nothing slides: its margin of -1 would be the worst of every voyage.
         """
@@ -312,7 +314,10 @@ class Extremes:
             self._take_rows(scan, rows[size[rows] <= self._slow_limit(top)], *_MARGINS)
 
     def _slow_limit(self, top: Assessments) -> FloatArray:
-        """Return the highest speed [m/s] at which a margin may be lower than is known; nan without one."""
+        """Return the speed above which no margin can be below the least found so far, shape (1,) [m/s].
+
+        ``inf`` before any margin is found, ``nan`` where the point has no boundary.
+        """
         margins = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
         ends = zip(margins, (top.hopf_speed, top.fold_speed), strict=True)
         slow: FloatArray = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])

@@ -304,7 +304,7 @@ def _unit_factor(bearing: BearingConfig, quantity: str, unit: str) -> float:
 
 
 def guess_of(kind: str) -> str:
-    """Return the clause ", may be the speed" (or load) for a column of such a unit, or nothing."""
+    """Return ', may be the speed' or ', may be the load' for a type 'column in UNIT'; else an empty text."""
     unit = kind.removeprefix('column in ')
     quantities = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
     quantity = quantities.get(unit) if unit != kind else None

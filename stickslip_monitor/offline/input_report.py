@@ -242,7 +242,10 @@ class InputCheck:
             return si_value(self._numbers, self._load_bin, number)
 
     def _fault_text(self) -> str:
-        """Return why the input brings nothing, or by how much its clock differs."""
+        """Return why an input brings nothing or mostly refused values, or its stamps' distance from arrival.
+
+        Empty where nothing is wrong.
+        """
         if self._absent:
             return f'{self._absent}.'
         facts = _silent_facts(self._source)

@@ -134,7 +134,7 @@ def _ignore_interrupts() -> Iterator[None]:
 def run_in_processes(
     function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
 ) -> Generator[tuple[_Key, Any], None, None]:
-    """:func:`spread` over so many processes, started afresh, not forked."""
+    """Run calls over at most ``jobs`` spawned processes; yield key and result, or exception, of each."""
     return spread(processes, function, calls, jobs)
 
 

@@ -318,7 +318,10 @@ class _Follower:
             yield from (together.at(k) for k in range(len(points)))
 
     def _count_samples(self, samples: Heard, ends: IntArray) -> IntArray:
-        """Return the samples by input and status after so many of a stretch."""
+        """Count the samples by input and status up to each end in a stretch, shape (ends, inputs, statuses).
+
+        All before the stretch counts, repeats do not; afterwards the whole stretch is added to the totals.
+        """
         kinds = samples.stream.inputs.astype(np.int64) * len(Status) + samples.scan.status
         counted = ~samples.repeats
         counts = np.zeros((ends.size, self._counts.size), np.int64)

@@ -145,7 +145,11 @@ def _rises_to_limit(law: FrictionLaw, speed: FloatArray, at_limit: FloatArray) -
 
 
 def _panel_speeds(law: FrictionLaw, per_panel: int, most: int | None = None) -> FloatArray:
-    """Speeds between the breakpoints of a law, of which the ``most`` are taken."""
+    """Return speeds that scan a law up to its last breakpoint, and more near 0.
+
+    There are ``per_panel`` from each breakpoint to the next; of more than ``most`` breakpoints so many are
+    used, evenly.
+    """
     breaks = np.array(speed_scales(law))
     if most is not None and breaks.size > most:
         breaks = breaks[np.unique(np.linspace(0, breaks.size - 1, most).astype(np.intp))]

@@ -75,6 +75,10 @@ class BoundaryTable:
             return restore(np.nan_to_num(self._read_curve(2, n)), shape)
 
     def _read_curve(self, which: int, load: FloatArray) -> FloatArray:
+        """Return the speed of a curve at loads [m/s]; ``nan`` below its first point or without one.
+
+        Beyond its last point it goes on with its growth.
+        """
         place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
         pieces = self.pieces[which]
         last_piece = float(len(pieces))

@@ -846,7 +846,11 @@ def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray
 
 
 def _curve_slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
-    """Return the slopes of a curve at its points, of stretches that are finite."""
+    """Return the slopes at a curve's points, each finite stretch by itself.
+
+    A spline's where it is smooth, else a monotone curve's; 0 at points that are not finite and in stretches
+    of up to three.
+    """
     slope = np.zeros(x.size)
     join = spline_slopes if smooth else monotone_slopes
     edges = [0, *(np.flatnonzero(np.diff(np.isfinite(y).astype(int))) + 1), x.size]

@@ -183,7 +183,9 @@ def speed_scale(law_numbers: Any, medium: Medium, begin: SlipState, length: floa
 def slip_advance(
     law: LawInUse, body: Body, medium: Medium, begin: SlipState, trial: float, left: float
 ) -> Advance:
-    """Take one step of a slip, up to a contact with the belt in it.
+    """Take one step of a slip, up to a contact with the belt in it; lengths are in 1/omega.
+
+    The state is infinite where no step is short enough.
 
     Args:
         law: The law.
@@ -278,7 +280,10 @@ def first_excess(value: float, rate: float, turn: float) -> float:
 
 
 def phase_at_rest(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
-    """Phase after the relative speed vanished, coming from a slip with a sign (0: from none)."""
+    """Return 0 where friction holds at contact, else the sign of the slip that begins.
+
+    It is never the sign of the slip that ended.
+    """
     need = friction_needed(medium, e)
     limit = law.hold * max(medium.force, 0.0) + rounding_of(law, medium, e)
     if need > limit and sign <= 0:

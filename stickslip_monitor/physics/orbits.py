@@ -340,7 +340,10 @@ def _find_landing(
 
 
 def _fading_end(medium: Medium, direction: float, begun: float, now: float, z: float) -> int:
-    """``RESTED`` where a motion has come to rest, ``LEFT`` where, back in time, it has left for good."""
+    """Return ``RESTED`` for a motion that has faded, ``LEFT`` for one that has left for good back in time.
+
+    Else ``EXHAUSTED``: it goes on. ``begun`` and ``now`` are energies.
+    """
     if now < _SETTLED * begun:
         return RESTED
     through = medium.origin + medium.speed * z < -_THROUGH * medium.speed

@@ -149,7 +149,9 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
 
 
 def own_module(law: FrictionLaw) -> ModuleType | None:
-    """Return the module with the two functions of a law; ``None`` for one that computes otherwise.
+    """Return the module with a law's ``friction_drop`` and ``friction_slope``, for compiling.
+
+    ``None`` where a subclass computes otherwise or the module has no file.
 
     >>> own_module(Stribeck(0.3, 0.1, 10.0)).__name__
     'stickslip_monitor.physics.friction'
