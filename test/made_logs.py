@@ -11,6 +11,18 @@ from stickslip_logs.recordings.writer import BagWriter
 
 START = 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC, when most recordings of bags/ begin
 
+HEADER_DEFINITION = """\
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+"""What a definition of messages with a header ends with."""
+
 
 def record(path: Path, columns: Mapping[str, tuple[Any, Any]]) -> Path:
     """A recording of Float64s: log times [ns] and values of each topic."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from made_logs import record
+from made_logs import HEADER_DEFINITION, record
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
@@ -24,19 +24,9 @@ from stickslip_logs.recordings.message_fields import FieldReader, compile_layout
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 
-HEADER = """\
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 DEFINITIONS = {
     'std_msgs/msg/Float64': 'float64 data\n',
-    'ship_msgs/msg/Load': 'std_msgs/Header header\nfloat32 force\nint64[2] raw\n' + HEADER,
+    'ship_msgs/msg/Load': 'std_msgs/Header header\nfloat32 force\nint64[2] raw\n' + HEADER_DEFINITION,
     'ship_msgs/msg/Mixed': (
         'int8 LOW=-1  # a constant\n'
         'uint8 small\nbool on\nint16[<=5] few\nstring<=40 name "none"\nfloat64[] many\n'
@@ -44,7 +34,7 @@ DEFINITIONS = {
         '===\nMSG: ship_msgs/Part\nuint16 id\nstring text\nEmpty nothing\nfloat64 value\n'
         '===\nMSG: ship_msgs/Empty\n'
     ),
-    'ship_msgs/msg/Joints': 'std_msgs/Header header\nstring[] name\nfloat64[] velocity\n' + HEADER,
+    'ship_msgs/msg/Joints': 'std_msgs/Header header\nstring[] name\nfloat64[] velocity\n' + HEADER_DEFINITION,
 }
 REQUESTS = {
     'std_msgs/msg/Float64': ['data'],

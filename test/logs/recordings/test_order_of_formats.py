@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from made_logs import HEADER_DEFINITION
 from mcap.writer import Writer
 from pyarrow import parquet as pq
 
@@ -29,17 +30,7 @@ Moments = list[tuple[float, int]]
 """Time that was written [s], and the number of the moment, which is its true time [s]."""
 
 
-STAMPED = """std_msgs/Header header
-float64 data
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
+STAMPED = 'std_msgs/Header header\nfloat64 data\n' + HEADER_DEFINITION
 
 
 def write_mcap(path: Path, moments: Moments) -> None:
