@@ -40,11 +40,11 @@ from stickslip_logs.recordings.recording import (
 from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
-from stickslip_logs.tables.clock import Cells, Clock, begun_at
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality import find_quality, is_quality_of
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
+from stickslip_logs.tables.time_columns import Cells, Clock, begun_at
 from stickslip_logs.time_order import TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 

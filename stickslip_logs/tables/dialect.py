@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
-from stickslip_logs.tables.clock import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
 from stickslip_logs.tables.text_file import Extent, lines_of
+from stickslip_logs.tables.time_columns import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
 from stickslip_logs.units import find_unit, names_of
 
 # Lines of the head that are looked at.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.tables.clock import NAMED, SECOND, Clock, TableColumns, find_clock, number_clock
+from stickslip_logs.tables.time_columns import NAMED, SECOND, Clock, TableColumns, find_clock, number_clock
 
 # Rows by which columns are compared: as many as their times are found by.
 _MAX_ROWS = 500

@@ -19,7 +19,10 @@ from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
-from stickslip_logs.tables.clock import (
+from stickslip_logs.tables.dialect import parse_heading, parse_number, reader, sniff
+from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
+from stickslip_logs.tables.text_file import extent_of, text_lines
+from stickslip_logs.tables.time_columns import (
     WITHOUT_ZONE,
     Cells,
     Clock,
@@ -28,9 +31,6 @@ from stickslip_logs.tables.clock import (
     likeliest_first,
     scaled_reader,
 )
-from stickslip_logs.tables.dialect import parse_heading, parse_number, reader, sniff
-from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
-from stickslip_logs.tables.text_file import extent_of, text_lines
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
