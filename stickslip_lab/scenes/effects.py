@@ -39,6 +39,7 @@ from stickslip_logs.recordings.writer import STAMPED_FIELDS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig
+from stickslip_monitor.monitor.signals import INPUTS, WATER
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 # Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
@@ -46,6 +47,7 @@ UNITS: Mapping[str, Sequence[str]] = {
     'speed': (*SPEED_UNITS, 'fold'),
     'load': (*LOAD_UNITS, 'nominal'),
     'level': LEVEL_UNITS,
+    INPUTS[WATER]: ('C',),
 }
 
 
@@ -162,7 +164,7 @@ def channel_effect(
         def build(settings: Settings, run: SceneRun) -> None:
             named = [q for q in quantities if not section or q in settings]
             if not named:
-                raise SceneError(f'{settings.name} must name speed, load or both')
+                raise SceneError(f'{settings.name} must name at least one of {", ".join(quantities)}')
             for quantity in named:
                 part = settings.section(quantity, keys, section) if section else settings
                 for channel in run.pick(settings, quantity):

@@ -48,6 +48,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.assessment import margin
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
+from stickslip_monitor.monitor.signals import INPUTS, WATER
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 
@@ -69,7 +70,10 @@ def friction_drift(settings: Settings, run: SceneRun) -> None:
 
 @effect('lining', 'bearing', 'points', 'table')
 def water_temperature(settings: Settings, run: SceneRun) -> None:
-    """Lets the water at a bearing warm up or cool down, in C; the monitor keeps its configuration."""
+    """Let the water at a bearing warm up or cool down [C]: in the lining, and on the topic that measures it.
+
+    Without such a topic the monitor keeps the temperature that it is configured with.
+    """
     water = read_profile(settings, 'C', run.duration, run.folder)
     for time, value in zip(water.times.tolist(), water.values.tolist(), strict=True):
         if not MIN_TEMPERATURE <= value <= MAX_TEMPERATURE:
@@ -77,7 +81,8 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
                 f'{settings.name}: {value:g} C at {time:g} s must be from {MIN_TEMPERATURE:g} to'
                 f' {MAX_TEMPERATURE:g} C'
             )
-    for config in run.bearings(settings):
+    bearings = run.bearings(settings)
+    for config in bearings:
         lubrication = config.bearing.lubrication
         if lubrication is None or math.isnan(lubrication.temperature):
             raise SceneError(
@@ -85,6 +90,16 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
                 ' water_temperature.constant: its friction does not depend on the water'
             )
         run.courses.setdefault(config.name, FrictionCourse(config.bearing.friction)).water = water
+    for channel in run.channels:
+        served = [config for config in channel.bearings if config in bearings]
+        if channel.quantity != INPUTS[WATER] or not served:
+            continue
+        if len(served) < len(channel.bearings):
+            names = ' and '.join(config.name for config in channel.bearings)
+            raise SceneError(
+                f'{settings.name}: topic {channel.topic} serves {names}: let the effect be for both'
+            )
+        run.shaft.set_water(channel.topic, water.at)
 
 
 def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:

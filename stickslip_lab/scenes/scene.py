@@ -276,7 +276,7 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
         maximum = bearing.inputs[channel.quantity].maximum
         beyond = np.flatnonzero(size > maximum)
         if beyond.size:
-            unit = 'm/s' if channel.quantity == 'speed' else 'N'
+            unit = {'speed': 'm/s', 'load': 'N'}.get(channel.quantity, 'C')
             raise SceneError(
                 f'{channel.quantity} = {size[beyond[0]]:g} {unit} at {time[beyond[0]]:g} s is more'
                 f' than topic {channel.topic} can carry: {bearing.name}.{channel.quantity}.maximum'

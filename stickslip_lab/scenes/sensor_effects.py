@@ -21,10 +21,9 @@ import numpy as np
 
 from stickslip_lab.scenes.effects import Change, SceneRun, channel_effect, effect, require_header, unit_of
 from stickslip_lab.scenes.settings import Settings, check_points, read_sample_mask, read_windows
-from stickslip_lab.scenes.telemetry import CHANNELS, Channel, Memory, Signal, Term, TimeBlock
+from stickslip_lab.scenes.telemetry import CHANNELS, MEMORY_CHANNELS, Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.monitor.signals import QUANTITIES
 
 # Time constants and windows that a sensor's grid can resolve and hold [s].
 _SHORTEST, _LONGEST = 1e-3, 600.0
@@ -33,8 +32,7 @@ _TIME_CONSTANTS = 20.0
 _HOUR = 3600.0
 
 
-# A level is made of its samples already, so memories are for the other quantities.
-@channel_effect('sensing', QUANTITIES, 'time_constant', section='the filter')
+@channel_effect('sensing', MEMORY_CHANNELS, 'time_constant', section='the filter')
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Give a sensor a first-order lag."""
     lag = settings.number('time_constant', 's', minimum=_SHORTEST, maximum=_LONGEST)
@@ -58,7 +56,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
     return following
 
 
-@channel_effect('sensing', QUANTITIES, 'window', section='the averaging')
+@channel_effect('sensing', MEMORY_CHANNELS, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Lets a sensor average over the last seconds."""
     window = settings.number('window', 's', minimum=_SHORTEST, maximum=_LONGEST)

@@ -12,6 +12,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from stickslip_logs.recordings.writer import NUMBER_FIELDS, STAMP_END, STAMPED_F
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, WATER
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
 from stickslip_monitor.physics.friction import speed_scales
@@ -71,7 +72,7 @@ class Channel:
     Several bearings of one shaft read one speed topic; SI values are then those of the first.
     """
 
-    quantity: str  # ``'speed'``, ``'load'`` or ``'level'``
+    quantity: str  # one of :data:`CHANNELS`
     bearings: tuple[BearingConfig, ...]  # the bearings that read it, at least one
     rate: float  # samples per second [Hz]
 
@@ -100,10 +101,15 @@ class Channel:
         return STAMP_END if self.is_stamped else 1 << 63
 
     def factor(self, unit: str) -> float:
-        """SI value (surface speed [m/s] or load [N], a level in its own unit) of one unit.
+        """Return what one of a unit is as the shaft has it: m/s, N, C, of a level its own unit.
 
         ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
+
+        Raises:
+            SceneError: The unit says nothing of this channel.
         """
+        if self.quantity == INPUTS[WATER]:
+            return 1.0
         if self.quantity == 'level':
             if unit != self.input.unit:
                 raise SceneError(
@@ -140,7 +146,7 @@ class Signal:
     channel: Channel
     time: FloatArray  # true instants of measurement since the scene's start, shape (n,) [s]
     stamp_ns: IntArray  # time stamps by the sensor's clock, shape (n,) [ns]
-    value: FloatArray  # surface speed [m/s] or load [N], shape (n,)
+    value: FloatArray  # in the units of :meth:`Channel.factor`, shape (n,)
     copies: IntArray  # how often each is recorded, shape (n,)
     # When the recorder gets each message, by its own clock, shape (n,) [ns]; None where
     # messages have no stamp of their own, and the recorder's is all there is.
@@ -164,8 +170,10 @@ class Messages(NamedTuple):
     raw: FloatArray  # the numbers in them, shape (n,)
 
 
-CHANNELS = INPUTS[: LEVEL + 1]
-"""The inputs that a scene may record."""
+CHANNELS = INPUTS
+"""The inputs that a scene may record: speed and load, and those beside that ``telemetry`` has a rate for."""
+MEMORY_CHANNELS = tuple(name for name in CHANNELS if name != INPUTS[LEVEL])
+"""Those whose sensors may have a memory: a value of a level covers four natural periods already."""
 _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 
 
@@ -178,9 +186,11 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:
         settings = _telemetry_section(telemetry, bearing.name, [b.name for b in config.bearings])
-        for quantity in QUANTITIES if 'level' not in settings else CHANNELS:
+        for quantity in (name for name in CHANNELS if name in QUANTITIES or name in settings):
             if quantity not in bearing.inputs:
-                raise SceneError(f'telemetry.level: the configuration has no {bearing.name}.level.topic')
+                raise SceneError(
+                    f'telemetry.{quantity}: the configuration has no {bearing.name}.{quantity}.topic'
+                )
             sampling = settings.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
             rate = sampling.number('rate', 'Hz', minimum=_LOWEST_RATE, maximum=_HIGHEST_RATE)
             channel = Channel(quantity, (bearing,), rate)
@@ -240,9 +250,10 @@ Term = Callable[[FloatArray], FloatArray]
 
 
 class Shaft:
-    """Speed and load of every bearing, the sum of the terms that effects have added.
+    """Speed, load and water of every bearing.
 
-    Speeds are those of a channel's first bearing.
+    Speeds, of a channel's first bearing, and loads are the sum of the terms that effects have added. The
+    temperature of the water is as configured until :meth:`set_water`.
     """
 
     def __init__(self, channels: Sequence[Channel]) -> None:
@@ -250,6 +261,14 @@ class Shaft:
         self._means: dict[str, list[Term]] = defaultdict(list)
         self._ways: dict[str, list[Term]] = defaultdict(list)
         self._ripples: dict[str, list[Term]] = defaultdict(list)
+        for channel in channels:
+            lubrication = channel.bearings[0].bearing.lubrication
+            if channel.quantity == INPUTS[WATER] and lubrication is not None:
+                self.set_water(channel.topic, partial(np.full_like, fill_value=lubrication.water_temperature))
+
+    def set_water(self, topic: str, course: Term) -> None:
+        """Replace the temperature of the water on a channel [C]."""
+        self._means[topic] = [course]
 
     def add(self, topic: str, term: Term, way: Term | None = None) -> None:
         """Add to the speed or load of a channel; ``way`` [m], a speed's integral, turns it."""
@@ -266,12 +285,12 @@ class Shaft:
         return _sum_terms(self._means[topic], time)
 
     def value(self, topic: str, time: FloatArray) -> FloatArray:
-        """Speed [m/s] or load [N] of a channel at some times [s], both of shape (n,).
+        """Return speed [m/s], load [N] or water [C] of a channel at some times [s], both of shape (n,).
 
-        A load is never negative: a journal that lifts off has no load.
+        A load is never negative: a journal that lifts off has no load. A level is 0 before its effects.
         """
         total = _sum_terms([*self._means[topic], *self._ripples[topic]], time)
-        return total if self._channels[topic].quantity == 'speed' else np.maximum(total, 0.0)
+        return np.maximum(total, 0.0) if self._channels[topic].quantity == 'load' else total
 
     def turns(self, bearing: str, time: FloatArray) -> FloatArray:
         """Return the turns of a bearing's journal since the start, shape (n,)."""

@@ -12,6 +12,7 @@ from sending import configured
 
 from stickslip_lab.calibration.calibration import courses_of
 from stickslip_lab.scenes.scene import Scene, simulate
+from stickslip_lab.scenes.telemetry import Messages
 from stickslip_monitor import Stream, hopf_speed
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.over_arrays import BearingScan
@@ -22,6 +23,13 @@ SCALE = LOAD / 1000.0 * viscosity(15.0) / viscosity(5.0)
 FRICTION = {'at_load': 1000.0, 'load_exponent': 1.0, 'at_temperature': 15.0}
 HERE = {'friction': FRICTION, 'water_temperature': {'constant': 5.0}}
 WRITTEN_OUT = {'friction': {'decay': 10.0 / SCALE}}
+WATER_TOPIC = {'constant': 5.0, 'topic': '/sea/temperature'}
+PLAIN_EFFECTS = [
+    {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}},
+    {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}},
+]
+WARMS_UP = {'water_temperature': {'points': [[0, 5], [10, 25]]}}
+WITH_WATER = {name: {'rate': 1.0} for name in ('speed', 'load', 'water_temperature')}
 
 
 def test_a_lining_moves_as_that_of_the_law_written_out(make_scene: Callable[..., Scene]) -> None:
@@ -57,12 +65,7 @@ def test_a_calibration_takes_reference_points() -> None:
 
 
 def test_water_that_warms_up_moves_the_boundaries(make_scene: Callable[..., Scene]) -> None:
-    effects = [
-        {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}},
-        {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}},
-        {'water_temperature': {'points': [[0, 5], [10, 25]]}},
-        {'operating_point': {'rate': 1.0}},
-    ]
+    effects = [*PLAIN_EFFECTS, WARMS_UP, {'operating_point': {'rate': 1.0}}]
     scene = make_scene(bearings={'aft': HERE}, duration=20.0, effects=effects)
     margins = np.concatenate([
         c.values for block in simulate(scene) for c in block.truth if c.topic.endswith('hopf_margin')
@@ -74,9 +77,49 @@ def test_water_that_warms_up_moves_the_boundaries(make_scene: Callable[..., Scen
     assert np.allclose(60.0 * np.pi * 0.1 / 60.0 / expected - 1.0, margins, atol=1e-8)
 
 
+def test_a_measured_water_is_recorded_as_its_sensor_has_it(
+    make_scene: Callable[..., Scene], messages_of: Callable[..., dict[str, Messages]]
+) -> None:
+    bearings = {'aft': {'friction': FRICTION, 'water_temperature': WATER_TOPIC | {'scale': 0.1}}}
+    still = make_scene(bearings=bearings, duration=20.0, effects=PLAIN_EFFECTS, telemetry=WITH_WATER)
+    assert messages_of(still)['/sea/temperature'].raw == pytest.approx(np.full(21, 50.0))
+    errors = {'bias': {'water_temperature': {'bias': 0.5, 'unit': 'C'}}}
+    effects = [*PLAIN_EFFECTS, WARMS_UP, errors]
+    warming = make_scene(bearings=bearings, duration=20.0, effects=effects, telemetry=WITH_WATER)
+    expected = 10.0 * (0.5 + np.minimum(5.0 + 2.0 * np.arange(21.0), 25.0))
+    assert messages_of(warming)['/sea/temperature'].raw == pytest.approx(expected)
+
+
+def test_a_water_below_zero_is_no_load(
+    make_scene: Callable[..., Scene], messages_of: Callable[..., dict[str, Messages]]
+) -> None:
+    effects = [*PLAIN_EFFECTS, {'water_temperature': {'points': [[0, -1.5]]}}]
+    bearings = {'aft': {'friction': FRICTION, 'water_temperature': WATER_TOPIC}}
+    scene = make_scene(bearings=bearings, duration=2.0, effects=effects, telemetry=WITH_WATER)
+    assert messages_of(scene)['/sea/temperature'].raw.tolist() == [-1.5, -1.5, -1.5]
+
+
+def test_water_is_recorded_only_where_the_scene_and_the_configuration_have_it(
+    make_scene: Callable[..., Scene],
+) -> None:
+    bearings = {'aft': {'friction': FRICTION, 'water_temperature': WATER_TOPIC}}
+    scene = make_scene(bearings=bearings, effects=PLAIN_EFFECTS)
+    assert [channel.quantity for channel in scene.channels] == ['speed', 'load']
+    with pytest.raises(
+        SceneError, match=r'telemetry\.water_temperature: the configuration has no aft\.water'
+    ):
+        make_scene(bearings={'aft': HERE}, effects=PLAIN_EFFECTS, telemetry=WITH_WATER)
+
+
+def test_one_topic_cannot_carry_two_waters(make_scene: Callable[..., Scene]) -> None:
+    own = {'friction': FRICTION, 'water_temperature': WATER_TOPIC}
+    bearings = {'aft': own, 'fwd': own | {'load': {'topic': '/bearing/fwd/load', 'unit': 'N'}}}
+    effects = [*PLAIN_EFFECTS, {'water_temperature': WARMS_UP['water_temperature'] | {'bearing': 'aft'}}]
+    with pytest.raises(SceneError, match='topic /sea/temperature serves aft and fwd'):
+        make_scene(bearings=bearings, effects=effects, telemetry=WITH_WATER)
+    assert make_scene(bearings=bearings, effects=[*PLAIN_EFFECTS, WARMS_UP], telemetry=WITH_WATER)
+
+
 def test_water_needs_the_temperature_of_the_measurement(make_scene: Callable[..., Scene]) -> None:
-    shaft = {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}}
-    load = {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}}
-    effects = [shaft, load, {'water_temperature': {'points': [[0, 5], [10, 25]]}}]
     with pytest.raises(SceneError, match=r'aft has no friction\.at_temperature'):
-        make_scene(effects=effects)
+        make_scene(effects=[*PLAIN_EFFECTS, WARMS_UP])
