@@ -317,13 +317,19 @@ class TableRecording(Recording):
         if self.is_sent:
             return None  # one sender is used, as live
         rows, time_ns = self._rows_of(column, [*self.table.head, *self.table.tail])
-        known = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
-        known |= {*(self.names or ()), self.unit_place or 0, self._status_of(column.place) or 0} - {0}
-        places = [k for k in range(len(self.table.names)) if k not in known]
+        names, status = self.table.names, self._status_of(column.place)
+        taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
+        taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
+        taken |= {
+            k for k, name in enumerate(names) if any(is_quality_of(name, of, is_beside=False) for of in names)
+        }
+        places = [k for k in range(len(names)) if k not in taken]
         key = find_key_column(rows, time_ns, column.place, self.table.names, places)
         if key is None:
             return None
-        return self.table.names[key], list(dict.fromkeys(row[key].strip() for row in rows if key < len(row)))
+        return self.table.names[key], list(
+            dict.fromkeys(row[key].strip() for row in rows if key < len(row) and row[key].strip())
+        )
 
     def definition(self, topic: str) -> str:
         """Return the definition of what the sensors would have sent."""

@@ -37,8 +37,9 @@ def find_key_column(
 ) -> int | None:
     """Find the column of words by which rows are of several things; None where there is none.
 
-    It has different words in rows of one time, or another word in most rows than in the one before. Whole
-    numbers without a unit tell rows apart if the values of one time differ by more than they change.
+    It has different words in rows of one time, or another word in most rows than in the one before; rows
+    where it is empty say nothing. Whole numbers without a unit tell rows apart if the values of one time
+    differ by more than they change.
 
     Args:
         rows: The rows that have a value and a time.
@@ -48,27 +49,27 @@ def find_key_column(
         places: The columns that may be it.
     """
     for place in places:
-        if len({row[place] for row in rows[: 2 * _MAX_WORDS] if place < len(row)}) > _MAX_WORDS:
-            continue
-        words = [row[place].strip() if place < len(row) else '' for row in rows]
+        cells = [row[place].strip() if place < len(row) else '' for row in rows]
+        filled = [k for k, cell in enumerate(cells) if cell]
+        words = [cells[k] for k in filled]
         numbers = {word: k for k, word in enumerate(dict.fromkeys(words))}
-        if not 2 <= len(numbers) <= min(_MAX_WORDS, max(len(rows) // 2, 2)):
+        if not 2 <= len(numbers) <= min(_MAX_WORDS, max(len(words) // 2, 2)):
             continue
-        key = np.array([numbers[word] for word in words])
-        order = np.lexsort((key, time_ns))
-        is_shared = np.diff(time_ns[order]) == 0
+        key, own_ns = np.array([numbers[word] for word in words]), time_ns[filled]
+        order = np.lexsort((key, own_ns))
+        is_shared = np.diff(own_ns[order]) == 0
         is_twice = is_shared & (np.diff(key[order]) == 0)
         shared = int(np.count_nonzero(is_shared & ~is_twice))
-        is_apart = shared >= max(2, _MIN_SHARED * len(rows)) and is_twice.sum() <= _MAX_TWICE * len(rows)
+        is_apart = shared >= max(2, _MIN_SHARED * len(words)) and is_twice.sum() <= _MAX_TWICE * len(words)
         are_words = not any(map(_is_number, numbers))
         if are_words:
             changes = int(np.count_nonzero(np.diff(key)))
-            if is_apart or changes > max(2, _MIN_CHANGES * len(rows)):
+            if is_apart or changes > max(2, _MIN_CHANGES * len(words)):
                 return place
         elif is_apart and _are_ids(numbers, headings[place]):
-            cells = [str(row[column]) for row in rows]
-            values = [parse_number(cell) or parse_number(cell, ',') or 0.0 for cell in cells]
-            if _differ(time_ns, key, np.array(values)):
+            texts = [str(rows[k][column]) for k in filled]
+            values = [parse_number(text) or parse_number(text, ',') or 0.0 for text in texts]
+            if _differ(own_ns, key, np.array(values)):
                 return place
     return None
 

@@ -7,9 +7,10 @@ All become nanoseconds since 1970, or since the start, exactly.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from decimal import Decimal
@@ -46,6 +47,11 @@ _COMPACT = _DATES[-1] + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\
 _STAMPS = [
     *(re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES),
     re.compile(_COMPACT + _ZONE),
+    # The same of two digits of the year, 260504_060000.
+    re.compile(
+        r'(?P<a>\d\d)(?P<sep>)(?P<b>\d\d)(?P<Y>\d\d)[T _-](?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)'
+        r'(?:[.,](?P<f>\d{1,9})\d*)?' + _ZONE
+    ),
     # As C and Unix write it: Mon May  4 06:00:00 UTC 2026.
     re.compile(
         rf'(?:[A-Z][a-z]{{2}} +)?(?P<name>[A-Za-z]{{3}}) +(?P<d>\d\d?) +{_CLOCK}{_ZONE} +(?P<Y>\d{{4}})'
@@ -100,11 +106,15 @@ _DAYS_SINCE = (
 _PARTS_OF_DAYS, _HIGHEST_RATE = 1e-4, 300.0
 _EVERY, _EVERY_MINUTES = (10, 12, 15, 20, 30, 60, 120), (180, 300, 600, 900, 1200, 1800, 3600, 7200)
 # Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
-_WHOLE_SECOND, _MOST_OF_DAYS = 0.05, 0.9
-_MOST_ROWS = 500
+_WHOLE_SECOND = 0.05
+# From this distance on days would be three hours and more, and seconds are likelier.
+_LEAST_GAP_OF_SECONDS = 0.125
+_MAX_ROWS = 500
 _MOST_SHOWN = 60
-# Less than the share of the cells of a column that are times.
-_MOSTLY = 0.5
+# Of the cells of a column of times more are times; of rows of parts of a date nearly all.
+_MOSTLY, _ALMOST_ALL = 0.5, 0.9
+_WHOLE = re.compile(r'[.,]0+$')
+_EMPTY = '', 'nan', 'null', 'none', '-'
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 
 
@@ -134,18 +144,20 @@ class Clock:
     """The columns of a time, what reads them, and what was guessed of them.
 
     Attributes:
-        columns: Of the time: one, or those of the date and of the time of the day.
+        columns: Of the time: one, those of the date and of the time of the day, or those of their parts.
         read: Reads the cells of these columns.
         said: What was guessed.
         values: The columns whose cells are of this time; None for all.
         is_count: Whether its cells are plain numbers.
+        question: What the owner has to answer, as a clause behind the name of an input; else empty.
     """
 
     columns: tuple[int, ...]
     read: ReadTimes
-    said: tuple[str, ...]
+    said: tuple[str, ...] = ()
     values: frozenset[int] | None = None
     is_count: bool = False
+    question: str = ''
 
     def times(self, column: int) -> bool:
         """Return whether the cells of a column are of this time."""
@@ -153,7 +165,7 @@ class Clock:
 
 
 def begun_at(clock: Clock, zero_ns: int) -> Clock:
-    """Return a clock that counts from a time of another [ns]; before that there is none."""
+    """Return a clock that counts from a time of another [ns]; earlier cells hold no time of it."""
 
     def read(columns: Sequence[Cells]) -> Times:
         time_ns, good = clock.read(columns)
@@ -163,58 +175,70 @@ def begun_at(clock: Clock, zero_ns: int) -> Clock:
 
 
 def find_clock(path: Path, table: TableColumns) -> Clock:
-    """Find the column of times, or two of date and time of day, by the headings and rows at hand.
+    """Find the columns of the time of the rows, by the headings and some rows of a table.
 
     The path is only for the error.
 
     Raises:
-        BagError: No column is one.
+        BagError: No column is one, or the one that is headed so is empty.
     """
-    width = len(table.names)
-    rows = [row for row in table.rows[:_MOST_ROWS] if len(row) >= width - 1]
-
-    def column(k: int) -> Iterator[str]:
-        return (row[k] for row in rows if k < len(row))
-
-    def which(is_kind: Callable[[str], bool]) -> list[int]:
-        counts = [sum(map(is_kind, column(k))) for k in range(width)]
-        return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
-
+    rows = long_rows(table)
     named = [k for k, (words, _) in enumerate(table.headings) if NAMED.search(words)]
-    stamps = likeliest_first(table, which(is_stamp))
-    running = [k for k in stamps if k in named or len(rows) == 1 or len({*column(k)}) > 1]
-    days, times = which(is_day), which(is_time)
+    stamps = likeliest_first(table, _columns_of(table, rows, is_stamp))
+    running = [k for k in stamps if k in named or len(rows) == 1 or len({row[k] for row in rows}) > 1]
+    days, times = _columns_of(table, rows, is_day), _columns_of(table, rows, is_time)
     # Hours that an engine has run are no time of the lines.
-    usable = [k for k in times if k in named or any(_TIME.fullmatch(cell.strip()) for cell in column(k))]
+    usable = [k for k in times if k in named or any(_TIME.fullmatch(row[k].strip()) for row in rows)]
+    clock = None
     if running or (days and usable):
-        return _of_stamps(table, rows, (running[0],) if running else (days[0], usable[0]))
-    if usable:
-        return _of_day(table, usable[0])
-    for k in named:
-        # 20260504 and 060000 are numbers each.
-        pairs = [f'{row[k].strip()} {row[k + 1].strip()}' for row in rows if k + 1 < len(row)]
-        if k + 1 in named and sum(map(is_stamp, pairs)) > _MOSTLY * len(rows):
-            return _of_stamps(table, rows, (k, k + 1))
-    for k in (*named, 0):
-        if (numbers := number_clock(table, rows, k, is_named=k in named)) is not None:
-            return numbers
-    if stamps or times:
-        return _of_stamps(table, rows, (stamps[0],)) if stamps else _of_day(table, times[0])
+        clock = _stamp_clock(table, rows, (running[0],) if running else (days[0], usable[0]))
+    clock = clock or _clock_of_parts(table, rows)
+    if clock is None and usable:
+        clock = _time_of_day_clock(table, usable[0])
+    clock = clock or _clock_of_digits(table, rows, named) or _clock_of_numbers(path, table, rows, named)
+    if clock is None and stamps:
+        clock = _stamp_clock(table, rows, (stamps[0],))
+    if clock is None and times:
+        clock = _time_of_day_clock(table, times[0])
+    if clock is not None:
+        return clock
+    if days:
+        raise BagError(
+            f"log '{path}': column '{table.names[days[0]]}' has dates without a time of the day: nothing can"
+            ' be judged by one line a day; write times such as 2026-05-04T06:00:00Z'
+        )
     listed = ', '.join(f"'{name}'" for name in table.names[:10])
     shown = next((row[k] for row in rows for k in (*named, 0) if row[k].strip()), '')
     raise BagError(
         f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
-        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}'"
+        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}', or their year, month,"
+        ' day, hour, minute and second in columns beside each other'
     )
 
 
-def likeliest_first(table: TableColumns, stamps: Sequence[int]) -> list[int]:
-    """Columns of dates with times, the most likely one of the lines first.
+def long_rows(table: TableColumns) -> list[Cells]:
+    """Return the first rows of a table, each with all of its cells; one that lacks the last has it empty."""
+    width = len(table.names)
+    return [
+        row if len(row) >= width else [*row, '']
+        for row in table.rows[:_MAX_ROWS]
+        if len(row) >= max(width - 1, 1)
+    ]
 
-    Of an arrival or the name of a file all lines, or many, have one. InfluxDB has the limits of the
+
+def _columns_of(table: TableColumns, rows: Sequence[Cells], is_kind: Callable[[str], bool]) -> list[int]:
+    """Return the columns of which most cells are of a kind."""
+    counts = [sum(is_kind(row[k]) for row in rows) for k in range(len(table.names))]
+    return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
+
+
+def likeliest_first(table: TableColumns, stamps: Sequence[int]) -> list[int]:
+    """Return columns of dates with times, the most likely one of the rows first.
+
+    Of an arrival or the name of a file all rows, or many, have one. InfluxDB has the limits of the
     query beside the time, ships the time of the zone they are in.
     """
-    counts = {k: len({row[k] for row in table.rows[:_MOST_ROWS] if k < len(row)}) for k in stamps}
+    counts = {k: len({row[k] for row in table.rows[:_MAX_ROWS] if k < len(row)}) for k in stamps}
     return sorted(
         stamps,
         key=lambda k: (
@@ -227,57 +251,173 @@ def likeliest_first(table: TableColumns, stamps: Sequence[int]) -> list[int]:
     )
 
 
-def _of_day(table: TableColumns, k: int) -> Clock:
+def _time_of_day_clock(table: TableColumns, k: int) -> Clock:
     """Return the clock of times of the day, or since a start."""
     return Clock((k,), read_time_of_day, (f"times in '{table.names[k]}' are of the day, without a date",))
 
 
-def _of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
+def _stamp_clock(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
     """Return the clock of dates with times in one column, or in two."""
     last_place = max(columns)
-    long_rows = [row for row in (*rows, *table.tail) if len(row) > last_place]
+    complete_rows = [row for row in (*rows, *table.tail) if len(row) > last_place]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
-    seen = [' '.join(row[k].strip() for k in columns) for row in long_rows]
-    layout = StampLayout(seen, zone[1] if zone else '')
-    remarks = []
-    if layout.question:
-        remarks.append(layout.question)
+    return _clock_of_layout(
+        columns,
+        StampLayout(
+            [' '.join(row[k].strip() for k in columns) for row in complete_rows], zone[1] if zone else ''
+        ),
+    )
+
+
+def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
+    """Return the clock of columns with dates of a layout, with what was guessed and is asked."""
+    remarks = [layout.guess] if layout.guess else []
     if not layout.has_zone:
         remarks.append(WITHOUT_ZONE)
-    return Clock(columns, layout.read, tuple(remarks))
+    return Clock(columns, layout.read, tuple(remarks), question=layout.question)
+
+
+def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
+    """Return the clock of columns beside each other for year, day, hour and so on; None where there are none.
+
+    Their numbers make them certain: joined, they are dates of four digits of a year that do not go back.
+    Seconds are one of them only where minutes alone do not tell the rows apart, or by their heading.
+    """
+    ends = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
+    for begin, count, day_count in itertools.product(range(len(table.names) - 2), (6, 5, 4, 3), (3, 2)):
+        columns = tuple(range(begin, begin + count))
+        if columns[-1] >= len(table.names) or not ends:
+            continue
+        texts = _join_parts([[row[k] for row in ends] for k in columns], day_count)
+        if sum(map(is_stamp, texts)) <= _ALMOST_ALL * len(ends):
+            continue
+        layout = StampLayout(texts)
+        time_ns, is_timed = layout.read([texts])
+        steps = np.diff(time_ns[is_timed])
+        is_needed = table.headings[columns[-1]][0] in _SPELLED[SECOND].split()
+        shorter = _join_parts([[row[k] for row in ends] for k in columns[:-1]], day_count)
+        if (steps < 0).mean() > 1.0 - _ALMOST_ALL or not (steps > 0).any():
+            continue
+        if not is_needed and all(map(is_stamp, shorter)) and (np.diff(layout.read([shorter])[0]) > 0).all():
+            continue
+
+        def read(cells: Sequence[Cells], days: int = day_count, layout: StampLayout = layout) -> Times:
+            return layout.read([_join_parts(cells, days)])
+
+        return replace(_clock_of_layout(columns, layout), read=read)
+    return None
+
+
+def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
+    """Return dates with times as texts, of columns of their parts; what is no date for other numbers.
+
+    Args:
+        columns: The cells of each part.
+        day_count: How many of them are of the date: year, month and day, or year and day of the year.
+    """
+    texts = []
+    for row in zip(*columns, strict=True):
+        cells = [_WHOLE.sub('', cell.strip()) for cell in row]
+        day, time = cells[:day_count], cells[day_count:]
+        if not any(len(cell) == 4 for cell in day):
+            day = []
+        if day_count == 2 and day:
+            day[1] = day[1].zfill(3)
+        # '6', '0' and '5.25' are 6:00:05.25.
+        time = (
+            [time[0], *('0' + cell if cell[1:2] in ('', '.', ',') else cell for cell in time[1:])]
+            if time
+            else []
+        )
+        texts.append((':' if day_count == 2 else '-').join(day) + ' ' + ':'.join(time))
+    return texts
+
+
+def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence[int]) -> Clock | None:
+    """Return the clock of a date and a time of digits alone, as 20260504 and 060000; None where none are."""
+    for k in named:
+        pairs = [f'{row[k].strip()} {row[k + 1].strip()}' for row in rows if k + 1 < len(row)]
+        if k + 1 in named and sum(map(is_stamp, pairs)) > _MOSTLY * len(rows):
+            return _stamp_clock(table, rows, (k, k + 1))
+    return None
+
+
+def _clock_of_numbers(
+    path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int]
+) -> Clock | None:
+    """Return the clock of a column of numbers, headed as a time or the first; None where none is one.
+
+    Raises:
+        BagError: The one that is headed so is empty.
+    """
+    for k in named:
+        if (clock := number_clock(table, rows, k, is_named=True)) is not None:
+            return clock
+    empty = [k for k in named if rows and all(row[k].strip().lower() in _EMPTY for row in rows)]
+    if empty:
+        raise BagError(
+            f"log '{path}': column '{table.names[empty[0]]}' is empty in the first {len(rows)} lines: leave"
+            ' these out, or write times such as 2026-05-04T06:00:00Z there'
+        )
+    return number_clock(table, rows, 0, is_named=False)
 
 
 def number_clock(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named: bool) -> Clock | None:
     """Return the clock of a column of numbers; None where they do not look like times."""
     numbers = [_leading_number(row[k], table.decimal) for row in rows if k < len(row)]
-    values = [value for value in numbers if math.isfinite(value)]
-    heading, (words, written) = table.names[k], table.headings[k]
-    is_rising = values == sorted(values) or values == sorted(values, reverse=True)
+    values = np.array([value for value in numbers if math.isfinite(value)])
+    is_rising = bool((np.diff(values) >= 0).all() or (np.diff(values) <= 0).all())
     has_unit = table.units[k] is not None
-    fits = is_named or (not has_unit and is_rising and len(set(values)) > 0.5 * len(values))
-    if not values or not fits or len(values) <= _MOSTLY * len(numbers):
+    fits = is_named or (not has_unit and is_rising and np.unique(values).size > 0.5 * values.size)
+    if not values.size or not fits or values.size <= _MOSTLY * len(numbers):
         return None
-    unit, size = _unit_of_times(words, written), max(map(abs, values))
+    factor, zero, remark, question = _meaning_of_numbers(*table.headings[k], values)
+    if not is_named and zero == 0 and (np.diff(values) == 1.0).all():
+        question = (
+            f"has the times of '{table.names[k]}', which may number the lines only: head it 'time [s]' if not"
+        )
+    return Clock(
+        (k,),
+        scaled_reader(factor, zero, table.decimal),
+        (f"times in '{table.names[k]}' are {remark}",),
+        is_count=True,
+        question=question,
+    )
 
-    def clock(factor: int, remark: str, zero: int = 0) -> Clock:
-        read = scaled_reader(factor, zero, table.decimal)
-        return Clock((k,), read, (f"times in '{heading}' are {remark}",), is_count=True)
 
+def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> tuple[int, int, str, str]:
+    """Return what numbers of a column of times are.
+
+    Args:
+        words: The words of the heading.
+        written: The unit in it as it is written; None for none.
+        values: The numbers, shape (n,).
+
+    Returns:
+        The unit [ns], what is added before it makes nanoseconds since 1970 or the start, a remark, and what
+        is asked, empty for nothing.
+    """
+    unit, size = _unit_of_times(words, written), float(np.abs(values).max())
     # A stated unit in which they are no date since 1973: since the start.
     is_elapsed = unit in _UNITS and size * _UNITS[unit] < _SINCE[-1][0] * SECOND
     for minimum, factor, zero, name in () if is_elapsed else _SINCE:
         if size >= minimum:
-            return clock(factor, name, zero)
-    question = ''
+            return factor, zero, name, ''
+    elapsed = f'{unit or "s"} since the start'
     for minimum, maximum, zero, name in _DAYS_SINCE if _UNITS.get(unit, DAY) == DAY else ():
-        if minimum < size < maximum:
-            gap = _usual_gap(values)
-            if unit or re.search(r'date|datum|time ?stamp', words) or _are_days(np.array(values), gap):
-                return clock(DAY, f'{name}, without a zone: taken as UTC', zero)
-            # Four a second, or four a day.
-            if gap and 8.0 * gap % 1.0 == 0.0:
-                question = f", or are they {name}? Head them 'time [s]' or 'date'"
-    return clock(_UNITS.get(unit, SECOND), f'{unit or "s"} since the start{question}')
+        if minimum < float(values.min()) and size < maximum:
+            of_days = DAY, zero, f'{name}, without a zone: taken as UTC'
+            is_stated = unit or re.search(r'date|datum|time ?stamp', words)
+            may_be_days, may_be_seconds = (True, False) if is_stated else _days_or_seconds(values)
+            if may_be_days and may_be_seconds:
+                question = "has times that may be {}: head them 'time [s]' or 'date'"
+                if _usual_gap(values) < _LEAST_GAP_OF_SECONDS:
+                    return *of_days, question.format(f'{name} or {elapsed}')
+                doubt = f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'"
+                return SECOND, 0, doubt, question.format(f'{elapsed} or {name}')
+            if may_be_days:
+                return *of_days, ''
+    return _UNITS.get(unit, SECOND), 0, elapsed, ''
 
 
 def _unit_of_times(words: str, written: str | None) -> str:
@@ -293,34 +433,39 @@ def _unit_of_times(words: str, written: str | None) -> str:
     return next((text for text in candidates if text in _UNITS), '')
 
 
-def _usual_gap(values: Sequence[float]) -> float:
+def _usual_gap(values: FloatArray) -> float:
     """Return the usual distance of two numbers that differ; 0 where none do."""
     gaps = np.abs(np.diff(values))
     return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
 
 
-def _are_days(values: FloatArray, gap: float) -> bool:
-    """Return whether numbers with such a usual distance are rather days than seconds."""
-    seconds = values * 86_400
+def _days_or_seconds(values: FloatArray) -> tuple[bool, bool]:
+    """Return whether numbers without a unit may be days, and whether they may be seconds."""
+    gap, seconds = _usual_gap(values), values * 86_400
+    if gap == 0.0:
+        return False, True
     is_whole = np.abs(seconds - np.rint(seconds)) < _WHOLE_SECOND
     is_round = np.abs(values * 1e5 - np.rint(values * 1e5)) < 1e-3
-    is_rate = gap > 1.0 / _HIGHEST_RATE and abs(1.0 / gap - round(1.0 / gap)) < 0.02
-    if np.mean(is_whole) > _MOST_OF_DAYS and np.mean(is_round) < 1.0 - _MOSTLY and not is_rate:
-        return True
+    # Of few decimals only all gaps together tell the rate.
+    gaps = gap, np.ptp(values) / (np.unique(values).size - 1)
+    is_rate = gap > 1.0 / _HIGHEST_RATE and any(abs(1.0 / g - round(1.0 / g)) < 0.05 for g in gaps)
+    if gap < _PARTS_OF_DAYS or (is_whole.mean() > _ALMOST_ALL and is_round.mean() < 0.5 and not is_rate):
+        return True, False
     # Of days of five decimals a gap is known to 5 %, one of minutes to 1 %.
-    return (
-        0.0 < gap < _PARTS_OF_DAYS
-        or any(abs(gap * 86_400 / every - 1.0) < 0.05 for every in _EVERY)
-        or any(abs(gap * 86_400 / every - 1.0) < 0.01 for every in _EVERY_MINUTES)
-    )
+    is_pace = any(abs(gap * 86_400 / every - 1.0) < 0.05 for every in _EVERY)
+    is_pace |= any(abs(gap * 86_400 / every - 1.0) < 0.01 for every in _EVERY_MINUTES)
+    # A whole number of lines a day, from 24 Hz on a usual rate of a sensor: 8, 4 or 1 a day, or in a second.
+    is_share = gap >= _LEAST_GAP_OF_SECONDS and 8.0 * gap % 1.0 == 0.0 and gap <= 1.0
+    return is_pace or is_share, is_rate or not is_pace
 
 
 def _leading_number(cell: str, decimal: str) -> float:
     """Return the number that a cell begins with, NaN for none; a unit may follow."""
+    number, _, rest = cell.strip().partition(' ')
     try:
         # What Python takes for digits, as in '1_000', is a word in a table.
-        return float(cell.split()[0].replace(decimal, '.').replace('_', 'x'))
-    except (ValueError, IndexError):
+        return math.nan if rest[:1].isdigit() else float(number.replace(decimal, '.').replace('_', 'x'))
+    except ValueError:
         return math.nan
 
 
@@ -348,7 +493,8 @@ class StampLayout:
 
     Attributes:
         has_zone: Whether their distance from UTC is known.
-        question: A sentence on a date that may be read in another order; empty where the dates tell.
+        guess: A sentence on a date that may be read in another order; empty where the dates tell.
+        question: What is asked of it, as a clause behind the name of an input; else empty.
     """
 
     def __init__(self, seen: Sequence[str], zone: str = '') -> None:
@@ -358,7 +504,7 @@ class StampLayout:
         matches = [m for text in seen if (m := self._pattern.fullmatch(text.strip()))]
         self._zone = zone
         self.has_zone = bool(zone) or any(match['z'] for match in matches)
-        self.question = ''
+        self.guess = self.question = ''
         self._year, self._month, self._day = 'Y', 'm', 'd'
         if 'a' in self._pattern.groupindex and matches:
             order = self._date_order(matches)
@@ -379,10 +525,15 @@ class StampLayout:
         possible = [order for order in possible if len(parts[order[2]]) == longest]
         if len(possible) > 1 and matches[0]['sep'] != '.':
             text = matches[0].group()
+            is_year = 'abY' in possible
+            remedy = (
+                'or is the year first? Write it with four digits' if is_year else 'nothing in the file tells'
+            )
+            self.guess = f"'{text}' is read day first: {remedy}"
+            first = 'year' if is_year else 'month'
             self.question = (
-                f"'{text}' is read day first: nothing in the file tells"
-                if 'abY' not in possible
-                else f"'{text}' is read day first: or is the year first? Write it with four digits"
+                f"has times such as '{text}', read day first: or is the {first} first?"
+                ' Write 4 May as 2026-05-04'
             )
         return possible[0]
 

@@ -24,6 +24,8 @@ from stickslip_monitor.physics.bearing import TURNING_UNITS
 
 # A value counts for so many intervals, as a lost line is no lost input.
 _TIMEOUT_LINES = 3.0
+# Reports of each hour or noon have a value so many seconds apart, or more: a coast-down takes minutes [s].
+_SLOWEST = 1800.0
 # Of ten years, to which any time of a log can be added [ns].
 _LONGEST_NS = 10 * 31_557_600 * 10**9
 # A column is taken by its unit only if its heading has one of these words, or is a unit, and no others than
@@ -79,6 +81,7 @@ class ColumnBinding:
         self.columns: dict[str, SourceColumn] = {}
         self.said: list[str] = []
         self.asked: dict[tuple[str, str], str] = {}
+        self._asked_clocks: set[tuple[int, ...]] = set()
 
     def bind(self, config: MonitorConfig) -> Bound:
         """Return the configuration with the topics and timeouts that hold for the table."""
@@ -248,29 +251,51 @@ class ColumnBinding:
             stated = column.unit or parse_heading(column.heading).unit
             if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
                 clause = f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}'"
-                self.asked[bearing.name, quantity] = f'{clause}: is that right?'
+                self._add_question(bearing, quantity, f'{clause}: is that right?')
         if (source.scale, source.offset) != (1.0, 0.0):
             remark += ', taken as scaled already' if is_scaled else f', times its scale {source.scale:g}'
             if is_scaled:
-                self.asked[bearing.name, quantity] = (
+                self._add_question(
+                    bearing,
+                    quantity,
                     f"is column '{column.heading}' in {unit} by its heading, so its scale {source.scale:g}"
                     f' and offset {source.offset:g} are not applied: write'
-                    f' {bearing.name}.{quantity}.column: "{column.heading}" if they are to be'
+                    f' {bearing.name}.{quantity}.column: "{column.heading}" if they are to be',
                 )
             remark += f' and with its offset {source.offset:g}' if source.offset and not is_scaled else ''
         elif isinstance(source, SpeedConfig) and source.gear_text:
             remark += f', {source.gear_text}'
         elif quantity == 'speed' and not (source.column or _is_plain(column, quantity, {'s'})):
-            self.asked[bearing.name, quantity] = (
+            self._add_question(
+                bearing,
+                quantity,
                 f"is column '{column.heading}': is it the shaft's own? Write"
-                f' {bearing.name}.{quantity}.column, and gear where one is between'
+                f' {bearing.name}.{quantity}.column, and gear where one is between',
             )
+        self._ask_of_times(bearing, quantity, source, column, every)
         if timeout_ns > source.timeout_ns:
             remark += f'; lines are {every:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
         self.said.append(remark)
         return replace(
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
         )
+
+    def _add_question(self, bearing: BearingConfig, quantity: str, clause: str) -> None:
+        """Note a clause that is asked of an input, behind those that are."""
+        earlier = self.asked.get((bearing.name, quantity))
+        self.asked[bearing.name, quantity] = f'{earlier}; and {clause}' if earlier else clause
+
+    def _ask_of_times(
+        self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn, every: float
+    ) -> None:
+        """Ask of an input what its times do not tell, of each clock of the log once."""
+        clock = self._log.table.clock_of(column.place)
+        if clock.question and clock.columns not in self._asked_clocks:
+            self._asked_clocks.add(clock.columns)
+            self._add_question(bearing, quantity, clock.question)
+        if every > _SLOWEST and not source.hold_ns:
+            clause = f'has a value each {every:.4g} s, which cannot judge what a shaft does in minutes: is'
+            self._add_question(bearing, quantity, f'{clause} there a log with one each 10 s or less?')
 
 
 def _is_named_after(column: LogColumn, bearing: str, topic: str = '') -> bool:

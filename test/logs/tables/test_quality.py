@@ -31,6 +31,10 @@ from stickslip_logs.tables.quality import find_quality
         ('Quality', '192.0', '0'),
         ('rpm valid', '1', '0'),
         ('rpm_valid', 'TRUE', 'FALSE'),
+        # No code of either, and one beyond 32 bits.
+        ('rpm_quality', '0x00000000', '0xZZ'),
+        ('rpm_status', '0', '17179869184'),
+        ('rpm_quality', 'Good', 'Held'),
         # QARTOD flags: 1 pass, 4 fail.
         ('rpm_qc', '1', '4'),
     ],
@@ -42,6 +46,14 @@ def test_marks_of_quality(heading: str, good: str, bad: str, tmp_path: Path) -> 
     values = recording.read([request])[request].value
     assert (values[0], values[1] != values[1]) == (30, True)
     assert any(f"count where '{heading}' says so" in text for text in recording.warnings)
+
+
+def test_a_quality_beside_a_longer_name_is_of_it(tmp_path: Path) -> None:
+    text = 'time,speed.PV,speed.Q,load.PV,load.Q\n@0,30,Good,900,Good\n@1,31,Bad,901,Good\n'
+    recording = opened(tmp_path, text)
+    speed, _, load, _ = recording.all_columns
+    recording.deliver({'/n': SourceColumn(speed), '/f': SourceColumn(load)})
+    assert [recording.by_topic[topic].status for topic in ('/n', '/f')] == [2, 4]
 
 
 def test_a_mode_is_no_quality() -> None:

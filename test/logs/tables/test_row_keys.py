@@ -37,6 +37,10 @@ ONE = {
     ),
     'words that change now and then': lines('time,remark,rpm', '{at}Z,a,{slow}\n{at}.5Z,a,{slow}\n')
     + '2026-04-13T10:01:00Z,b,20\n',
+    'a remark beside some lines': lines('time,remark,rpm', '{at}Z,a,{slow}\n{at}.5Z,,{slow}\n'),
+    'the quality of another signal': lines(
+        'time,load_quality,rpm,load', '{at}Z,Good,{slow},1\n{at}.5Z,Bad,{slow},1\n'
+    ),
     'another source of the load': lines('time,source,rpm,load', '{at}Z,a,{slow},\n{at}Z,b,,900\n'),
 }
 

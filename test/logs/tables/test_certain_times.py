@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Times are guessed only where a file makes them certain; else they are asked for, or refused.
+
+Each file is of lines one second apart from 2026-05-14T06:00:00Z on, or from a start; expected times by
+``datetime``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from nasty_logs import ns, opened
+
+from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.recording import Request
+
+T0 = datetime(2026, 5, 14, 6, 0, tzinfo=timezone.utc)
+EVERY = timedelta(seconds=1)
+
+
+def log_of(head: str, row: Callable[[datetime], str], every: timedelta = EVERY, count: int = 90) -> str:
+    """Return a log with a speed and a load in the last columns."""
+    rows = (f'{row(T0 + k * every)},{30 + k % 3},900\n' for k in range(count))
+    return f'{head},rpm,load\n{"".join(rows)}'
+
+
+def times_of(tmp_path: Path, text: str) -> tuple[list[int], str]:
+    """Return the times [ns] of the speeds of a log, and what is asked of them."""
+    recording = opened(tmp_path, text)
+    (series,) = recording.read([Request('rpm', 'data')]).values()
+    return series.stamp_ns.tolist(), recording.table.clocks[0].question
+
+
+@pytest.mark.parametrize(
+    'every', [EVERY, timedelta(milliseconds=100), timedelta(hours=7), timedelta(minutes=1)]
+)
+@pytest.mark.parametrize(
+    ('head', 'form'),
+    [
+        ('year,month,day,hour,minute,second', '{0.year},{0.month},{0.day},{0.hour},{0.minute},{1}'),
+        ('YYYY,MM,DD,hh,mm,ss', '{0:%Y,%m,%d,%H,%M},{1:04.1f}'),
+        (
+            'Jahr,Monat,Tag,Stunde,Minute,Sekunde',
+            '{0.year}.0,{0.month}.0,{0.day}.0,{0.hour}.0,{0.minute}.0,{1}',
+        ),
+        ('day,month,year,hour,minute,second', '{0:%d,%m,%Y,%H,%M},{1}'),
+        ('Year,Month,Day,Time', '{0:%Y,%m,%d,%H:%M:%S.%f}'),
+        ('year,jday,hour,min,sec', '{0:%Y,%j,%H,%M},{1}'),
+        ('n,year,month,day,hour,minute,second', '7,{0.year},{0.month},{0.day},{0.hour},{0.minute},{1}'),
+    ],
+)
+def test_parts_of_a_date_in_columns_of_their_own_are_joined(
+    head: str, form: str, every: timedelta, tmp_path: Path
+) -> None:
+    text = log_of(head, lambda t: form.format(t, t.second + t.microsecond / 1e6), every)
+    assert times_of(tmp_path, text) == ([ns(T0 + k * every) for k in range(90)], '')
+
+
+def test_a_day_or_a_month_of_parts_is_asked(tmp_path: Path) -> None:
+    text = log_of('a,b,c,d,e,f', lambda t: f'5,4,2026,{t:%H,%M,%S}')
+    assert 'month first' in times_of(tmp_path, text)[1]
+
+
+def test_minutes_in_parts_leave_the_column_beside_them(tmp_path: Path) -> None:
+    """Revolutions below 60 look like seconds."""
+    text = log_of('year,month,day,hour,minute', lambda t: f'{t:%Y,%m,%d,%H,%M}', timedelta(minutes=1))
+    assert times_of(tmp_path, text)[0] == [ns(T0 + k * timedelta(minutes=1)) for k in range(90)]
+
+
+@pytest.mark.parametrize('rate', [12, 24, 48, 96, 144, 288])
+@pytest.mark.parametrize('digits', [4, 6, 9])
+def test_a_rate_that_is_so_many_lines_a_day_is_asked(rate: int, digits: int, tmp_path: Path) -> None:
+    """24 Hz since a start of hours ago are one line an hour in days of a spreadsheet."""
+    text = 'time,rpm\n' + ''.join(f'{30000 + k / rate:.{digits}f},{30 + k % 3}\n' for k in range(90))
+    assert 'days of a spreadsheet or s since the start' in times_of(tmp_path, text)[1]
+
+
+@pytest.mark.parametrize('first', [0, 15_000])
+def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int, tmp_path: Path) -> None:
+    text = 'time,rpm\n' + ''.join(f'{first + 3600 * k},{30 + k % 3}\n' for k in range(20))
+    assert times_of(tmp_path, text) == ([(first + 3600 * k) * 10**9 for k in range(20)], '')
+
+
+def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
+    assert 'may number the lines only' in times_of(tmp_path, log_of('No', lambda t: str((t - T0).seconds)))[1]
+    assert times_of(tmp_path, log_of('time', lambda t: str((t - T0).seconds)))[1] == ''
+
+
+@pytest.mark.parametrize('cell', ['', 'NaN', '-'])
+@pytest.mark.parametrize('head', ['Time', 'No,Time', 'Time,Date'])
+def test_a_time_that_is_empty_is_not_replaced_by_another_column(head: str, cell: str, tmp_path: Path) -> None:
+    cells = {'No': '{0}', 'Time': cell, 'Date': cell}
+    row = ','.join(cells[name] for name in head.split(','))
+    with pytest.raises(BagError, match=r"column 'Time' is empty in the first 90 lines: leave these out"):
+        times_of(tmp_path, log_of(head, lambda t: row.format((t - T0).seconds)))
+
+
+def test_dates_alone_are_no_times(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="column 'Date' has dates without a time of the day"):
+        times_of(tmp_path, log_of('Date', lambda t: f'{t:%Y-%m-%d}', timedelta(days=1)))
+
+
+@pytest.mark.parametrize('form', ['%y%m%d %H%M%S', '%y%m%d,%H%M%S', '%y%m%d_%H%M%S.%f'])
+@pytest.mark.parametrize('every', [EVERY, timedelta(hours=7)])
+def test_digits_of_two_of_the_year_are_asked_unless_days_tell(
+    form: str, every: timedelta, tmp_path: Path
+) -> None:
+    head = 'date,time' if ',' in form else 'time'
+    times, question = times_of(tmp_path, log_of(head, lambda t: f'{t:{form}}', every))
+    if every == EVERY:
+        assert 'the year first?' in question
+    else:
+        assert (times, question) == ([ns(T0 + k * every) for k in range(90)], '')
