@@ -670,7 +670,8 @@ class TableReading:
         if bad:
             chosen = np.array([mark in bad for mark in marks], np.bool_) & numbers.is_there
             numbers.value[chosen] = np.nan
-            numbers.words.update(marks[k].strip()[:20] for k in np.flatnonzero(chosen).tolist())
+            places = np.flatnonzero(chosen).tolist()
+            numbers.words.update(f'quality {marks[k].strip()[:_MOST_SHOWN]}' for k in places)
 
     def _take_words(self, topic: str, words: Counter[str]) -> None:
         counted = self._words[topic]

@@ -33,6 +33,9 @@ _MOST_SHOWN = 60
 _LONGEST_UNIT = 16
 # Columns of a command that a line of a terminal can take.
 _MOST_KEYS = 12
+COMMENTS = '#', '%', '//', '*'
+"""What a line begins with that is a comment."""
+_MARKS_OF_COMMENTS = ''.join(COMMENTS) + ' '
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 # Of a standard's package of JSON, the rows that this program reads.
 _JQ = (
@@ -323,7 +326,7 @@ def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
 
 def usual_width(rows: Sequence[Cells]) -> int:
     """Return how many cells most rows have; 0 where none has two."""
-    counts = Counter(len(row) for row in rows if len(row) > 1 and not row[0].startswith('#'))
+    counts = Counter(len(row) for row in rows if len(row) > 1 and not row[0].startswith(COMMENTS))
     return counts.most_common(1)[0][0] if counts else 0
 
 
@@ -400,20 +403,21 @@ def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
         return data[0] if data else None
     if _find_headings(rows[:k], width)[0]:
         return k
-    # Numbers may stand above the headings, too.
-    named = next((n for n, row in enumerate(rows[k:], k) if _has_time_heading(row, width)), -1)
-    return next((n for n in data if n > named >= k), k)
-
-
-def _has_time_heading(row: Cells, width: int) -> bool:
-    """Return whether a row is surely one of headings: words all, with that of a time among them."""
-    is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
-    return is_words and any(NAMED.search(parse_heading(cell).name) for cell in row)
+    # Numbers may stand above the headings, too: those of a preamble stand behind a word.
+    is_preamble, headed = True, False
+    for n, row in enumerate(rows[k:], k):
+        is_data = _is_data(row, decimal, width)
+        if headed and is_data:
+            return n
+        is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
+        headed |= is_words and (is_preamble or any(NAMED.search(parse_heading(cell).name) for cell in row))
+        is_preamble &= not is_data or not _is_sound(row[0])
+    return k
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:
     """Return whether a row is no heading: it has a stamp, begins with a number, or has two of them."""
-    if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith('#'):
+    if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith(COMMENTS):
         return False
     numbers = [parse_number(cell, decimal) is not None for cell in row]
     times = any(is_stamp(cell) or is_time(cell) for cell in row)
@@ -446,17 +450,36 @@ def _with_bare_units(heading: Sequence[str]) -> list[str]:
 def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
     """Return the row of headings above the numbers, if there is one, and the units of a row of them."""
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
-    bare = [row for row in wide if not (row[0].startswith('#') and row[0].strip('# '))]
+    bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
     if not bare:
-        bare = [[row[0].lstrip('# '), *row[1:]] for row in wide]
+        bare = [[row[0].lstrip(_MARKS_OF_COMMENTS), *row[1:]] for row in wide if len(row) >= width]
     # Of cells cut by blanks the mark of a comment may be one.
-    bare = [row[1:] if row[0].strip('# ') == '' and len(row) > width else row for row in bare]
+    bare = [row[1:] if row[0].strip(_MARKS_OF_COMMENTS) == '' and len(row) > width else row for row in bare]
     named = [row for row in bare if not any(_is_sound(cell) for cell in row if cell.strip())]
     if not named or named[-1][0].strip().lower().startswith('sep='):
         return [], [''] * width
     units, names = _row_of_units(named)
     pad = [''] * width
-    return list(names), [*units, *pad]
+    return _with_names_above(names, above), [*units, *pad]
+
+
+def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
+    """Return headings that repeat for each signal, the first of its values by the name in a row above.
+
+    As of trends, ``Time;Value;Time;Value`` below ``rpm;;load;``: each signal has one cell there.
+    """
+    width = len(names)
+    period = next((p for p in range(2, width) if width % p == 0 and [*names[p:]] == [*names[:-p]]), 0)
+    for row in reversed(above):
+        if not period or len(row) != width or [*row] == [*names]:
+            continue
+        places = [k for k in range(period) if all(cell.strip() for cell in row[k::period])]
+        is_time = [bool(NAMED.search(parse_heading(name).name)) for name in names[:period]]
+        if len(places) == 1 and len(set(row[places[0] :: period])) == width // period and not all(is_time):
+            joined = [*names]
+            joined[is_time.index(False) :: period] = [cell.strip() for cell in row[places[0] :: period]]
+            return joined
+    return [*names]
 
 
 def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:

@@ -32,24 +32,28 @@ def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
 
 
 def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
-    """Yield clocks of the further columns that hold times as the first ones do."""
-    first = main.columns[0]
+    """Yield clocks of the further columns that hold times as the first ones do.
+
+    One of an empty column is among them where it is headed as a time: its signal begins later.
+    """
+    first, rows = main.columns[0], [*table.rows[:_MAX_ROWS], *table.tail]
     if main.columns != tuple(range(first, first + len(main.columns))):
         return
     for k in range(len(table.names) - len(main.columns) + 1):
         clock = replace(main, columns=tuple(c - first + k for c in main.columns))
         if set(clock.columns) & set(main.columns):
             continue
-        if main.is_count:
-            is_named = NAMED.search(table.headings[k][0])
-            counter = number_clock(table, table.rows[:_MAX_ROWS], k, is_named=True) if is_named else None
+        filled = [row for row in rows if len(row) > clock.columns[-1] and row[k].strip()]
+        is_named = all(NAMED.search(table.headings[c][0]) for c in clock.columns)
+        if main.is_count and filled:
+            counter = number_clock(table, filled, k, is_named=True) if is_named else None
             if counter is None:
                 continue
             clock = counter
-        rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > clock.columns[-1] and row[k].strip()]
-        time_ns, is_timed = clock.read([[row[c] for row in rows] for c in clock.columns])
-        steps = np.diff(time_ns[is_timed])
-        if is_timed.sum() > _MIN_SHARE * len(rows) and (steps < 0).sum() <= _MAX_BACK * steps.size:
+        time_ns, is_timed = clock.read([[row[c] for row in filled] for c in clock.columns])
+        back = np.count_nonzero(np.diff(time_ns[is_timed]) < 0)
+        is_rising = is_timed.sum() > _MIN_SHARE * len(filled) and back <= _MAX_BACK * is_timed.sum()
+        if is_rising if filled else is_named:
             yield clock
 
 
@@ -112,7 +116,11 @@ def _is_apart(table: TableColumns, main: Clock, signal_clock: Clock) -> bool:
     is_zone = (
         (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0 if has_both.any() else False
     )
-    return 2 * changes[0] >= changes[1] and not (is_zone and abs(int(zone_ns[0])) <= _MAX_ZONE)
+    return (
+        bool(times[1].any())
+        and 2 * changes[0] >= changes[1]
+        and not (is_zone and abs(int(zone_ns[0])) <= _MAX_ZONE)
+    )
 
 
 def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:

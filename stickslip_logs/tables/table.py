@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import itertools
+import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
-from stickslip_logs.tables.dialect import parse_heading, parse_number, reader, sniff
+from stickslip_logs.tables.dialect import COMMENTS, parse_heading, parse_number, reader, sniff
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 from stickslip_logs.tables.text_file import extent_of, text_lines
 from stickslip_logs.tables.time_columns import (
@@ -38,8 +39,11 @@ _MOST_SHOWN = 60
 # Columns that a line of a terminal has room for.
 _MAX_NAMED = 6
 _PARQUET, _PARQUET_HEAD = b'PAR1', 2000
+# Days by which the order of a date is found: ten years of them.
+_MAX_DAYS = 3660
+_DAY = re.compile(r'\D*\d+\D+\d+')
 # What a line that is no row begins with; WinCC ends with a count of rows.
-_REMARKS = '#', '$RT_'
+_REMARKS = *COMMENTS, '$RT_'
 
 Say = Callable[[str], None]
 
@@ -179,9 +183,13 @@ class TextTable(NumberTable):
         self._dialect = sniff(path, extent)
         self._is_plain, self._is_ended = extent.is_plain, extent.is_ended
         self.is_sent = self._dialect.delimiter in BUS_LOGS
-        clock_search = find_clocks(path, self._dialect)
-        self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in clock_search)
         self.names, self.units = self._dialect.names, self._dialect.units
+        clocks = find_clocks(path, self._dialect)
+        if any(clock.question and not clock.is_count for clock in clocks) and not self.is_sent:
+            # What the ends leave open the days between them may tell.
+            tail = (*self._dialect.tail, *self._rows_of_days(clocks[0].columns))
+            clocks = find_clocks(path, replace(self._dialect, tail=tail))
+        self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in clocks)
         self.head, self.tail = self._dialect.rows, self._dialect.tail
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
@@ -191,6 +199,16 @@ class TextTable(NumberTable):
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
         self.losses = (*losses, *self._dialect.losses)
+
+    def _rows_of_days(self, columns: Sequence[int]) -> list[list[str]]:
+        """Return a row of each day of the file, by the first two numbers in the columns of its dates."""
+        rows = dict[str, list[str]]()
+        for batch, _ in self._read_batches():
+            for row in batch:
+                if len(row) > columns[-1] and len(rows) < _MAX_DAYS:
+                    match = _DAY.match('/'.join([row[k] for k in columns]))
+                    rows.setdefault(match[0] if match else '', row)
+        return list(rows.values())
 
     def numbers(self, cells: Cells) -> Numbers:
         """Return the numbers of cells."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from stickslip_logs.errors import StickslipError
 from stickslip_logs.tables.dialect import (
+    COMMENTS,
     encoding_of,
     find_delimiter,
     headings_above,
@@ -70,7 +71,7 @@ def read_table(
         rows.append(TableRow(number, [cell.strip() for cell in cells]))
     rows = [row for row in rows if any(row.cells)]
     at = _find_headings(rows, is_heading)
-    below = [row for row in rows[at + 1 :] if not row.cells[0].startswith('#')]
+    below = [row for row in rows[at + 1 :] if not row.cells[0].startswith(COMMENTS)]
     for row in below:
         if row.line in damaged:
             raise error(f'{path}, line {row.line}: {damaged[row.line]}')
@@ -93,10 +94,14 @@ def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], b
     found = next(
         (k for k, own in enumerate(cells) if above and _without_mark(own)[: len(above)] == above), -1
     )
-    return found if found >= 0 else next((k for k, own in enumerate(cells) if own[0][:1] != '#'), -1)
+    return (
+        found
+        if found >= 0
+        else next((k for k, own in enumerate(cells) if not own[0].startswith(COMMENTS)), -1)
+    )
 
 
 def _without_mark(cells: list[str]) -> list[str]:
     """Return cells without the mark of a comment, which blanks may part from the first."""
-    bare = [cells[0].lstrip('# '), *cells[1:]]
+    bare = [cells[0].lstrip(''.join(COMMENTS) + ' '), *cells[1:]]
     return bare if bare[0] or cells[0] == '' else bare[1:]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -151,17 +152,21 @@ class ColumnBinding:
                 f"log '{self._path}': {len(columns)} columns may be the {quantity}: {listed(names)};"
                 f' write {parameter}'
             )
-        headings = [column.heading for column in self._all]
+        counts = Counter(column.heading for column in self._all)
+        headings = [c.heading if counts[c.heading] == 1 else f'#{c.place + 1}' for c in self._all]
         if source.column:
             near = did_you_mean(source.column, headings)
             raise BagError(
                 f"log '{self._path}' has no column '{source.column}' ({parameter}): it has"
                 f' {listed(headings)}{near}'
             )
+        example = (
+            f"{parameter}: '{headings[0]}'{' or another' * (len(headings) > 1)}" if headings else parameter
+        )
         remedy = f', or {bearing.name}.load.constant or .over_speed' if quantity == 'load' else ''
         raise BagError(
             f"log '{self._path}': no column is to be known as the {quantity} of {bearing.name} by"
-            f' its unit or its name: it has {listed(headings)}; write {parameter}{remedy}'
+            f' its unit or its name: it has {listed(headings)}; write {example}{remedy}'
         )
 
     def _rows_of(

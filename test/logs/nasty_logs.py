@@ -540,6 +540,16 @@ LOGS = {
         times=since(0, 1),
         load=[1500, 1600],
     ),
+    'LabVIEW LVM: a remark in the last column, decimal commas': Log(
+        'LabVIEW Measurement\t\nDate\t2026/04/13\n***End_of_Header***\t\t\t\nChannels\t2\t\t\n'
+        'Samples\t2\t2\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00,5\t10:00:00,5\t\nX_Dimension\tTime\tTime\t\nX0\t0,0\t0,0\t\n'
+        'Delta_X\t0,5\t0,5\t\n***End_of_Header***\t\t\t\nX_Value\tShaft speed [rpm]\tLoad [N]\tComment\n'
+        '0,0\t30,0\t900,0\t\n0,5\t31,0\t901,0\t\n',
+        times=since(0, 0.5),
+    ),
+    'MATLAB: the mark of a comment before the headings, and units': Log(
+        '% test 4\n% time rpm load\n% s rpm kN\n0 30 0.9\n1 31 0.901\n', times=since(0, 1)
+    ),
     'HOBO: units behind commas, the zone in the heading': Log(
         '\ufeff"Plot Title: Stern"\n"#","Date Time, GMT+02:00","Shaft Speed, RPM (LGR S/N: 2)",'
         '"Load, kN (LGR S/N: 2)","Stopped (LGR S/N: 2)"\n1,04/13/26 12:00:00 PM,30,1.5,\n'

@@ -70,6 +70,17 @@ def test_minutes_in_parts_leave_the_column_beside_them(tmp_path: Path) -> None:
     assert times_of(tmp_path, text)[0] == [ns(T0 + k * timedelta(minutes=1)) for k in range(90)]
 
 
+def test_days_between_the_ends_tell_month_and_day(tmp_path: Path) -> None:
+    """Head and tail, some 6,000 and 400 lines here, are of 1 May and of 6 June."""
+    first, last = (
+        [datetime(2026, m, d) + k * EVERY for k in range(n)] for m, d, n in ((5, 1, 12_000), (6, 5, 1000))
+    )
+    between = [datetime(2026, 5, day, 12) for day in range(2, 32)]
+    rows = ''.join(f'{time:%m/%d/%Y %H:%M:%S},30,900\n' for time in (*first, *between, *last))
+    times, question = times_of(tmp_path, f'time,rpm,load\n{rows}')
+    assert (times[-1], question) == (ns(last[-1].replace(tzinfo=timezone.utc)), '')
+
+
 @pytest.mark.parametrize('rate', [12, 24, 48, 96, 144, 288])
 @pytest.mark.parametrize('digits', [4, 6, 9])
 def test_a_rate_that_is_so_many_lines_a_day_is_asked(rate: int, digits: int, tmp_path: Path) -> None:

@@ -34,6 +34,10 @@ def times_and_values(recording: Recording, *names: str) -> list[tuple[list[int],
         'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,@6,901\n@2,32\n@3,33\n@4,34\n',
         'Time;rpm;Time;load\n13.04.2026 10:00:00;30;13.04.2026 10:00:04;900\n'
         '13.04.2026 10:00:01;31;13.04.2026 10:00:06;901\n',
+        # The names of a trend stand above its headings, over its times or its values.
+        'rpm;;load;\nTime;Value;Time;Value\n@0;30;@4;900\n@1;31;@6;901\n',
+        'Name of the tag:,rpm,,load\nTime,Value,Time,Value\n@0,30,@4,900\n@1,31,@6,901\n',
+        'rpm,,,load,,\nTime,Value,Quality,Time,Value,Quality\n@0,30,Good,@4,900,Good\n@1,31,Good,@6,901,Good\n',
         'Timestamp\trpm\tTimestamp\tload\n'
         '1776074400000\t30\t1776074404000\t900\n1776074401000\t31\t1776074406000\t901\n',
     ],
@@ -46,6 +50,17 @@ def test_each_value_has_the_time_beside_it(text: str, tmp_path: Path) -> None:
     assert speed_ns == after(*range(len(speed)))
     assert any('columns are times, each of the signals beside it' in text for text in recording.warnings)
     assert recording.losses == ()
+
+
+@pytest.mark.parametrize('name', ['Time', 'load Time'])
+def test_a_signal_that_begins_behind_the_head_has_its_own_time(name: str, tmp_path: Path) -> None:
+    """By the time of the other its values came an hour too early."""
+    first = ''.join(f'2026-04-13T10:{k // 60:02}:{k % 60:02}Z,30,,\n' for k in range(3000))
+    then = ''.join(f'2026-04-13T10:50:{k:02}Z,30,2026-04-13T11:50:{k:02}Z,900\n' for k in range(5))
+    padding = ''.join(f'2026-04-13T10:51:{k % 60:02}Z,30,,\n' for k in range(1000))
+    recording = opened(tmp_path, f'Time,rpm,{name},load\n{first}{then}{padding}')
+    ((load_ns, _),) = times_and_values(recording, 'load')
+    assert load_ns == after(*(6600 + k for k in range(5)))
 
 
 @pytest.mark.parametrize(
