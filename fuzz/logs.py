@@ -132,16 +132,17 @@ def parquets() -> list[bytes]:
     return found
 
 
-def _sentence(body: str) -> str:
+def sentence_of(body: str) -> str:
+    """Return a sentence of NMEA 0183 with its checksum."""
     return f'${body}*{functools.reduce(operator.xor, body.encode(), 0):02X}'
 
 
 def nmea_logs() -> list[bytes]:
     """Sentences with ISO times, with tag blocks, and with ZDA between them."""
-    own = [_sentence(f'ERRPM,S,1,{v},10.5,A') for v in _SPEEDS]
+    own = [sentence_of(f'ERRPM,S,1,{v},10.5,A') for v in _SPEEDS]
     iso = [f'{stamp} {line}' for stamp, line in zip(_STAMPS, own, strict=True)]
     tagged = [f'\\c:{(START + k * STEP) / 1e9:.1f}*00\\{line}' for k, line in enumerate(own)]
-    zda = [_sentence(f'GPZDA,06000{t:04.2f},04,05,2026,00,00') for t in _SECONDS]
+    zda = [sentence_of(f'GPZDA,06000{t:04.2f},04,05,2026,00,00') for t in _SECONDS]
     paired = [line for pair in zip(zda, own, strict=True) for line in pair]
     return ['\r\n'.join([*lines, '']).encode() for lines in (iso, tagged, paired)]
 
@@ -165,12 +166,14 @@ def signalk_logs() -> list[bytes]:
 
 def databases() -> list[bytes]:
     """Return recordings of small and of usual pages."""
-    return [_database(page) for page in (512, 4096)]
+    rows = [(START + k * STEP, k % 2 + 1, 30.0 + k) for k in range(2 * _COUNT)]
+    return [database_of(page, rows) for page in (512, 4096)]
 
 
-def _database(page: int) -> bytes:
+def database_of(page: int, rows: Sequence[tuple[int, int, float]]) -> bytes:
+    """Return a recording of pages of that size: log times [ns], numbers of topics from 1 on, and values."""
     with _folder_file() as path:
-        _fill(path, page)
+        _fill(path, page, rows)
         return path.read_bytes()
 
 
@@ -181,7 +184,7 @@ def _folder_file() -> Iterator[Path]:
         yield Path(folder) / 'database'
 
 
-def _fill(path: Path, page: int) -> None:
+def _fill(path: Path, page: int, rows: Sequence[tuple[int, int, float]]) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute(f'PRAGMA page_size={page}')
         database.executescript(_DATABASE)
@@ -189,11 +192,11 @@ def _fill(path: Path, page: int) -> None:
         database.executemany('INSERT INTO topics VALUES (?, ?, ?, ?)', topics)
         definition = FLOAT64, 'ros2msg', 'float64 data\n'
         database.execute('INSERT INTO message_definitions VALUES (?, ?, ?)', definition)
-        rows = [
-            (k + 1, k % 2 + 1, START + k * STEP, b'\0\1\0\0' + struct.pack('<d', 30.0 + k))
-            for k in range(2 * _COUNT)
+        messages = [
+            (k + 1, topic, time_ns, b'\0\1\0\0' + struct.pack('<d', value))
+            for k, (time_ns, topic, value) in enumerate(rows)
         ]
-        database.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+        database.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', messages)
         database.commit()
 
 
@@ -218,7 +221,7 @@ def change_sentence(rng: random.Random, data: bytes, sources: Sequence[bytes]) -
     lines = change_cell(rng, data, sources).decode('latin-1').split('\n')
     for k in range(len(lines)):
         if rng.random() < 0.9:
-            lines[k] = re.sub(r'\$(.*?)\*..', lambda m: _sentence(m[1]), lines[k])
+            lines[k] = re.sub(r'\$(.*?)\*..', lambda m: sentence_of(m[1]), lines[k])
     return '\n'.join(lines).encode('latin-1')
 
 

@@ -141,4 +141,5 @@ _WAYS: dict[str, tuple[_Way, ...]] = {
     'parquet': _BYTES,
     'nmea': (*_BYTES, *[change_sentence] * 6),
     'signalk': (*_BYTES, *[change_delta] * 6),
+    'canboat': (*_BYTES, *[change_delta] * 6),
 }

@@ -14,7 +14,8 @@ import pytest
 
 from fuzz.corpus import LARGE, ODD
 from fuzz.mutants import mutant
-from fuzz.run import CONFIG, MEGABYTES, SOURCES, judge
+from fuzz.run import CONFIG, MEGABYTES, SOURCES, check_voyage, judge, judge_voyage
+from fuzz.voyages import QUIET_RPM, STICKING_RPM, VOYAGES
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
@@ -91,6 +92,19 @@ def test_mutants_lose_nothing_without_a_word(kind: str, tmp_path: Path) -> None:
     for seed in range(40):
         path.write_bytes(mutant(seed, made, kind))
         assert judge(path) == '', f'seed {seed}'
+
+
+@pytest.mark.parametrize('kind', VOYAGES)
+def test_mutants_of_a_voyage_with_stick_slip_are_no_all_clear(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f'mutant.{kind}'
+    for speeds, code in ((QUIET_RPM, 0), (STICKING_RPM, 1)):
+        for data in VOYAGES[kind](speeds):
+            path.write_bytes(data)
+            assert check_voyage(path) == (code, '')
+    made = VOYAGES[kind](STICKING_RPM)
+    for seed in range(20):
+        path.write_bytes(mutant(seed, made, kind))
+        assert judge_voyage(path) == '', f'seed {seed}'
 
 
 @pytest.mark.parametrize(

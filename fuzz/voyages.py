@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A voyage with stick-slip in every format, and how much of it a mutant still holds.
+
+A mutant that holds the stick-slip and whose check is an all-clear has lost its warnings without a word.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import io
+import json
+import lzma
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import zstandard
+
+from fuzz.files import DEFINITIONS, START, TOPICS, Piece, file, message
+from fuzz.logs import database_of, sentence_of
+from fuzz.oracle import messages_of, rows_of
+
+_SECOND = 10**9
+_LOAD_N = 1000.0
+# Of 120 s the last 80 at 6 rpm, far below the fold of the reference bearing.
+STICKING_RPM = [60.0 + 0.01 * k if k < 40 else 6.0 + 0.001 * k for k in range(120)]
+_STICKS = range(40, 120)
+_STAMPS = [
+    datetime.fromtimestamp(START // _SECOND + k, timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
+    for k in range(120)
+]
+QUIET_RPM = [60.0 + 0.01 * k for k in range(120)]
+"""Speeds of the same voyage without stick-slip, whose check is an all-clear."""
+
+
+def _tables(speeds: Sequence[float]) -> list[bytes]:
+    wide = 'time,shaft speed [rpm],bearing load [N]\n' + ''.join(
+        f'{t},{v:.3f},{_LOAD_N}\n' for t, v in zip(_STAMPS, speeds, strict=True)
+    )
+    long = 'time,name,value,unit\n' + ''.join(
+        f'{t},shaft speed,{v:.3f},rpm\n{t},bearing load,{_LOAD_N},N\n'
+        for t, v in zip(_STAMPS, speeds, strict=True)
+    )
+    texts = wide, wide.replace(',', ';').replace('.', ','), long
+    plain = [text.encode() for text in texts]
+    packed = [gzip.compress(plain[0], mtime=0), zstandard.compress(plain[0]), lzma.compress(plain[0])]
+    return [*plain, *packed]
+
+
+def _parquets(speeds: Sequence[float]) -> list[bytes]:
+    times = pa.array([START + k * _SECOND for k in range(120)], pa.timestamp('ns', 'UTC'))
+    table = pa.table({'time': times, 'shaft speed [rpm]': speeds, 'bearing load [N]': [_LOAD_N] * 120})
+    found = []
+    for size in (120, 30):
+        out = io.BytesIO()
+        pq.write_table(table, out, row_group_size=size)
+        found.append(out.getvalue())
+    return found
+
+
+def _nmea_logs(speeds: Sequence[float]) -> list[bytes]:
+    bodies = [(f'ERRPM,S,1,{v:.3f},10.5,A', f'IIXDR,N,{_LOAD_N},N,bearing load') for v in speeds]
+    iso = [f'{t} {sentence_of(body)}' for t, pair in zip(_STAMPS, bodies, strict=True) for body in pair]
+    zda = [
+        sentence_of(body)
+        for t, pair in zip(_STAMPS, bodies, strict=True)
+        for body in (f'GPZDA,{t[11:13]}{t[14:16]}{t[17:19]}.00,{t[8:10]},{t[5:7]},{t[:4]},00,00', *pair)
+    ]
+    return ['\r\n'.join([*lines, '']).encode() for lines in (iso, zda)]
+
+
+def _signalk_logs(speeds: Sequence[float]) -> list[bytes]:
+    def delta(stamp: str, path: str, value: float) -> str:
+        update = {'$source': 'n2k.1', 'timestamp': stamp, 'values': [{'path': path, 'value': value}]}
+        return json.dumps({'context': 'vessels.self', 'updates': [update]})
+
+    lines = [
+        text
+        for t, v in zip(_STAMPS, speeds, strict=True)
+        for text in (
+            delta(t, 'propulsion.0.revolutions', round(v / 60, 6)),
+            delta(t, 'propulsion.0.bearing.load', _LOAD_N),
+        )
+    ]
+    return ['\n'.join([*lines, '']).encode()]
+
+
+def _canboat_logs(speeds: Sequence[float]) -> list[bytes]:
+    lines = [
+        json.dumps(
+            {
+                'timestamp': t,
+                'prio': 2,
+                'src': 16,
+                'dst': 255,
+                'pgn': 127488,
+                'description': 'Engine Parameters, Rapid Update',
+                'fields': {'Instance': 0, 'Speed': round(v, 3)},
+            }
+        )
+        for t, v in zip(_STAMPS, speeds, strict=True)
+    ]
+    return ['\n'.join([*lines, '']).encode()]
+
+
+def _databases(speeds: Sequence[float]) -> list[bytes]:
+    rows = [
+        (START + k * _SECOND, number, value)
+        for k, v in enumerate(speeds)
+        for number, value in ((1, v), (2, _LOAD_N))
+    ]
+    return [database_of(page, rows) for page in (512, 4096)]
+
+
+def _mcaps(speeds: Sequence[float]) -> list[bytes]:
+    records = [
+        message(number, START + k * _SECOND, value)
+        for k, v in enumerate(speeds)
+        for number, value in ((1, v), (2, _LOAD_N))
+    ]
+    return [
+        file(
+            [
+                Piece([*DEFINITIONS, *records[:80]], packing),
+                *(Piece(records[k : k + 40], packing) for k in (80, 120, 160, 200)),
+            ],
+            summary=summary,
+        )
+        for packing in ('', 'zstd', 'lz4')
+        for summary in (True, False)
+    ]
+
+
+VOYAGES: dict[str, Callable[[Sequence[float]], list[bytes]]] = {
+    'mcap': _mcaps,
+    'db3': _databases,
+    'csv': _tables,
+    'parquet': _parquets,
+    'nmea': _nmea_logs,
+    'signalk': _signalk_logs,
+    'canboat': _canboat_logs,
+}
+"""Makers of a voyage of 120 speeds [rpm], one a second, in several writings; by the ending of their names."""
+
+
+def sticking_share(path: Path, kind: str) -> float:
+    """Return how much of the stick-slip a mutant holds as it was written, from 0 to 1.
+
+    Another reader tells, or in a text the lines: 0 where its heading is not as it was.
+    """
+    data = path.read_bytes()
+    if kind in ('mcap', 'db3'):
+        samples = messages_of(data) if kind == 'mcap' else rows_of(path)
+        wanted = [
+            (topic, START + k * _SECOND, b'\0\1\0\0' + struct.pack('<d', value))
+            for k in _STICKS
+            for topic, value in zip(TOPICS, (STICKING_RPM[k], _LOAD_N), strict=True)
+        ]
+        return sum(sample in samples for sample in wanted) / len(wanted)
+    if kind == 'parquet':
+        return _share_of_parquet(data)
+    text = _unpacked(data)
+    return max(_share_of_lines(text, _unpacked(source)) for source in VOYAGES[kind](STICKING_RPM))
+
+
+def _share_of_parquet(data: bytes) -> float:
+    try:
+        table = pq.read_table(io.BytesIO(data))
+        columns = (table['time'].cast(pa.int64()), table['shaft speed [rpm]'], table['bearing load [N]'])
+        found = set(zip(*(column.to_pylist() for column in columns), strict=True))
+    except Exception:  # What it raises on damage is not ours to judge.
+        return 0.0
+    wanted = [(START + k * _SECOND, STICKING_RPM[k], _LOAD_N) for k in _STICKS]
+    return sum(row in found for row in wanted) / len(wanted)
+
+
+def _share_of_lines(text: bytes, source: bytes) -> float:
+    lines, known = Counter(text.splitlines()), source.splitlines()
+    has_heading = b'time' not in known[0] or text.splitlines()[:1] == known[:1]
+    wanted = known[-2 * len(known) // 3 :]
+    return sum(line in lines for line in wanted) / len(wanted) if has_heading else 0.0
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Return a text, of a packed one as much as can be unpacked."""
+    for magic, make in (
+        (b'\x1f\x8b', lambda: zlib.decompressobj(31).decompress),
+        (b'\x28\xb5', lambda: zstandard.ZstdDecompressor().decompressobj().decompress),
+        (b'\xfd7z', lambda: lzma.LZMADecompressor().decompress),
+    ):
+        if data.startswith(magic):
+            feed, parts = make(), list[bytes]()
+            with contextlib.suppress(Exception):  # Of a damaged one the rest is lost.
+                for k in range(0, len(data), 64):
+                    parts.append(feed(data[k : k + 64]))
+            return b''.join(parts)
+    return data
