@@ -401,17 +401,20 @@ def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
             break
     else:
         return data[0] if data else None
-    if _find_headings(rows[:k], width)[0]:
-        return k
-    # Numbers may stand above the headings, too: those of a preamble stand behind a word.
-    is_preamble, headed = True, False
+    # Numbers may stand above the headings, too: those of a preamble or a statistic stand behind a word.
+    is_headed, is_preamble, is_next = bool(_find_headings(rows[:k], width)[0]), True, False
     for n, row in enumerate(rows[k:], k):
         is_data = _is_data(row, decimal, width)
-        if headed and is_data:
+        if is_next and is_data:
             return n
+        if is_data:
+            is_timed = is_headed and any(is_stamp(cell) or is_time(cell) for cell in row)
+            is_preamble &= not _is_sound(row[0]) and not is_timed
+        if is_headed and not is_preamble:
+            break
         is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
-        headed |= is_words and (is_preamble or any(NAMED.search(parse_heading(cell).name) for cell in row))
-        is_preamble &= not is_data or not _is_sound(row[0])
+        has_time = is_words and any(NAMED.search(parse_heading(cell).name) for cell in row)
+        is_next |= has_time or (is_words and is_preamble and not is_headed)
     return k
 
 

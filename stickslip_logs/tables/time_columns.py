@@ -43,7 +43,10 @@ _DATES = (
     r'(?P<Y>\d{4})(?P<m>\d\d)(?P<d>\d\d)',
 )
 # ISO 8601 without separators, and names of files and exports: 20260504T060000Z, 20260504_060000.
-_COMPACT = _DATES[-1] + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?'
+_COMPACT = (
+    _DATES[-1]
+    + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,]?(?P<f>(?<=[.,])\d{1,9}|(?<=\d{14})\d{3}$)\d*)?'
+)
 _STAMPS = [
     *(re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES),
     re.compile(_COMPACT + _ZONE),
@@ -107,6 +110,8 @@ _PARTS_OF_DAYS, _HIGHEST_RATE = 1e-4, 300.0
 _EVERY, _EVERY_MINUTES = (10, 12, 15, 20, 30, 60, 120), (180, 300, 600, 900, 1200, 1800, 3600, 7200)
 # Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
 _WHOLE_SECOND = 0.05
+# So far apart without a unit, numbers are milliseconds as likely as seconds: of 100 Hz or of a slow log.
+_LEAST_GAP_OF_MILLISECONDS = 10.0
 # From this distance on days would be three hours and more, and seconds are likelier.
 _LEAST_GAP_OF_SECONDS = 0.125
 _MAX_ROWS = 500
@@ -114,6 +119,7 @@ _MOST_SHOWN = 60
 # Of the cells of a column of times more are times; of rows of parts of a date nearly all.
 _MOSTLY, _ALMOST_ALL = 0.5, 0.9
 _WHOLE = re.compile(r'[.,]0+$')
+_DIGITS_OF_DAY = re.compile(r'(?:[01]?\d|2[0-4])[0-5]\d[0-5]\d')
 _EMPTY = '', 'nan', 'null', 'none', '-'
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 
@@ -211,8 +217,7 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     shown = next((row[k] for row in rows for k in (*named, 0) if row[k].strip()), '')
     raise BagError(
         f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
-        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}', or their year, month,"
-        ' day, hour, minute and second in columns beside each other'
+        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MOST_SHOWN]}'"
     )
 
 
@@ -284,7 +289,7 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
     Seconds are one of them only where minutes alone do not tell the rows apart, or by their heading.
     """
     ends = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
-    for begin, count, day_count in itertools.product(range(len(table.names) - 2), (6, 5, 4, 3), (3, 2)):
+    for begin, count, day_count in itertools.product(range(len(table.names) - 2), (6, 5, 4, 3), (3, 2, 1)):
         columns = tuple(range(begin, begin + count))
         if columns[-1] >= len(table.names) or not ends:
             continue
@@ -313,13 +318,13 @@ def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
 
     Args:
         columns: The cells of each part.
-        day_count: How many of them are of the date: year, month and day, or year and day of the year.
+        day_count: How many of them are of the date: year, month and day, year and day of the year, or all.
     """
     texts = []
     for row in zip(*columns, strict=True):
         cells = [_WHOLE.sub('', cell.strip()) for cell in row]
         day, time = cells[:day_count], cells[day_count:]
-        if not any(len(cell) == 4 for cell in day):
+        if day_count > 1 and not any(len(cell) == 4 for cell in day):
             day = []
         if day_count == 2 and day:
             day[1] = day[1].zfill(3)
@@ -339,7 +344,38 @@ def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence
         pairs = [f'{row[k].strip()} {row[k + 1].strip()}' for row in rows if k + 1 < len(row)]
         if k + 1 in named and sum(map(is_stamp, pairs)) > _MOSTLY * len(rows):
             return _stamp_clock(table, rows, (k, k + 1))
+        if not _are_digits_of_day([row[k].strip() for row in rows]):
+            continue
+        dated = [f'{row[k - 1].strip()} {_with_colons(row[k])}' for row in rows] if k else []
+        if sum(map(is_stamp, dated)) <= _MOSTLY * len(rows):
+            clock = _time_of_day_clock(table, k)
+        else:
+            clock = _clock_of_layout((k - 1, k), StampLayout(dated))
+        return _with_digits_read(clock)
     return None
+
+
+def _with_digits_read(clock: Clock) -> Clock:
+    """Return a clock that reads times of the day of digits in its last column, as 060059."""
+    return replace(clock, read=lambda columns: clock.read([*columns[:-1], [*map(_with_colons, columns[-1])]]))
+
+
+def _are_digits_of_day(cells: Cells) -> bool:
+    """Return whether numbers are hours, minutes and seconds, as 60059 before 60100 is.
+
+    Their steps as times are then more alike than as numbers.
+    """
+    if not cells or not all(_DIGITS_OF_DAY.fullmatch(cell) for cell in cells):
+        return False
+    number = np.array([*map(int, cells)])
+    steps = np.diff(number), np.diff(number // 10_000 * 3600 + number // 100 % 100 * 60 + number % 100)
+    return len(cells) > 2 and bool(np.std(steps[1]) < np.std(steps[0]))
+
+
+def _with_colons(cell: str) -> str:
+    """Return digits of a time of the day as 06:00:59; another text is no such time."""
+    digits = cell.strip().zfill(6)
+    return f'{digits[:2]}:{digits[2:4]}:{digits[4:]}'
 
 
 def _clock_of_numbers(
@@ -366,10 +402,13 @@ def number_clock(table: TableColumns, rows: Sequence[Cells], k: int, *, is_named
     """Return the clock of a column of numbers; None where they do not look like times."""
     numbers = [_leading_number(row[k], table.decimal) for row in rows if k < len(row)]
     values = np.array([value for value in numbers if math.isfinite(value)])
+    if not values.size or values.size <= _MOSTLY * len(numbers) or np.abs(values).max() >= _MOST:
+        return None
     is_rising = bool((np.diff(values) >= 0).all() or (np.diff(values) <= 0).all())
-    has_unit = table.units[k] is not None
-    fits = is_named or (not has_unit and is_rising and np.unique(values).size > 0.5 * values.size)
-    if not values.size or not fits or values.size <= _MOSTLY * len(numbers):
+    # In a log of one value a line several names share a time; of seconds since 1970 that is known.
+    count = np.unique(values).size
+    is_fine = count > _MOSTLY * values.size or (count > 1 and values.min() > _SINCE[-1][0])
+    if not is_named and (table.units[k] is not None or not is_rising or not is_fine):
         return None
     factor, zero, remark, question = _meaning_of_numbers(*table.headings[k], values)
     if not is_named and zero == 0 and (np.diff(values) == 1.0).all():
@@ -417,7 +456,10 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
                 return SECOND, 0, doubt, question.format(f'{elapsed} or {name}')
             if may_be_days:
                 return *of_days, ''
-    return _UNITS.get(unit, SECOND), 0, elapsed, ''
+    question = ''
+    if not unit and _usual_gap(values) >= _LEAST_GAP_OF_MILLISECONDS:
+        question = "has times that may be s or ms since the start: head them 'time [s]' or 'time [ms]'"
+    return _UNITS.get(unit, SECOND), 0, elapsed, question
 
 
 def _unit_of_times(words: str, written: str | None) -> str:
@@ -464,7 +506,9 @@ def _leading_number(cell: str, decimal: str) -> float:
     number, _, rest = cell.strip().partition(' ')
     try:
         # What Python takes for digits, as in '1_000', is a word in a table.
-        return math.nan if rest[:1].isdigit() else float(number.replace(decimal, '.').replace('_', 'x'))
+        return (
+            math.nan if any(map(str.isdigit, rest)) else float(number.replace(decimal, '.').replace('_', 'x'))
+        )
     except ValueError:
         return math.nan
 

@@ -294,6 +294,12 @@ LOGS = {
     'a flag of validity': Log('time,speed,valid,load\n@0,30,0,900\n@1,31,1,901\n', speed=[NAN, 31]),
     'a flow Q beside': Log('time,speed,Q,load\n@0,30,100,900\n@1,31,200,901\n'),
     'ISO 8601 without separators': Log('time,speed,load\n20260413T100000Z,30,900\n20260413T100001Z,31,901\n'),
+    'digits alone, milliseconds behind': Log(
+        'time,speed,load\n20260413100000250,30,900\n20260413100001500,31,901\n', times=after(0.25, 1.5)
+    ),
+    'a statistic above the headings': Log(
+        'Statistic,speed,load\nMin,29,899\nMax,31,901\n\ntime,speed,load\n@0,30,900\n@1,31,901\n'
+    ),
     'fourteen digits': Log('time,speed,load\n20260413100000,30,900\n20260413100001,31,901\n'),
     'local time beside that of UTC': Log(
         'Local time,Time UTC,speed,load\n2026-04-13 18:00:00,~0,30,900\n2026-04-13 18:00:01,~1,31,901\n'

@@ -49,6 +49,7 @@ def times_of(tmp_path: Path, text: str) -> tuple[list[int], str]:
         ('day,month,year,hour,minute,second', '{0:%d,%m,%Y,%H,%M},{1}'),
         ('Year,Month,Day,Time', '{0:%Y,%m,%d,%H:%M:%S.%f}'),
         ('year,jday,hour,min,sec', '{0:%Y,%j,%H,%M},{1}'),
+        ('date,hour,min,sec', '{0:%d.%m.%Y},{0.hour},{0.minute},{1}'),
         ('n,year,month,day,hour,minute,second', '7,{0.year},{0.month},{0.day},{0.hour},{0.minute},{1}'),
     ],
 )
@@ -92,7 +93,41 @@ def test_a_rate_that_is_so_many_lines_a_day_is_asked(rate: int, digits: int, tmp
 @pytest.mark.parametrize('first', [0, 15_000])
 def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int, tmp_path: Path) -> None:
     text = 'time,rpm\n' + ''.join(f'{first + 3600 * k},{30 + k % 3}\n' for k in range(20))
-    assert times_of(tmp_path, text) == ([(first + 3600 * k) * 10**9 for k in range(20)], '')
+    assert times_of(tmp_path, text)[0] == [(first + 3600 * k) * 10**9 for k in range(20)]
+
+
+@pytest.mark.parametrize(
+    ('head', 'gap', 'asked'), [('time', 100, True), ('time [s]', 100, False), ('time', 5, False)]
+)
+def test_milliseconds_or_seconds_are_asked(head: str, gap: int, asked: bool, tmp_path: Path) -> None:
+    times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
+    assert times == ([k * gap * 10**9 for k in range(90)], times[1] if asked else '')
+    assert ('may be s or ms since the start' in times[1]) == asked
+
+
+@pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}'])
+@pytest.mark.parametrize('every', [EVERY, timedelta(seconds=20)])
+def test_digits_of_a_time_of_the_day_are_no_seconds(form: str, every: timedelta, tmp_path: Path) -> None:
+    """060059 is one second before 060100, not 41."""
+    since = [k * every // timedelta(microseconds=1) * 1000 for k in range(90)]
+    times, question = times_of(tmp_path, log_of('time', form.format, every))
+    assert ([time - times[0] for time in times], question) == (since, '')
+    dated = log_of('date,time', lambda t: f'{t:%d.%m.%Y},{form.format(t)}', every)
+    assert times_of(tmp_path, dated) == ([ns(T0) + time for time in since], '')
+
+
+@pytest.mark.parametrize('time', ['0 days 06:00:00', '14. Mai 2026 06:00:00', '4 of 90', '1e300'])
+def test_a_number_before_other_digits_is_no_time(time: str, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match=f"write times such as 2026-05-04T06:00:00Z, not as '{time}'"):
+        times_of(tmp_path, log_of('time', lambda _: time))
+
+
+def test_a_log_of_one_value_a_line_without_headings_has_its_seconds_since_1970(tmp_path: Path) -> None:
+    rows = ''.join(
+        f'{(T0 + k * EVERY).timestamp():.3f} rpm 30\n{(T0 + k * EVERY).timestamp():.3f} load 900\n'
+        for k in range(60)
+    )
+    assert times_of(tmp_path, rows) == ([ns(T0 + k * EVERY) for k in range(60)], '')
 
 
 def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
