@@ -52,6 +52,7 @@ _NAME = re.compile(
     r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
     r'|(?:sensor|parameter|entity) ?id'
 )
+_NINES = re.compile(r'-?(?=.*9.*9)9+(?:[.,]9+)?(?:[.,]?0*)')
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 _MOST_WORDS, _MOST_KINDS, _MOST_SHOWN = 6, 200, 20
@@ -90,6 +91,7 @@ class TableRecording(Recording):
     def __init__(self, path: Path) -> None:
         self.path, self.files = path, (path,)
         self.table = open_table(path)
+        self._ends: Sequence[Cells] = [*self.table.head, *self.table.tail]
         self._findings = Findings()
         for text in self.table.said:
             self._findings.note(text)
@@ -98,9 +100,9 @@ class TableRecording(Recording):
         self._begin_at_zero()
         self.names = self._long_columns()
         """The columns of names and of values of a table of one value a line, else None."""
-        order, ends = TimeOrder(), [*self.table.head, *self.table.tail]
+        order = TimeOrder()
         for number, clock in enumerate(self.table.clocks):
-            known, times = _drop_untimed(ends, clock)
+            known, times = _drop_untimed(self._ends, clock)
             if times.size:
                 order.add(times, np.full(times.size, number), np.arange(times.size))
         self._may_lack_names = self._are_names_apart(known)
@@ -116,8 +118,7 @@ class TableRecording(Recording):
 
     def _begin_at_zero(self) -> None:
         """Let times that begin before zero, or before 1970, count from the first one."""
-        ends = [*self.table.head, *self.table.tail]
-        times = np.concatenate([_drop_untimed(ends, clock)[1] for clock in self.table.clocks])
+        times = np.concatenate([_drop_untimed(self._ends, clock)[1] for clock in self.table.clocks])
         zero_ns = 0
         if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
             # A trigger's time before, and what spreadsheets make of a time of day.
@@ -194,12 +195,12 @@ class TableRecording(Recording):
 
     def quality(self, status: int) -> Callable[[str], bool] | None:
         """Return what tells the marks of a column by which numbers do not count; None for another column."""
-        rows = (*self.table.head, *self.table.tail)
-        return find_quality(self.table.names[status], {str(row[status]) for row in rows if len(row) > status})
+        marks = {str(row[status]) for row in self._ends if len(row) > status}
+        return find_quality(self.table.names[status], marks)
 
     def _all_rows(self, name: int) -> Iterator[Cells]:
         """Rows that have every name, with one row of each at least."""
-        yield from (row for row in (*self.table.head, *self.table.tail) if len(row) > name)
+        yield from (row for row in self._ends if len(row) > name)
         if self._may_lack_names or self.is_unordered:
             blank = [''] * len(self.table.names)
             yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._all_texts(name))
@@ -258,6 +259,21 @@ class TableRecording(Recording):
                     f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
                 )
 
+    def filler(self, column: LogColumn) -> float | None:
+        """Return a number of nines that comes again far from all others of a column; None where none does.
+
+        Loggers write -99 and the like where an instrument is silent.
+        """
+        cells = [str(row[column.place]).strip() for row in self._rows_of(column, self._ends)[0]]
+        fillers = Counter(cell for cell in cells if _NINES.fullmatch(cell))
+        for text, count in fillers.items():
+            others = self.table.numbers([cell for cell in cells if cell != text]).value
+            others = others[np.isfinite(others)]
+            value = float(self.table.numbers([text]).value[0])
+            if count > 1 and others.size > count and np.abs(others - value).min() > np.ptp(others):
+                return value
+        return None
+
     def interval(self, column: LogColumn) -> float:
         """Return the usual time between two numbers of a column [s]."""
         times = self._rows_of(column, self.table.head)[1]
@@ -299,9 +315,7 @@ class TableRecording(Recording):
             if not like:
                 near = did_you_mean(heading, self.table.names)
                 raise BagError(f"log '{self.path}' has no column '{heading}' to choose rows by{near}")
-            known = [
-                row[like[0]].strip() for row in (*self.table.head, *self.table.tail) if len(row) > like[0]
-            ]
+            known = [row[like[0]].strip() for row in self._ends if len(row) > like[0]]
             if not any(is_same_key(cell, text) for cell in set(known)):
                 known = [cell.strip() for cell in self._all_texts(like[0])]
             if not any(is_same_key(cell, text) for cell in set(known)):
@@ -316,7 +330,7 @@ class TableRecording(Recording):
         """Return the column by whose texts the rows of a column are of several things, and these; or None."""
         if self.is_sent:
             return None  # one sender is used, as live
-        rows, time_ns = self._rows_of(column, [*self.table.head, *self.table.tail])
+        rows, time_ns = self._rows_of(column, self._ends)
         names, status = self.table.names, self._status_of(column.place)
         taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
         taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from stickslip_logs.fields import signalk_source
-from stickslip_logs.tables.time_columns import is_stamp
+from stickslip_logs.tables.time_columns import is_stamp, is_time
 
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
@@ -82,7 +82,7 @@ def _time_before(head: str) -> str:
     # Behind the name of an instrument, perhaps: '05/04/2026,06:00:00.123,', 'shaft 2026:124:06:00:00.123'.
     own = head.strip(' ,;\t[]<>')
     candidates = (own, own.partition(' ')[2].strip()) if any(map(str.isdecimal, own)) else ()
-    return next((text for text in candidates if is_stamp(text)), '')
+    return next((text for text in candidates if is_stamp(text) or is_time(text)), '')
 
 
 def _own_time(kind: str, fields: Sequence[str]) -> str:

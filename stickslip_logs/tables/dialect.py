@@ -195,6 +195,11 @@ def sniff(path: Path, extent: Extent) -> Dialect:
     if text.lstrip().startswith('{'):
         remedy = _command_for_lines(path, first) or f'a package of ISO 19848 with {_JQ}'
         raise BagError(f"log '{path}' is JSON: write it as CSV; {remedy}")
+    if sum(bool(re.search(r'[$!][A-Z]{2}[A-Z]{3},[^*]*$', line)) for line in first) > 0.5 * len(first):
+        raise BagError(
+            f"log '{path}' has sentences of NMEA 0183 without checksums: record them with these, as a damaged"
+            ' one is known by nothing else'
+        )
     for form, remedy in _FRAMES.items():
         if sum(bool(re.match(form, line)) for line in first) > 0.5 * len(first):
             raise BagError(

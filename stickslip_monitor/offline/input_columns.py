@@ -160,8 +160,8 @@ class ColumnBinding:
                 f"log '{self._path}' has no column '{source.column}' ({parameter}): it has"
                 f' {listed(headings)}{near}'
             )
-        example = (
-            f"{parameter}: '{headings[0]}'{' or another' * (len(headings) > 1)}" if headings else parameter
+        example = next(
+            (f"{parameter}: '{name}' or another" for name in headings if name[:1] == '#'), parameter
         )
         remedy = f', or {bearing.name}.load.constant or .over_speed' if quantity == 'load' else ''
         raise BagError(
@@ -298,6 +298,12 @@ class ColumnBinding:
         if clock.question and clock.columns not in self._asked_clocks:
             self._asked_clocks.add(clock.columns)
             self._add_question(bearing, quantity, clock.question)
+        filler = self._log.filler(column)
+        if filler is not None and filler not in NO_VALUES:
+            clause = (
+                f'has {filler:g} far from all other values: leave these cells empty if it means that there is'
+            )
+            self._add_question(bearing, quantity, f'{clause} no value')
         if every > _SLOWEST and not source.hold_ns:
             clause = f'has a value each {every:.4g} s, which cannot judge what a shaft does in minutes: is'
             self._add_question(bearing, quantity, f'{clause} there a log with one each 10 s or less?')

@@ -699,6 +699,11 @@ LOGS = {
         '$IIRPM,S,1,31.0,,A*5C\n'
         '$IIXDR,N,901.0,N,LOAD*6E\n'
     ),
+    'NMEA 0183: times of the day alone': Log(
+        f'10:00:00.000 {sentence("IIRPM,S,0,30,,A")}\n10:00:00.000 {sentence("IIXDR,N,900,N,load")}\n'
+        f'10:00:01.000 {sentence("IIRPM,S,0,31,,A")}\n10:00:01.000 {sentence("IIXDR,N,901,N,load")}\n',
+        times=since(36000, 36001),
+    ),
     'NMEA 0183: times of two kinds': Log(
         '@0 $ERRPM,S,1,30,10.5,A*4E\n@0 $ERXDR,N,900,N,load*66\n'
         '@1 $ERRPM,S,1,31,10.5,A*4F\n@1 $ERXDR,N,901,N,load*67\n'

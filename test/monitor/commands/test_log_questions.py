@@ -23,6 +23,7 @@ HEAD = 'time,rpm,load [N]'
         (HEAD, '{1}', 1, 'may be s since the start or days of a spreadsheet'),
         (HEAD, '{2:.6f}', 1, 'may be days of a spreadsheet or s since the start'),
         ('No,rpm,load [N]', '{3}', 1, 'may number the lines only'),
+        (f'n,{HEAD}', '{3},{0:%Y-%m-%dT%H:%M:%SZ}', 1, ''),
         ('Date,Time,rpm,load [N]', '{:%Y-%m-%d,%H:%M}', 86_400, 'has a value each 8.64e+04 s'),
     ],
 )
@@ -40,3 +41,16 @@ def test_a_question_about_times_is_no_all_clear(
         questions = [line for line in questions if 'which cannot judge' not in line]
     assert any(asked in line for line in questions) if asked else not questions
     assert result.code == int(bool(asked) or every > 1)
+
+
+@pytest.mark.parametrize(('filler', 'code'), [('-99', 1), ('-9999', 0)])
+def test_a_filler_that_is_not_known_is_asked(
+    filler: str, code: int, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    """-99 rpm are turns astern; -9999 means no value wherever it comes."""
+    rows = (f'{k},{filler if k % 20 == 7 else 80},{900 + k % 3}\n' for k in range(60))
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time [s],rpm,load [N]\n' + ''.join(rows))
+    result = stickslip('check', path, '--config', CONFIG)
+    assert result.code == code
+    assert ('has -99 far from all other values' in result.out) == (code == 1)
