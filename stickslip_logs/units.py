@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """A unit of a quantity: ``SI value = number * factor / divisor``.
+    """A unit of a quantity: ``SI value = number * factor / divisor + zero``.
 
     A unit of turning gives, of a journal of 1 m diameter, the surface speed [m/s].
     """
@@ -25,6 +25,7 @@ class Unit(NamedTuple):
     # As logs write it too, but something else where no word of the quantity stands beside it.
     beside_quantity: str = ''
     divisor: float = 1.0
+    zero: float = 0.0  # the SI value of 0
 
 
 UNITS = (
@@ -58,6 +59,11 @@ UNITS = (
     Unit('pressure', 'MPa', 1e6),
     Unit('voltage', 'V', 1.0, 'v'),
     Unit('ratio', 'dB', 1.0, 'db'),
+    Unit('temperature', 'C', 1.0, beside_quantity='C °C ℃ degC degc Celsius celsius', zero=273.15),
+    Unit('temperature', 'K', 1.0, beside_quantity='K degK Kelvin kelvin'),
+    Unit(
+        'temperature', 'F', 5.0, beside_quantity='F °F ℉ degF degf Fahrenheit', divisor=9.0, zero=459.67 / 1.8
+    ),
 )
 # Between the parts of a unit, as in 'm s^-1' and 'm⋅s-1'.
 _JOINERS = dict.fromkeys(map(ord, '^·⋅'))
@@ -80,16 +86,31 @@ def factors_of(*names: str) -> dict[str, float]:
     return {name: _BY_NAME[name].factor / _BY_NAME[name].divisor for name in names}
 
 
-def conversion(name: str, target: str) -> float | None:
-    """Return how many of another unit one of a unit is; None where they measure different quantities.
+def affine_conversion(name: str, target: str) -> tuple[float, float] | None:
+    """Return by what to multiply a number in one unit, and what to add then, to have it in another unit.
 
-    >>> conversion('kN', 'N')
-    1000.0
+    None where the units measure different quantities.
+
+    >>> affine_conversion('kN', 'N')
+    (1000.0, 0.0)
+    >>> affine_conversion('C', 'K')
+    (1.0, 273.15)
     """
     source, to = _BY_NAME.get(name), _BY_NAME.get(target)
     if source is None or to is None or source.quantity != to.quantity:
         return None
-    return source.factor * to.divisor / (source.divisor * to.factor)
+    ratio = source.factor * to.divisor / (source.divisor * to.factor)
+    return ratio, (source.zero - to.zero) * to.divisor / to.factor
+
+
+def conversion(name: str, target: str) -> float | None:
+    """Return how many of another unit one of a unit is; None where no factor alone converts them.
+
+    >>> conversion('kN', 'N')
+    1000.0
+    """
+    ratio, shift = affine_conversion(name, target) or (None, 0.0)
+    return ratio if shift == 0.0 else None
 
 
 def turning_factor(name: str, diameter: float) -> float:

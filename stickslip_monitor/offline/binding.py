@@ -24,7 +24,7 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
         BagError: It is not to be told which part of the recording an input is.
     """
     if isinstance(bag, TableRecording):
-        return _by_columns(bag, config)
+        return _bind_columns(bag, config)
     absent: dict[tuple[str, str], str] = {}
     bearings = []
     for bearing in config.bearings:
@@ -39,11 +39,11 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
     return Bound(replace(config, bearings=tuple(bearings)), absent)
 
 
-def _by_columns(log: TableRecording, config: MonitorConfig) -> Bound:
+def _bind_columns(log: TableRecording, config: MonitorConfig) -> Bound:
     """Bind the inputs of a configuration to columns of a log, note guesses, and request the columns."""
     binding = ColumnBinding(log)
     bound = binding.bind(config)
-    for text in binding.said:
+    for text in binding.remarks:
         log.note(text)
     log.deliver(binding.columns)
     return bound

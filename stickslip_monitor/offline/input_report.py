@@ -14,7 +14,7 @@ import numpy as np
 from stickslip_logs.recordings.recording import Fault, Recording, Series
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.configuration import FACTOR, questions
+from stickslip_monitor.monitor.configuration import questions
 from stickslip_monitor.monitor.input_faults import (
     MOSTLY,
     InputFacts,
@@ -51,6 +51,11 @@ _STANDS = 10.0
 """A run of messages with one time that is so many times the usual one shows a clock that stands."""
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
+FAR_ABOVE = 20.0
+"""Speeds never below so many times the fold speed look like another unit: ships serve at 2 to 15 times,
+and rpm taken for rad/s are 9.5 times as many, for Hz 60 times."""
+FAR_BELOW = 0.2
+"""Speeds never above this share of the fold speed look like another unit: ships serve above it."""
 APART = 100.0
 """Two levels of a load so far apart, and nothing between, are no bearing's: its unit was changed."""
 _SHARE = 0.05  # of the values of a turning shaft that is worth a question
@@ -364,11 +369,11 @@ class Plausibility:
             self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
             turns &= load > 0.0
         self._loads += _by_size(load if turns.all() else load[turns])
-        if self._most < 1.0 / FACTOR and turns.any():
+        if self._most < FAR_BELOW and turns.any():
             rows = np.flatnonzero(turns)
             # As a rule the fastest is fast enough, and no more is to be worked out.
             for chosen in (rows[speed[rows].argmax()][None], rows):
-                if self._most < 1.0 / FACTOR:
+                if self._most < FAR_BELOW:
                     ratio = speed[chosen] / limit(chosen)
                     self._most = max(self._most, float(np.where(np.isnan(ratio), np.inf, ratio).max()))
 
@@ -400,9 +405,9 @@ class Plausibility:
     def _distance_questions(self, nearest: float) -> list[str]:
         """Ask about units where the points of a turning shaft are all far from the boundary."""
         question = 'are units, scales and topics of speed and load right?'
-        if FACTOR < nearest < math.inf:
+        if FAR_ABOVE < nearest < math.inf:
             return [f'is never below {nearest:.3g} times the fold speed: {question}']
-        if self._most < 1.0 / FACTOR:
+        if self._most < FAR_BELOW:
             return [f'is never above {self._most:.2g} times the fold speed: {question}']
         return []
 

@@ -8,7 +8,15 @@ from collections import Counter
 
 import pytest
 
-from stickslip_logs.units import UNITS, conversion, factors_of, find_unit, names_of, turning_factor
+from stickslip_logs.units import (
+    UNITS,
+    affine_conversion,
+    conversion,
+    factors_of,
+    find_unit,
+    names_of,
+    turning_factor,
+)
 
 
 def test_factors_are_those_of_the_si_brochure() -> None:
@@ -61,3 +69,25 @@ def test_units_are_converted_within_a_quantity_only() -> None:
     assert conversion('rpm', 'rad/s') == pytest.approx(math.tau / 60.0, rel=1e-15)
     assert conversion('N', 'kN') == 1e-3
     assert [conversion('N', 'rpm'), conversion('', 'N'), conversion('kip', 'N')] == [None, None, None]
+
+
+@pytest.mark.parametrize(('celsius', 'fahrenheit', 'kelvin'), [(0.0, 32.0, 273.15), (100.0, 212.0, 373.15)])
+def test_water_freezes_and_boils_on_every_scale(celsius: float, fahrenheit: float, kelvin: float) -> None:
+    """A factor alone converts none of them to another."""
+    known = {'C': celsius, 'F': fahrenheit, 'K': kelvin}
+    for name, value in known.items():
+        for target, expected in known.items():
+            ratio, shift = affine_conversion(name, target) or (math.nan, math.nan)
+            assert value * ratio + shift == pytest.approx(expected, abs=1e-10)
+            assert (conversion(name, target) is None) == (name != target)
+
+
+def test_a_letter_is_a_temperature_only_beside_one() -> None:
+    """C may be coulombs, K a thousand, F farads."""
+    assert [find_unit(text) for text in ('[C]', 'K', 'F')] == [None, None, None]
+    assert [getattr(find_unit(text, 'temperature'), 'name', None) for text in ('[C]', '°C', 'K', 'degF')] == [
+        'C',
+        'C',
+        'K',
+        'F',
+    ]

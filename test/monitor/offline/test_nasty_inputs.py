@@ -20,6 +20,7 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
 from stickslip_monitor.monitor.parameters import InputConfig
 from stickslip_monitor.offline.binding import bind
+from stickslip_monitor.offline.check import check_recording
 
 CONFIG = Path(__file__).resolve().parents[3] / 'launch_configs/reference_bearing.yaml'
 
@@ -159,6 +160,53 @@ def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
     assert asked == {
         ('aft_stern', 'load'): "is column 'Load [klbf]' in N, and its heading says 'klbf': is that right?"
     }
+
+
+@pytest.mark.parametrize(
+    ('heading', 'of_10_degrees', 'unit'),
+    [
+        ('Sea water [degC]', 10.0, 'C'),
+        ('Sea water (°F)', 50.0, 'C'),
+        ('Sea water [K]', 283.15, 'C'),
+        ('Sea water, °C', 10.0, 'K'),
+        ('sea_water_degF', 50.0, 'K'),
+    ],
+)
+def test_water_is_taken_in_the_unit_of_its_heading(
+    heading: str, of_10_degrees: float, unit: str, tmp_path: Path
+) -> None:
+    """10 C are 50 F and 283.15 K."""
+    config = tmp_path / 'ship.yaml'
+    text = CONFIG.read_text().replace('decay: 10.0}', 'decay: 10.0, at_temperature: 15.0}')
+    config.write_text(
+        text.replace(
+            '      alarm:', f'      water_temperature: {{column: "{heading}", unit: {unit}}}\n      alarm:'
+        )
+    )
+    lines = [f'{t},120,900,{of_10_degrees}' for t in range(60)]
+    (tmp_path / 'voyage.csv').write_text('\n'.join([f'time,rpm,load [N],"{heading}"', *lines, '']))
+    (bearing,) = check_recording(tmp_path / 'voyage.csv', load_config(config)).bearings.values()
+    water = bearing.inputs[-1]
+    assert (water.quantity, water.used, water.questions) == ('water_temperature', 60, ())
+    assert water.si_span == pytest.approx((10.0, 10.0), abs=1e-9)
+
+
+def test_a_level_is_taken_in_the_unit_of_its_heading(tmp_path: Path) -> None:
+    """Standard gravity is 9.80665 m/s^2 by definition."""
+    config = tmp_path / 'ship.yaml'
+    level = "      level: {column: 'Lining [g]', unit: m/s^2}\n      alarm:"
+    config.write_text(CONFIG.read_text().replace('      alarm:', level))
+    recording = opened(tmp_path, 'time,rpm,load [N],Lining [g]\n0,30,900,2\n1,31,900,3\n')
+    request = Request(bound_inputs(recording, config)['level'].topic, 'data')
+    assert recording.read([request])[request].value == pytest.approx([19.6133, 29.41995])
+
+
+def test_a_shaft_that_is_named_after_its_side_is_not_asked_about(tmp_path: Path) -> None:
+    config = tmp_path / 'ship.yaml'
+    config.write_text(CONFIG.read_text().replace('aft_stern', 'port'))
+    recording = opened(tmp_path, 'time,Port Shaft RPM,Stbd Shaft RPM,load [N]\n0,30,60,900\n1,31,60,901\n')
+    bound = bind(recording, load_config(config))
+    assert (bound.absent, bound.questions) == ({}, {})
 
 
 def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
