@@ -12,8 +12,8 @@ from shared import CONFIG, ROOT
 
 from stickslip_lab.friction.curve_file import read_curve
 from stickslip_lab.scenes.scene import load_scene
-from stickslip_logs.recordings.archive import find_bags
-from stickslip_logs.recordings.reader import open_bag, read_metadata
+from stickslip_logs.recordings.folders import find_bags, read_metadata
+from stickslip_logs.recordings.reader import open_bag
 from stickslip_monitor import cli
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError
 from stickslip_monitor.monitor.parameter_file import load_config

@@ -26,10 +26,12 @@ _HEAD, _TAIL, _PIECE = 1 << 18, 1 << 14, 1 << 20
 _BEGIN = 4096
 # A line without an end is given in pieces of this length, so that none takes the memory.
 _LONGEST_LINE = 1 << 20
+# What is unpacked at a time: 512 bytes hold 128 blocks at most, of 128 KiB each [bytes].
+_FEED = 512
 GZIP, ZSTD = b'\x1f\x8b', b'\x28\xb5\x2f\xfd'
 _UNPACK: dict[bytes, Callable[[Any], Any]] = {
     GZIP: gzip.open,
-    ZSTD: lambda file: zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True),
+    ZSTD: lambda file: io.BufferedReader(_ZstdFile(file)),
     b'BZh': bz2.open,
     b'\xfd7zXZ\0': lzma.open,
 }
@@ -41,6 +43,44 @@ _FRAMES = '\x02\x03\x04\x1a\ufeff'
 _FRAME_BYTES = b'\0', b'\x02', b'\x03', b'\x04', b'\x1a', BOM_UTF8, b'\xff\xfe', b'\xfe\xff'
 BROKEN = (EOFError, OSError, zlib.error, lzma.LZMAError, zstandard.ZstdError)
 """Errors of a file that cannot be read or unpacked."""
+
+
+class _ZstdFile(io.RawIOBase):
+    """Unpacks the frames of a file; unlike the reader of ``zstandard`` it notices that the last is truncated.
+
+    Raises:
+        EOFError: The file ends inside a frame.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self._frame: Any = None
+        self._packed, self._unpacked = b'', memoryview(b'')
+
+    def readable(self) -> bool:
+        """Return True: it is only read."""
+        return True
+
+    def close(self) -> None:
+        """Close the packed file too."""
+        self._file.close()
+        super().close()
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer, perhaps not all of it; return the number of bytes, 0 at the end of the file."""
+        while not self._unpacked:
+            self._packed = self._packed or self._file.read(_FEED)
+            if not self._packed:
+                if self._frame is not None:
+                    raise EOFError('the packed file ends in the middle')
+                return 0
+            self._frame = self._frame or zstandard.ZstdDecompressor().decompressobj()
+            self._unpacked, self._packed = memoryview(self._frame.decompress(self._packed)), b''
+            if self._frame.eof:
+                self._packed, self._frame = self._frame.unused_data, None
+        count = min(len(buffer), len(self._unpacked))
+        buffer[:count], self._unpacked = self._unpacked[:count], self._unpacked[count:]
+        return count
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +101,7 @@ class Extent:
     problem: str
 
 
-def opened(path: Path) -> IO[bytes]:
+def opened(path: Path) -> Any:
     """Open a file for its bytes, unpacked where it is packed by gzip, zstd, bzip2 or xz.
 
     Raises:
@@ -70,19 +110,16 @@ def opened(path: Path) -> IO[bytes]:
     file = open_file(path)
     begin = file.read(max(map(len, PACKED)))
     file.seek(0)
-    unpacked: IO[bytes] = next(
-        (opener(file) for magic, opener in _UNPACK.items() if begin.startswith(magic)), file
-    )
-    return unpacked
+    return next((opener(file) for magic, opener in _UNPACK.items() if begin.startswith(magic)), file)
 
 
 def unpacked_begin(path: Path) -> bytes:
     """Return the first bytes of a packed file; fewer where it is damaged."""
-    try:
-        with opened(path) as file:
-            return file.read(_BEGIN)
-    except BROKEN:
-        return b''
+    begin = b''
+    with contextlib.suppress(*BROKEN), opened(path) as file:
+        while len(begin) < _BEGIN and (piece := file.read1(_BEGIN - len(begin))):
+            begin += piece
+    return begin
 
 
 def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
@@ -97,7 +134,8 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
     head, tail, lines, size, zeros, problem, last, is_plain = b'', b'', 0, 0, 0, '', b'', True
     try:
         with opened(path) as file:
-            while piece := file.read(_PIECE):
+            # One read of the file below at a time: what comes before its end is kept.
+            while piece := file.read1(_PIECE):
                 head += piece[: _HEAD - len(head)]
                 tail = (tail + piece)[-_TAIL:] if size + len(piece) > _HEAD else b''
                 lines, zeros = lines + piece.count(b'\n'), zeros + piece.count(b'\0')

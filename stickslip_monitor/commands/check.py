@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
                 f'--{option} does not go with --scheduler: it is for bags checked on this machine'
             )
     # Not needed for help or a wrong option, and it takes most of the time to start.
-    from stickslip_logs.recordings.archive import find_bags
+    from stickslip_logs.recordings.folders import find_bags
     from stickslip_logs.recordings.reader import spooled
 
     with output.ProgressBar() as meter:
@@ -184,7 +184,7 @@ def _advice_text(config: MonitorConfig) -> str:
 
 
 def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
-    from stickslip_logs.recordings.archive import left_out
+    from stickslip_logs.recordings.folders import left_out
 
     config = options.chosen(args)
     if args.mcap is not None:

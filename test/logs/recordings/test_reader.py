@@ -6,6 +6,8 @@ from __future__ import annotations
 import gc
 import gzip
 import io
+import lzma
+import random
 import sqlite3
 import struct
 import unicodedata
@@ -20,8 +22,9 @@ import zstandard
 from made_logs import record
 from mcap.writer import Writer
 
+from fuzz.files import DEFINITIONS, Piece, file, messages
 from stickslip_logs.errors import BagError
-from stickslip_logs.recordings.archive import find_bags
+from stickslip_logs.recordings.folders import find_bags
 from stickslip_logs.recordings.mcap_chunks import MAGIC
 from stickslip_logs.recordings.reader import open_bag, spooled
 from stickslip_logs.recordings.recording import Request, TopicInfo
@@ -187,7 +190,7 @@ def test_a_file_with_nothing_to_read_yet_is_named(tmp_path: Path, monkeypatch: p
             return None
 
     (tmp_path / 'log').touch()
-    monkeypatch.setattr('stickslip_logs.recordings.reader.open_file', lambda path: Waiting())
+    monkeypatch.setattr('stickslip_logs.recordings.file_kind.open_file', lambda path: Waiting())
     with pytest.raises(BagError, match="log' cannot be read: it has nothing to read yet"):
         open_bag(tmp_path / 'log')
 
@@ -347,6 +350,33 @@ CONVERT = "convert it with 'ros2 bag convert' first"
             lambda path: path.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(88)),
             "'{}' is an HDF5 file: export it as CSV or Parquet",
         ),
+        *(
+            (lambda path, data=data: path.write_bytes(data), text)
+            for data, text in (
+                (
+                    b'--\n-- PostgreSQL database dump\n--\n',
+                    "'{0}' is a dump of PostgreSQL: load it (psql NEW -f {0})",
+                ),
+                (
+                    b'-- MySQL dump 10.13\n-- Host: db\n',
+                    "'{0}' is a dump of MySQL: load it (mysql NEW < {0})",
+                ),
+                (
+                    gzip.compress(b'PRAGMA foreign_keys=OFF;\nBEGIN;\n'),
+                    "'{0}' is a dump of SQLite: load it (sqlite3",
+                ),
+                (
+                    b'shaft,side=port rpm=30.1,load=900i 1780000000000000000\n' * 3,
+                    "'{0}' is lines of InfluxDB: write them as CSV: influx -database NAME -execute"
+                    ' \'SELECT * FROM "shaft"\'',
+                ),
+                (
+                    b'\x10\x02\x93\x13\x02\x01\xf8\x09\xff\x10\x03\x10\x02',
+                    "'{0}' has frames of NMEA 2000 of an Actisense gateway: convert it with canboat:"
+                    ' actisense-serial -r {0}',
+                ),
+            )
+        ),
         (lambda path: path.write_bytes(gzip.compress(MAGIC)), "'{}' is a packed recording: unpack it first"),
         # A frame of which the first block has not come whole.
         (
@@ -462,3 +492,32 @@ def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     asked = [tmp_path / 'nowhere', tmp_path / 'empty']
     assert find_bags(asked) == asked
+
+
+@pytest.mark.parametrize('pack', [gzip.compress, zstandard.compress, lzma.compress])
+def test_a_truncated_packed_log_is_read_as_far_as_it_goes(
+    pack: Callable[[bytes], bytes], tmp_path: Path
+) -> None:
+    path, rng = tmp_path / 'log', random.Random(1)
+    lines = [f'{k},{rng.random():.9f}\n' for k in range(20_000)]
+    whole = pack(('time,speed\n' + ''.join(lines)).encode())
+    for data, is_whole in ((whole, True), (whole[: len(whole) * 2 // 3], False), (whole * 2, True)):
+        path.write_bytes(data)
+        recording = open_bag(path)
+        (series,) = recording.read([Request('speed', 'data')]).values()
+        count = min(series.value.size, len(lines))
+        assert (count == len(lines)) == is_whole
+        assert count > len(lines) // 4
+        assert series.value[:count].tolist() == [float(line.split(',')[1]) for line in lines[:count]]
+        assert any('the file is cut or damaged' in text for text in recording.losses) != is_whole
+
+
+def test_a_truncated_packed_recording_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap.zstd'
+    whole = zstandard.compress(file([Piece([*DEFINITIONS, *messages(0, 9000)], is_bare=True)]))
+    path.write_bytes(whole)
+    assert open_bag(path).message_count == 9000
+    assert not open_bag(path).losses
+    path.write_bytes(whole[:-4])  # of the last block
+    assert 0 < open_bag(path).message_count < 9000
+    assert 'is truncated: what could be unpacked of it was read' in ' '.join(open_bag(path).losses)

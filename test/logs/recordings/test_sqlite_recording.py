@@ -14,7 +14,7 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from stickslip_logs.recordings.archive import find_bags
+from stickslip_logs.recordings.folders import find_bags
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, Stickslip, until
 
-from stickslip_logs.recordings.archive import find_bags, left_out
+from stickslip_logs.recordings.folders import find_bags, left_out
 
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')

@@ -17,7 +17,7 @@ import zstandard
 from made_logs import record
 from nasty_logs import sentence
 
-from stickslip_logs.recordings.archive import find_bags, left_out
+from stickslip_logs.recordings.folders import find_bags, left_out
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording

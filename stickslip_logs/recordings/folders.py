@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finds recordings and logs in folders, the files of one recording, and those that are not checked.
+
+A file is what its content says; only the name of an MCAP, SQLite, CSV or Parquet file says it alone.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.files import near_name, read_file
+from stickslip_logs.recordings import file_kind
+from stickslip_logs.recordings.file_kind import (
+    NUMBERED_PART,
+    compose_letters,
+    find_stored_path,
+    has_recording_name,
+    has_sqlite_name,
+    has_table_name,
+    natural_sort_key,
+    read_begin,
+    read_content,
+    recording_name_of,
+)
+from stickslip_logs.recordings.mcap_file import McapFile, scan_file
+from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, MOST_NAMED, Findings
+from stickslip_logs.tables.table import is_number_table
+from stickslip_logs.tables.text_file import ZSTD
+
+# Parts of one recording lap over by less than that, and are not further apart [ns].
+_OVERLAP_NS, _APART_NS = 10**9, 3600 * 10**9
+# Of metadata: ten thousand topics or files [bytes].
+_LARGEST = 8 << 20
+_DEEPEST = 30
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_NOT_METADATA = (
+    yaml.YAMLError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)
+_DATE = re.compile(r'\d{4}[-_]?\d\d[-_]?\d\d$')
+_RECORDING, _LOG, _OTHER, _EXCLUDED = 'recording', 'log', 'other', 'excluded'
+# Documents and pictures, by their first bytes: no data for a check.
+_DOCUMENTS = (
+    *(b'%PDF', b'%!PS', b'{\\rtf', b'<!', b'<?xml', b'<html', b'<svg', b'#!', b'\x7fELF'),
+    *(b'\x89PNG', b'\xff\xd8\xff', b'GIF8', b'II*\0', b'MM\0*', b'RIFF'),
+)
+_TIMES = re.compile(rb'\d+(?:[-/.:]\d+){2,}\S*')
+_NUMBERS = re.compile(rb'(?<![\w.])[-+]?\d+(?:[.,]\d+)?(?!\w)')
+# The schema of a bag stands in the first page of its database.
+_BAG_SCHEMA = b'topic_id'
+
+
+def find_bags(paths: Iterable[str | Path]) -> list[Path]:
+    """Find the recordings that are meant by some paths.
+
+    Args:
+        paths: Files, rosbag2 folders, and folders that hold such at any depth. Files of a folder
+            without ``metadata.yaml`` are recordings of their own, unless all are numbered as
+            rosbag2 numbers the files of one, and follow on in time. Logs are meant where a folder
+            has nothing else.
+
+    Returns:
+        Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
+        path under which there is none, and a folder that cannot be read, stay as they are:
+        opening them says why.
+    """
+    bags: dict[Path, Path] = {}
+    for path in map(find_stored_path, map(Path, paths)):
+        for bag in _find_within(path) or [path]:
+            bags.setdefault(Path(os.path.realpath(bag)), bag)
+    return list(bags.values())
+
+
+def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
+    """Return a sentence on the files under some paths that are data and not among what is found.
+
+    Args:
+        paths: Files and folders that are to be checked.
+        found: What is checked, and what is read for another purpose.
+
+    Returns:
+        The sentence; empty where everything else is excluded by a rule: hidden and empty files,
+        documents, pictures, programs, and texts without lines of numbers.
+    """
+    checked = {os.path.realpath(path) for path in found}
+    unread = {
+        folder / name
+        for path in map(Path, paths)
+        for folder, names in _walk_folders(path, [])
+        for name in names
+        if _kind_of(folder / name) in (_LOG, _OTHER)
+    }
+    listed = sorted(str(file) for file in unread if os.path.realpath(file) not in checked)
+    if not listed:
+        return ''
+    named = ', '.join(f"'{file}'" for file in listed[:MOST_NAMED]) + ', ...' * (len(listed) > MOST_NAMED)
+    return f'{plural(len(listed), "file")} not checked (name one to check it, or to see why not): {named}'
+
+
+def _find_within(path: Path) -> list[Path]:
+    """Return the recordings below a folder, or else its logs; a file as it is."""
+    # Path.is_dir raises where a link leads through a folder that is closed.
+    if not os.path.isdir(path):  # noqa: PTH112
+        return [path]
+    closed, recordings, logs = list[Path](), list[Path](), list[Path]()
+    for folder, names in _walk_folders(path, closed):
+        kinds = {name: _kind_of(folder / name) for name in names}
+        loose = [name for name, kind in kinds.items() if kind == _RECORDING]
+        recordings += _group_parts(folder, loose, has_metadata=METADATA_NAME in names)
+        logs += [folder / name for name, kind in kinds.items() if kind == _LOG]
+    return sorted(
+        [*recordings, *closed] or logs, key=lambda bag: [natural_sort_key(part) for part in bag.parts]
+    )
+
+
+def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
+    """Yield each folder below one with the names of its files; note the folders that cannot be read."""
+    for where, folders, files in os.walk(folder, onerror=lambda error: closed.append(Path(error.filename))):
+        # Drafts of recordings that are being written begin with a dot.
+        folders[:] = [name for name in folders if not name.startswith('.')]
+        subfolder = Path(where)
+        # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
+        # stays: whoever reads it says so.
+        names = [name for name in files if not name.startswith('.') and _is_file_or_link(subfolder / name)]
+        yield subfolder, names
+
+
+def _is_file_or_link(path: Path) -> bool:
+    return os.path.isfile(path) or os.path.islink(path)  # noqa: PTH113, PTH114
+
+
+def _kind_of(path: Path) -> str:
+    """Return whether a file is a recording, a log, excluded from a check, or something else."""
+    if has_recording_name(path.name):
+        return _RECORDING
+    if has_table_name(path.name):
+        return _LOG
+    if path.name == METADATA_NAME:
+        return _EXCLUDED
+    try:
+        status = path.stat()
+    except OSError:
+        return _OTHER
+    return _kind_by_content(path, status.st_size, status.st_mtime_ns) if status.st_size else _EXCLUDED
+
+
+@functools.lru_cache(
+    maxsize=1 << 16
+)  # what is checked and what is left out are asked for one after the other
+def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
+    del size, changed_ns  # they tell a file from one that had its name before
+    try:
+        kind, begin = read_content(path)
+    except BagError:
+        return _OTHER
+    if kind == file_kind.MCAP:
+        return _RECORDING
+    if kind == file_kind.SQLITE:
+        return _RECORDING if _BAG_SCHEMA in begin else _OTHER
+    if begin.lstrip().startswith(_DOCUMENTS):
+        return _EXCLUDED
+    if kind == file_kind.UNKNOWN or not begin:
+        return _OTHER
+    if begin.startswith(b'PAR1') or is_number_table(path):
+        return _LOG
+    return _OTHER if _holds_numbers(begin) else _EXCLUDED
+
+
+def _holds_numbers(begin: bytes) -> bool:
+    """Return whether most lines of a text have two numbers beside their times, or are JSON."""
+    lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
+    lines = [_TIMES.sub(b'', line) for line in lines if line]
+    return 2 * sum(line.startswith(b'{') or len(_NUMBERS.findall(line)) > 1 for line in lines) > len(lines)
+
+
+def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:
+    """Return the folder, if its files are parts of one recording, or else each of its files."""
+    if has_metadata:
+        return [folder]
+    stems = {recording_name_of(name) for name in names}
+    if len(stems) == 1 and stems != {''} and (len(names) == 1 or _are_parts(folder, names)):
+        return [folder]
+    return [folder / name for name in names]
+
+
+def _are_parts(folder: Path, names: Sequence[str]) -> bool:
+    """Return whether numbered files follow on in time, as far as that can be known."""
+    try:
+        files = [folder / name for name in sorted(names, key=natural_sort_key)]
+        if any(has_sqlite_name(file.name) or read_begin(file).startswith(ZSTD) for file in files):
+            return True
+        return are_consecutive([scan_file(file, Findings()) for file in files])
+    except BagError:
+        return True
+
+
+def are_consecutive(files: Sequence[McapFile]) -> bool:
+    """Return whether the spans of some files are those of parts of one recording."""
+    spans = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
+    return all(
+        -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
+        for (_, end), (start, _) in itertools.pairwise(spans)
+    )
+
+
+def has_other_parts(path: Path) -> bool:
+    """Return whether the folder of a file has others of its name, and nothing that lists them."""
+    try:
+        names = [part.name for part in path.parent.iterdir()]
+    except OSError:
+        return False
+    stem = recording_name_of(path.name)
+    return METADATA_NAME not in names and sum(recording_name_of(name) == stem for name in names) > 1
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """The files of a folder that are one recording, in order, by its metadata as far as it has some.
+
+    ``count`` is how many messages they should hold, None where nothing tells; ``is_listed``
+    whether metadata say that they are one.
+    """
+
+    names: tuple[str, ...]
+    count: int | None = None
+    packed: str = ''  # 'message' where each message is
+    is_listed: bool = False
+
+
+def folder_files(folder: Path, findings: Findings) -> Metadata:
+    """Find the files of a folder; report what is odd.
+
+    Raises:
+        BagError: There are none, or those of several recordings.
+    """
+    try:
+        paths = sorted(p for p in folder.iterdir() if has_recording_name(p.name))
+        present = sorted((p.name for p in paths if p.exists()), key=natural_sort_key)
+    except OSError as error:
+        raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
+    metadata = read_metadata(folder)
+    for path in paths:
+        if path.name not in present:
+            findings.lose(f"file '{path.name}' was not read{near_name(path)}")
+    if not present:
+        logs = sorted((p.name for p in folder.iterdir() if has_table_name(p.name)), key=natural_sort_key)
+        remedy = f": name one of its logs, as '{folder / logs[0]}'" if logs else ''
+        raise BagError(f"bag '{folder}' has no .mcap and no .db3 file{remedy}")
+    if isinstance(metadata, str):
+        if len(present) > 1 and len({recording_name_of(name) or name for name in present}) > 1:
+            raise BagError(f"folder '{folder}' holds {len(present)} recordings: name one of them")
+        kind = '.db3' if has_sqlite_name(present[0]) else '.mcap'
+        findings.note(f'{metadata}: its {kind} files were read in the order of their names')
+        _report_gaps(present, findings)
+        return Metadata(tuple(present))
+    return _listed_files(folder, metadata, present, findings)
+
+
+def _report_gaps(names: Sequence[str], findings: Findings) -> None:
+    """Report numbers that are lacking between those of files, but not of dates.
+
+    The first ones may be gone: some recorders keep the newest files only. Hours lack more than they have.
+    """
+    parts = [part for name in names if (part := NUMBERED_PART.fullmatch(name))]
+    numbers = {int(part['number']) for part in parts if not _DATE.search(part[0][: part.end('number')])}
+    first, last = min(numbers, default=0), max(numbers, default=0)
+    if last - first < 2 * len(numbers):
+        lacking = sorted({*range(first, last)} - numbers)
+        for number in lacking[:MOST_NAMED]:
+            findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
+
+
+def _listed_files(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:
+    """Return the files that metadata list, and those behind them that bear the same name."""
+    by_name = {compose_letters(name): name for name in present}
+    names = [by_name[name] for name in map(compose_letters, metadata.names) if name in by_name]
+    missing = [name for name in metadata.names if compose_letters(name) not in by_name]
+    for name in missing[:MOST_NAMED]:
+        findings.lose(f"file '{name}' is listed in {METADATA_NAME} but missing")
+    if len(missing) > MOST_NAMED:
+        findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
+    if not names:
+        raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
+    count = metadata.count
+    stems = {recording_name_of(name) for name in names} - {''}
+    for name in present:
+        if name in names:
+            continue
+        if recording_name_of(name) in stems:
+            findings.note(f"file '{name}' is not listed in {METADATA_NAME}: read by its name")
+            names, count = [*names, name], None
+        else:
+            findings.lose(f"file '{name}' is not listed in {METADATA_NAME} and was not read")
+    names = names if count is not None else sorted(names, key=natural_sort_key)
+    return replace(metadata, names=tuple(names), count=count)
+
+
+def read_metadata(folder: Path) -> Metadata | str:
+    """Read a rosbag2 folder's metadata.
+
+    Returns:
+        What they say, or a sentence saying why they cannot be used.
+
+    Raises:
+        BagError: They describe a recording of a kind this package cannot read.
+    """
+    path = folder / METADATA_NAME
+    try:
+        information = _load_yaml(read_file(path, _LARGEST))[METADATA_ROOT]
+        storage = information.get('storage_identifier', 'mcap')
+        mode = str(information.get('compression_mode') or 'none').lower()
+        format_ = str(information.get('compression_format') or 'zstd').lower()
+        if storage not in ('mcap', 'sqlite3'):
+            raise BagError(f"bag '{folder}' is stored as '{storage}': {CONVERT}")
+        if mode in ('file', 'message') and (format_ != 'zstd' or (storage == 'mcap' and mode == 'message')):
+            raise BagError(
+                f"bag '{folder}' has compression_mode '{mode}' of '{format_}', which is not read"
+                f' from {storage}: {CONVERT}'
+            )
+        names = (PurePosixPath(name).name for name in information['relative_file_paths'])
+        packed = mode if mode == 'message' else ''
+        return Metadata(tuple(dict.fromkeys(names)), int(information['message_count']), packed, True)
+    except FileNotFoundError:
+        return f"folder '{folder}' has no {METADATA_NAME}"
+    except OSError as error:
+        return f"'{path}' cannot be read: {error.strerror}"
+    except _NOT_METADATA:
+        return f"'{path}' is not rosbag2 metadata"
+
+
+CONVERT = "convert it with 'ros2 bag convert' first"
+
+
+def _load_yaml(data: bytes) -> Any:
+    """Load YAML without aliases, which rosbag2 does not write, and without deep nesting."""
+    depth = 0
+    for event in yaml.parse(data, _LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError('no metadata has this')
+    return yaml.load(data, _LOADER)
