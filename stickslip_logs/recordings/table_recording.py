@@ -40,11 +40,12 @@ from stickslip_logs.recordings.recording import (
 from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
+from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality import find_quality, is_quality_of
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
-from stickslip_logs.tables.time_columns import Cells, Clock, begun_at
+from stickslip_logs.tables.time_columns import Clock, counted_from
 from stickslip_logs.time_order import TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
@@ -124,7 +125,7 @@ class TableRecording(Recording):
             # A trigger's time before, and what spreadsheets make of a time of day.
             zero_ns = int(times.min())
             self._findings.note('times begin before 1970, or before zero: counted from the first one')
-        self.table.clocks = tuple(begun_at(clock, zero_ns) for clock in self.table.clocks)
+        self.table.clocks = tuple(counted_from(clock, zero_ns) for clock in self.table.clocks)
 
     def _are_names_apart(self, rows: Sequence[Cells]) -> bool:
         """Return whether the names of a long table come one after the other, so that ends lack some."""
@@ -595,7 +596,7 @@ class TableReading:
         number = np.cumsum(rows.is_timed) - 1
         coded: dict[int, tuple[dict[str, int], IntArray]] = {}
         for topic, source in self._columns.items():
-            if not rows.clock.times(source.column.place):
+            if not rows.clock.has_column(source.column.place):
                 part.numbers[topic] = np.empty(0, np.int64), np.empty(0)
                 continue
             cells, where = rows.columns[self._wanted.index(source.column.place)], None

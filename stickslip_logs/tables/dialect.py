@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
+from stickslip_logs.tables.cell_times import Cells, is_day, is_stamp, is_time
 from stickslip_logs.tables.text_file import Extent, lines_of
-from stickslip_logs.tables.time_columns import NAMED, Cells, TableColumns, is_day, is_stamp, is_time
+from stickslip_logs.tables.time_columns import TIME_WORDS, TableColumns
 from stickslip_logs.units import find_unit, names_of
 
 # Lines of the head that are looked at.
@@ -418,7 +419,7 @@ def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
         if is_headed and not is_preamble:
             break
         is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
-        has_time = is_words and any(NAMED.search(parse_heading(cell).name) for cell in row)
+        has_time = is_words and any(TIME_WORDS.search(parse_heading(cell).name) for cell in row)
         is_next |= has_time or (is_words and is_preamble and not is_headed)
     return k
 
@@ -482,7 +483,7 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
         if not period or len(row) != width or [*row] == [*names]:
             continue
         places = [k for k in range(period) if all(cell.strip() for cell in row[k::period])]
-        is_time = [bool(NAMED.search(parse_heading(name).name)) for name in names[:period]]
+        is_time = [bool(TIME_WORDS.search(parse_heading(name).name)) for name in names[:period]]
         if len(places) == 1 and len(set(row[places[0] :: period])) == width // period and not all(is_time):
             joined = [*names]
             joined[is_time.index(False) :: period] = [cell.strip() for cell in row[places[0] :: period]]
@@ -503,7 +504,7 @@ def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
     # Whole seconds count as rows do: then what is headed as the time has to rise too.
     second = [parse_number(row[1]) for row in rows]
     present = [n for n in second if n is not None]
-    return not NAMED.search(parse_heading(heading[0]).name) or present == sorted(present)
+    return not TIME_WORDS.search(parse_heading(heading[0]).name) or present == sorted(present)
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:

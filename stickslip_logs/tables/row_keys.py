@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from stickslip_logs.arrays import FloatArray, IntArray
+from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, unit_of
-from stickslip_logs.tables.time_columns import Cells
 
 # More words are names of files, events or remarks: a fleet's list of ships is shorter.
 _MAX_WORDS = 100

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.tables.time_columns import NAMED, SECOND, Clock, TableColumns, find_clock, number_clock
+from stickslip_logs.tables.cell_times import SECOND
+from stickslip_logs.tables.time_columns import TIME_WORDS, Clock, TableColumns, clock_of_numbers, find_clock
 
 # Rows by which columns are compared: as many as their times are found by.
 _MAX_ROWS = 500
@@ -18,7 +19,7 @@ _MAX_ROWS = 500
 _MIN_SHARE, _MAX_BACK = 0.5, 0.1
 # Times of another zone are a whole number of these apart, up to 14 hours [ns].
 _ZONE_STEP, _MAX_ZONE = 900 * SECOND, 14 * 3600 * SECOND
-_OF_TIME = re.compile(NAMED.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
+_OF_TIME = re.compile(TIME_WORDS.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
 
 
 def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
@@ -44,9 +45,9 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
         if set(clock.columns) & set(main.columns):
             continue
         filled = [row for row in rows if len(row) > clock.columns[-1] and row[k].strip()]
-        is_named = all(NAMED.search(table.headings[c][0]) for c in clock.columns)
+        is_named = all(TIME_WORDS.search(table.headings[c][0]) for c in clock.columns)
         if main.is_count and filled:
-            counter = number_clock(table, filled, k, is_named=True) if is_named else None
+            counter = clock_of_numbers(table, filled, k, is_named=True) if is_named else None
             if counter is None:
                 continue
             clock = counter

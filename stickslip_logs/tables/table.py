@@ -20,18 +20,11 @@ from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
+from stickslip_logs.tables.cell_times import Cells, number_reader
 from stickslip_logs.tables.dialect import COMMENTS, parse_heading, parse_number, reader, sniff
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 from stickslip_logs.tables.text_file import extent_of, text_lines
-from stickslip_logs.tables.time_columns import (
-    WITHOUT_ZONE,
-    Cells,
-    Clock,
-    TableColumns,
-    find_clock,
-    likeliest_first,
-    scaled_reader,
-)
+from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
@@ -99,11 +92,13 @@ class NumberTable(ABC):
 
     def clock_of(self, column: int) -> Clock:
         """Return the clock that a column is of."""
-        return next((clock for clock in self.clocks if clock.times(column)), self.clocks[0])
+        return next((clock for clock in self.clocks if clock.has_column(column)), self.clocks[0])
 
     def clocks_of(self, columns: Sequence[int]) -> list[Clock]:
         """Return the clocks that some columns are of."""
-        return [clock for clock in self.clocks if any(clock.times(k) for k in columns)] or [self.clocks[0]]
+        return [clock for clock in self.clocks if any(clock.has_column(k) for k in columns)] or [
+            self.clocks[0]
+        ]
 
     @abstractmethod
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
@@ -290,7 +285,7 @@ class TextTable(NumberTable):
 
 def _notes_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
     """Return what was guessed of the clocks of a table, and which columns are of which."""
-    notes = list(dict.fromkeys(text for clock in clocks for text in clock.said))
+    notes = list(dict.fromkeys(text for clock in clocks for text in clock.remarks))
     if len(clocks) > 1:
         pairs = [f"'{names[k]}' by #{clock.columns[0] + 1}" for clock in clocks for k in clock.values or ()]
         listed = ', '.join(pairs[:_MAX_NAMED]) + (', ...' if len(pairs) > _MAX_NAMED else '')
@@ -354,7 +349,7 @@ class _TextReading:
 
     def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Sequence[list[str]]) -> None:
         """Count the lines where a signal has a value and its own clock has no time, and leave these out."""
-        columns = [column for k, column in zip(self._wanted, values, strict=True) if clock.times(k)]
+        columns = [column for k, column in zip(self._wanted, values, strict=True) if clock.has_column(k)]
         lacking = [
             k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in columns)
         ]
@@ -455,12 +450,12 @@ class ParquetTable(NumberTable):
             group = None if last < 1 else file.read_row_group(last)
             self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
         columns = TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
-        stamped = likeliest_first(
+        stamped = rank_stamps(
             columns, [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
         )
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
-            read = scaled_reader(1, 0, '.')  # as _texts() writes them
+            read = number_reader(1, 0, '.')  # as _texts() writes them
             main, *more_clocks = (Clock((k,), read, () if has_zone else (WITHOUT_ZONE,)) for k in stamped)
             self.clocks = share_columns(columns, main, more_clocks)
         else:
@@ -491,7 +486,7 @@ class ParquetTable(NumberTable):
                     times = clock.read([_column_texts(columns[k]) for k in clock.columns])
                     lacking = ~times[1]
                     if len(clocks) > 1:
-                        timed = [columns[k].is_valid() for k in wanted if clock.times(k)]
+                        timed = [columns[k].is_valid() for k in wanted if clock.has_column(k)]
                         lacking &= np.any(
                             [is_time.to_numpy(zero_copy_only=False) for is_time in timed], axis=0
                         )

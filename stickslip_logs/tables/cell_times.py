@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How dates, times and numbers in cells are read as times.
+
+All become nanoseconds since 1970, or since a start, exactly.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Callable, Sequence
+from datetime import date, timedelta
+from decimal import Decimal
+
+import numpy as np
+
+from stickslip_logs.arrays import BoolArray, IntArray
+
+Cells = Sequence[str]
+SECOND, DAY = 10**9, 86_400 * 10**9
+"""Nanoseconds of a second and of a day."""
+Times = tuple[IntArray, BoolArray]
+"""Times [ns] and which cells hold one, shape (n,)."""
+ReadTimes = Callable[[Sequence[Cells]], Times]
+"""Reads the times of some columns of cells."""
+
+_MONTHS = 'jan feb mar/mär/mrz apr may/mai jun jul aug sep oct/okt nov dec/dez'
+_MONTH = {name: k for k, names in enumerate(_MONTHS.split(), 1) for name in names.split('/')}
+_CLOCK = (
+    r'(?P<H>\d{1,2}):(?P<M>\d\d)(?::(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?'
+    r'\s*(?P<half>[AaPp]\.?[Mm]\.?)?'
+)
+_ZONE = r'\s*(?P<z>Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?'
+_DATES = (
+    r'(?P<Y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)',
+    r'(?P<a>\d\d?)(?P<sep>[-/.])(?P<b>\d\d?)[-/.](?P<Y>\d{4}|\d\d)',
+    r'(?P<d>\d\d?)[- .](?P<name>[A-Za-zä]{3})[a-z]*[- ,.]+(?P<Y>\d{4}|\d\d)',
+    r'(?P<name>[A-Za-zä]{3})[a-z]*[- ](?P<d>\d\d?)[- ,]+(?P<Y>\d{4})',
+    r'(?P<Y>\d{4})(?P<m>\d\d)(?P<d>\d\d)',
+)
+# ISO 8601 without separators, and names of files and exports: 20260504T060000Z, 20260504_060000.
+_COMPACT = (
+    _DATES[-1]
+    + r'[T _-]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,]?(?P<f>(?<=[.,])\d{1,9}|(?<=\d{14})\d{3}$)\d*)?'
+)
+_STAMPS = [
+    *(re.compile(f'{day}(?:[T ]+|, ?|-){_CLOCK}{_ZONE}') for day in _DATES),
+    re.compile(_COMPACT + _ZONE),
+    # The same of two digits of the year, 260504_060000.
+    re.compile(
+        r'(?P<a>\d\d)(?P<sep>)(?P<b>\d\d)(?P<Y>\d\d)[T _-](?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)'
+        r'(?:[.,](?P<f>\d{1,9})\d*)?' + _ZONE
+    ),
+    # As C and Unix write it: Mon May  4 06:00:00 UTC 2026.
+    re.compile(
+        rf'(?:[A-Z][a-z]{{2}} +)?(?P<name>[A-Za-z]{{3}}) +(?P<d>\d\d?) +{_CLOCK}{_ZONE} +(?P<Y>\d{{4}})'
+    ),
+    # The day of the year, as ISO 8601 and the loggers of research ships have it: 2026:124:06:00:00.
+    re.compile(rf'(?P<Y>\d{{4}})[-:](?P<j>\d{{3}})[T :]{_CLOCK}{_ZONE}'),
+]
+# Eight digits alone may be a number.
+_DAYS = [re.compile(day) for day in _DATES[:-1]]
+_TIME = re.compile(_CLOCK + _ZONE)
+_SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
+MAX_TIME_NS = 1 << 62
+"""Times are below this, which is in the year 2116: two later ones would have no sum of 64 bits [ns]."""
+_EPOCH = date(1970, 1, 1).toordinal()
+
+
+def is_stamp(cell: str) -> bool:
+    """Return whether a cell is a date with a time."""
+    return any(pattern.fullmatch(cell.strip()) for pattern in _STAMPS)
+
+
+def is_day(cell: str) -> bool:
+    """Return whether a cell is a date alone."""
+    return any(pattern.fullmatch(cell.strip()) for pattern in _DAYS)
+
+
+def is_time_of_day(cell: str) -> bool:
+    """Return whether a cell is a time of the day alone, as 06:00:00."""
+    return bool(_TIME.fullmatch(cell.strip()))
+
+
+def is_time(cell: str) -> bool:
+    """Return whether a cell is a time of the day, or of hours that may be more than a day has."""
+    return is_time_of_day(cell) or bool(_SINCE_START.fullmatch(cell.strip()))
+
+
+class StampLayout:
+    """The one layout in which the dates with times of a table are written.
+
+    Args:
+        stamps: Some of them, by which it is found; other texts among these are passed over.
+        zone: The distance from UTC of those that say none, as +02:00; empty where it is not known.
+
+    Attributes:
+        has_zone: Whether their distance from UTC is known.
+        guess: A sentence on a date that may be read in another order; empty where the dates tell.
+        question: A question on it, as a clause behind the name of an input; empty where the dates tell.
+    """
+
+    def __init__(self, stamps: Sequence[str], zone: str = '') -> None:
+        self._pattern = max(
+            _STAMPS, key=lambda pattern: sum(bool(pattern.fullmatch(t.strip())) for t in stamps)
+        )
+        matches = [match for text in stamps if (match := self._pattern.fullmatch(text.strip()))]
+        self._zone = zone
+        self.has_zone = bool(zone) or any(match['z'] for match in matches)
+        self.guess = self.question = ''
+        # The groups of the pattern that are year, month and day.
+        self._year, self._month, self._day = 'Y', 'm', 'd'
+        if 'a' in self._pattern.groupindex and matches:
+            self._year, self._month, self._day = self._choose_order(matches)
+
+    def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
+        """Return the groups of year, month and day; set guess and question where nothing tells them."""
+        numbers = {name: {int(match[name]) for match in matches} for name in 'abY'}
+        day_first, month_first, year_first = ('Y', 'b', 'a'), ('Y', 'a', 'b'), ('a', 'b', 'Y')
+        orders = [day_first, month_first, *([year_first] if max(numbers['Y']) < 100 else [])]
+        possible = [
+            (year, month, day)
+            for year, month, day in orders
+            if max(numbers[month]) <= 12 and min(numbers[day]) > 0 and max(numbers[day]) <= 31
+        ] or orders
+        # Over several days the part that changes most is the day.
+        longest = max(len(numbers[day]) for *_, day in possible)
+        possible = [order for order in possible if len(numbers[order[2]]) == longest]
+        if len(possible) > 1 and matches[0]['sep'] != '.':
+            text = matches[0].group()
+            first, remedy = 'month', 'nothing in the file tells'
+            if year_first in possible:
+                first, remedy = 'year', 'or is the year first? Write it with four digits'
+            self.guess = f"'{text}' is read day first: {remedy}"
+            self.question = (
+                f"has times such as '{text}', read day first: or is the {first} first?"
+                ' Write 4 May as 2026-05-04'
+            )
+        return possible[0]
+
+    def read(self, columns: Sequence[Cells]) -> Times:
+        """Return the times of a column, or of one of dates and one of times of the day."""
+        texts = columns[0]
+        if len(columns) > 1:
+            texts = [f'{day.strip()} {clock.strip()}' for day, clock in zip(*columns, strict=True)]
+        time_ns, is_timed = self._parse_alike(texts)
+        for k in np.flatnonzero(~is_timed).tolist():
+            moment_ns = self._parse_stamp(texts[k])
+            is_timed[k], time_ns[k] = moment_ns is not None, moment_ns or 0
+        return time_ns, is_timed
+
+    def _parse_stamp(self, text: str) -> int | None:
+        """Return one date with a time [ns]; None for another text, and where there is no such day or hour."""
+        match = self._pattern.fullmatch(text.strip())
+        if match is None:
+            return None
+        part = match.groupdict('')
+        year, hour, minute, seconds = (
+            int(part[self._year]),
+            int(part['H']),
+            int(part['M']),
+            int(part['S'] or 0),
+        )
+        if part.get('half'):
+            hour = hour % 12 + 12 * (part['half'][0] in 'pP')
+        if hour > 24 or minute > 59 or seconds > 60:
+            return None
+        try:
+            if 'j' in part:
+                day = date(year, 1, 1) + timedelta(days=int(part['j']) - 1)
+            else:
+                month = _MONTH.get(part['name'].lower(), 0) if 'name' in part else int(part[self._month])
+                day = date(year + 2000 * (year < 100), month, int(part[self._day]))
+        except (ValueError, OverflowError):
+            return None
+        seconds += (hour * 60 + minute) * 60 - self._zone_offset(part['z'])
+        time_ns = (day.toordinal() - _EPOCH) * DAY + seconds * SECOND + int(part['f'].ljust(9, '0'))
+        is_day_of_year = 'j' not in part or day.year == year
+        return time_ns if is_day_of_year and abs(time_ns) < MAX_TIME_NS else None
+
+    def _parse_alike(self, texts: Cells) -> Times:
+        """Return the times of cells that are all written as the first one, by columns; else no times."""
+        none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
+        match = self._pattern.fullmatch(texts[0]) if texts else None
+        if (
+            match is None
+            or match.groupdict().get('half')
+            or {'name', 'j'} & match.groupdict().keys()
+            or set(map(len, texts)) != {len(match[0])}
+        ):
+            return none
+        try:
+            letters = np.array(texts, f'S{len(match[0])}').view(np.uint8).reshape(len(texts), -1)
+        except UnicodeEncodeError:
+            return none
+        iso = np.tile(np.frombuffer(b'2000-00-00T00:00:00', np.uint8), (len(texts), 1))
+        rest = np.ones(letters.shape[1], np.bool_)
+        ends = ((self._year, 4), (self._month, 7), (self._day, 10), ('H', 13), ('M', 16), ('S', 19), ('f', 0))
+        for name, end in ends:
+            begin, stop = match.span(name)
+            rest[max(begin, 0) : max(stop, 0)] = False
+            if end and begin >= 0:
+                iso[:, end - (stop - begin) : end] = letters[:, begin:stop]
+        # Separators and zone are those of the first; numpy refuses what is no digit or no date.
+        if (letters[:, rest] != letters[0, rest]).any():
+            return none
+        try:
+            # As text: numpy 2.4 ends the process where bytes, 500 or more, hold what is no date.
+            dates = iso.view('S19')[:, 0].astype('U19').astype('M8[s]')
+            seconds = dates.astype(np.int64) - self._zone_offset(match['z'])
+            below = np.array([int(text[slice(*match.span('f'))]) for text in texts]) if match['f'] else 0
+        except ValueError:
+            return none
+        if np.abs(seconds).max() >= MAX_TIME_NS // SECOND:
+            return none
+        return seconds * SECOND + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
+
+    def _zone_offset(self, zone: str | None) -> int:
+        """Return the distance from UTC [s] of a zone as it is written; of an empty one that of the table."""
+        zone = zone or self._zone
+        if zone[:1] not in ('+', '-'):
+            return 0
+        digits = zone[1:].replace(':', '').ljust(4, '0')
+        return (int(digits[:2]) * 60 + int(digits[2:])) * (60 if zone[0] == '+' else -60)
+
+
+def read_time_of_day(columns: Sequence[Cells]) -> Times:
+    """Return times of the day in one column as if on 1970-01-01, or since a start, with hours beyond 24."""
+    layout = StampLayout(['1970-01-01 00:00:00'])
+    time_ns, is_timed = layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
+    for k in np.flatnonzero(~is_timed).tolist():
+        if match := _SINCE_START.fullmatch(columns[0][k].strip()):
+            hours, minutes, seconds = (int(part) for part in match.groups()[:3])
+            nanoseconds = int((match[4] or '').ljust(9, '0'))
+            time_ns[k] = ((hours * 60 + minutes) * 60 + seconds) * SECOND + nanoseconds
+            is_timed[k] = True
+    return time_ns, is_timed
+
+
+def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
+    """Return a function that reads a column of numbers as times, exactly.
+
+    Args:
+        unit_ns: The unit of the numbers [ns].
+        zero: Added to each number, in its unit.
+        decimal: The decimal sign.
+    """
+
+    def read(columns: Sequence[Cells]) -> Times:
+        cells = columns[0]
+        if decimal == ',':
+            cells = [cell.replace(',', '.') for cell in cells]
+        text = ''.join(cells)
+        if not any(sign in text for sign in '-_eE'):
+            with contextlib.suppress(ValueError, OverflowError):
+                wholes, rest = cells, np.zeros(len(cells), np.int64)
+                if '.' in text:
+                    parts = [cell.partition('.') for cell in cells]
+                    wholes = [part[0] for part in parts]
+                    # Fifteen digits of a fraction of a day are exact to the nanosecond.
+                    below = np.array([float(f'0.{part[2]}') for part in parts])
+                    rest = np.rint(below * unit_ns).astype(np.int64)
+                whole = np.fromiter(map(int, wholes), np.int64, len(cells))
+                if int(np.abs(whole + zero).max(initial=0) + 1) * unit_ns < MAX_TIME_NS:
+                    return (whole + zero) * unit_ns + rest, np.ones(len(cells), np.bool_)
+        times_ns = [_exact_time(cell, unit_ns, zero) for cell in cells]
+        is_time = np.array([time_ns is not None for time_ns in times_ns], np.bool_)
+        return np.array([time_ns or 0 for time_ns in times_ns], np.int64), is_time
+
+    return read
+
+
+def _exact_time(cell: str, unit_ns: int, zero: int) -> int | None:
+    """Return ``(cell + zero) * unit_ns`` exactly; None for a cell that is no number, or beyond all times."""
+    try:
+        time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * unit_ns
+        return round(time_ns) if abs(time_ns) < MAX_TIME_NS else None
+    except (ArithmeticError, ValueError):
+        return None
