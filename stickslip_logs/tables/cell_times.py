@@ -64,6 +64,8 @@ _TIME = re.compile(_CLOCK + _ZONE)
 _SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
 MAX_TIME_NS = 1 << 62
 """Times are below this, which is in the year 2116: two later ones would have no sum of 64 bits [ns]."""
+MAX_SHOWN = 60
+"""Characters of a cell, a line or headings that a sentence quotes."""
 _EPOCH = date(1970, 1, 1).toordinal()
 
 

@@ -19,21 +19,20 @@ from typing import Any, NamedTuple
 
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
-from stickslip_logs.tables.cell_times import Cells, is_day, is_stamp, is_time
+from stickslip_logs.tables.cell_times import MAX_SHOWN, Cells, is_day, is_stamp, is_time
 from stickslip_logs.tables.text_file import Extent, lines_of
 from stickslip_logs.tables.time_columns import TIME_WORDS, TableColumns
 from stickslip_logs.units import find_unit, names_of
 
 # Lines of the head that are looked at.
-_MOST_LINES = 2000
-# More than half of so many rows in turn are numbers where those of a table begin.
-_RUN = 4
+_MAX_LINES = 2000
+# Where most of so many rows in turn are numbers those of a table begin.
+_RUN_ROWS = 4
 _DELIMITERS = '\t;|, '
-_OF_BLANKS = 0.9
-_MOST_SHOWN = 60
-_LONGEST_UNIT = 16
-# Columns of a command that a line of a terminal can take.
-_MOST_KEYS = 12
+# Weight of a blank among delimiters: it stands between a date and its time, too.
+_WEIGHT_OF_BLANKS = 0.9
+# Characters of a unit, cells of a column by which its unit is found, and keys in a command for a terminal.
+_MAX_UNIT, _MAX_CELLS, _MAX_KEYS = 16, 500, 12
 COMMENTS = '#', '%', '//', '*'
 """What a line begins with that is a comment."""
 _MARKS_OF_COMMENTS = ''.join(COMMENTS) + ' '
@@ -78,20 +77,25 @@ class Heading(NamedTuple):
 
     @property
     def known_unit(self) -> str | None:
-        """The unit as the configuration calls it; None where it is none of those."""
+        """The unit as the configuration calls it; None where it has no such unit."""
         is_force = bool(_FORCES & set(self.name.split()))
         is_knots = self.unit == 'kn' and not is_force
         return None if is_knots else unit_of(self.unit or '', 'force' if is_force else '')
 
 
 def unit_of(text: str, quantity: str = '') -> str | None:
-    """Return a unit as the configuration calls it, beside a word of a quantity or alone; None for none."""
+    """Return what the configuration calls the unit that a text spells; None for a text that is no such unit.
+
+    Args:
+        text: Such as ``'[kN]'``.
+        quantity: What stands beside it, as ``'force'``, which makes ``'t'`` a unit; empty for nothing.
+    """
     unit = find_unit(text, quantity)
     return unit.name if unit else None
 
 
 def parse_heading(text: str) -> Heading:
-    """Split a heading such as ``'Shaft speed [rpm]'``, ``'Load, kN (aft)'`` or ``'n_rpm'``."""
+    """Return the words and the unit of a heading, as ``'Load, kN (aft)'`` or ``'n_rpm'``."""
     match = _BRACKETED.fullmatch(text.strip())
     name, bracketed = match.groups() if match else (text, None)
     words = re.sub(r'[_\W]+', ' ', name).split()
@@ -106,7 +110,12 @@ def parse_heading(text: str) -> Heading:
 
 
 def _bare_unit(name: str, words: Sequence[str]) -> str | None:
-    """Return a unit without brackets: behind a comma, or a word that can be nothing else."""
+    """Return the unit of a heading without brackets; None where nothing in it is surely one.
+
+    Args:
+        name: The heading without brackets.
+        words: Its words.
+    """
     if '%' in name:
         return '%'
     behind = name.rpartition(',')[2].strip()
@@ -122,9 +131,10 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
 
 
 def with_unit(name: str, unit: str) -> tuple[str, str | None]:
-    """Return a heading with a unit that stands apart from it, and the unit as the configuration calls it.
+    """Return a heading with a unit that stands apart from it, and that unit as the configuration calls it.
 
-    A unit that is none of those becomes a part of the heading.
+    A unit that the configuration does not have becomes a part of the heading, in brackets, and None is
+    returned for it; without a unit, ``''`` or ``'-'``, that of the heading is returned.
     """
     name, unit = name.strip(), unit.strip(' []()')
     if unit in ('', '-'):
@@ -150,16 +160,16 @@ def parse_number(cell: str, decimal: str = '.') -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Dialect(TableColumns):
-    """Layout of a table, beside its columns.
+    """Layout of a text with rows, beside its columns.
 
     Attributes:
-        encoding: Of its text.
-        delimiter: Between cells; the name of a log of a ship's bus where it is one.
+        encoding: The encoding of the text.
+        delimiter: What stands between cells; for a log of a ship's bus its key in :data:`BUS_LOGS`.
         above: The rows before the first with numbers; the headings are one of them.
         heading: The row of the headings as it stands; empty where there is none.
-        suffixes: Of each column the unit that stands behind every number.
-        said: What was guessed.
-        losses: What is not read.
+        suffixes: The unit that stands behind every number of each column, empty where there is none.
+        remarks: What was guessed, as sentences.
+        losses: What is not read, as sentences.
     """
 
     encoding: str
@@ -167,59 +177,68 @@ class Dialect(TableColumns):
     above: tuple[Cells, ...] = ()
     heading: Cells = ()
     suffixes: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
 
 
-def reader(lines: Iterator[str], delimiter: str) -> Any:
-    """Return the rows of lines; those cut by blanks may be cut by several."""
+def csv_reader(lines: Iterator[str], delimiter: str) -> Any:
+    """Return a reader of the rows of lines, for which several blanks part cells as one does."""
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
 
 
-def sniff(path: Path, extent: Extent) -> Dialect:
-    """Detect encoding, delimiter, decimal sign and headings of a text table, or the kind of bus log.
+def detect_dialect(path: Path, extent: Extent) -> Dialect:
+    """Return the layout of a text: encoding, delimiter, decimal sign and headings, or the kind of bus log.
+
+    Args:
+        path: The file, for errors.
+        extent: Its head and its tail.
 
     Raises:
-        BagError: It is no table, or not to be told from several.
+        BagError: It is no table, of another format, or may be read in two ways.
     """
     encoding = encoding_of(extent.head)
     text = extent.head.decode(encoding, 'replace').replace('\0', '')
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
     lines = lines_of(text)
-    first, rest = lines[:_MOST_LINES], lines[_MOST_LINES:]
+    first, rest = lines[:_MAX_LINES], lines[_MAX_LINES:]
     # The tail begins within a line, and within a character of two bytes.
     tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
-    last = lines_of(tail.replace('\0', ''))[1:] or rest[-_MOST_LINES:]
+    last = lines_of(tail.replace('\0', ''))[1:] or rest[-_MAX_LINES:]
     if kind := bus_log_of(first):
-        return _bus_log(path, encoding, kind, first, last)
-    if text.lstrip().startswith('{'):
-        remedy = _command_for_lines(path, first) or f'a package of ISO 19848 with {_JQ}'
-        raise BagError(f"log '{path}' is JSON: write it as CSV; {remedy}")
-    if sum(bool(re.search(r'[$!][A-Z]{2}[A-Z]{3},[^*]*$', line)) for line in first) > 0.5 * len(first):
-        raise BagError(
-            f"log '{path}' has sentences of NMEA 0183 without checksums: record them with these, as a damaged"
-            ' one is known by nothing else'
-        )
-    for form, remedy in _FRAMES.items():
-        if sum(bool(re.match(form, line)) for line in first) > 0.5 * len(first):
-            raise BagError(
-                f"log '{path}' has frames of NMEA 2000: convert it with canboat,"
-                f' {remedy.format(path)} > {path.stem}.json'
-            )
+        return _bus_dialect(path, encoding, kind, first, last)
+    if remedy := _remedy_for_format(path, first):
+        raise BagError(f"log '{path}' {remedy}")
     delimiter, rows = _best_delimiter(first)
     if not rows:
         raise BagError(f"log '{path}' is no table: no line of it has two cells")
     return _table_dialect(path, encoding, delimiter, rows, _split_lines(last, delimiter))
 
 
-def _command_for_lines(path: Path, lines: Sequence[str]) -> str:
-    """Return the command that writes lines of JSON as CSV; empty for another text."""
+def _remedy_for_format(path: Path, lines: Sequence[str]) -> str:
+    """Return what format lines have that is not read, and what converts it; empty for what may be a table."""
+    if ''.join(lines).lstrip().startswith('{'):
+        return f'is JSON: write it as CSV; {_jq_command(path, lines) or f"a package of ISO 19848 with {_JQ}"}'
+    forms = {
+        form: f'has frames of NMEA 2000: convert it with canboat, {command} > {{1}}.json'
+        for form, command in _FRAMES.items()
+    }
+    forms[r'.*[$!][A-Z]{5},[^*]*$'] = (
+        'has sentences of NMEA 0183 without checksums: record them with these, without which a damaged one is'
+        ' not known'
+    )
+    counts = {form: sum(bool(re.match(form, line)) for line in lines) for form in forms}
+    form = max(counts, key=counts.__getitem__)
+    return forms[form].format(path, path.stem) if counts[form] > 0.5 * len(lines) else ''
+
+
+def _jq_command(path: Path, lines: Sequence[str]) -> str:
+    """Return how lines of JSON are written as CSV; empty where the first two are no JSON with values."""
     try:
         first, _ = (json.loads(line) for line in [line for line in lines if line.strip()][:2])
     except (ValueError, RecursionError):
         return ''
-    keys = list(_keys_of(first))[:_MOST_KEYS]
+    keys = list(_keys_of(first))[:_MAX_KEYS]
     wanted = ','.join('.' + '.'.join(map(json.dumps, key)) for key in keys)
     head, program, file = map(
         shlex.quote, (','.join('.'.join(key) for key in keys), f'[{wanted}]|@csv', str(path))
@@ -232,16 +251,28 @@ def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
 
     Lists and null are passed over; what is no object yields nothing.
     """
-    for key, own in value.items() if isinstance(value, dict) else ():
-        if isinstance(own, dict):
-            yield from _keys_of(own, (*above, key))
-        elif isinstance(own, str | int | float):
+    for key, member in value.items() if isinstance(value, dict) else ():
+        if isinstance(member, dict):
+            yield from _keys_of(member, (*above, key))
+        elif isinstance(member, str | int | float):
             yield *above, key
 
 
 def _table_dialect(
     path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
 ) -> Dialect:
+    """Return the layout of a table whose encoding and delimiter are known.
+
+    Args:
+        path: The file, for errors.
+        encoding: The encoding of its text.
+        delimiter: What stands between its cells.
+        rows: The rows of its head.
+        tail: The rows of its tail.
+
+    Raises:
+        BagError: No row has a time and a number, or the decimal sign is not certain.
+    """
     width = usual_width(rows)
     decimal = _decimal_sign(path, [row for row in rows if len(row) == width], delimiter)
     first = _first_data(rows, decimal, width)
@@ -253,26 +284,27 @@ def _table_dialect(
     if first > 0 and len(rows[first - 1]) == len(rows[first]) > width:
         width = len(rows[first])
     above, below = rows[:first], rows[first:]
-    heading, units = _find_headings(above, width)
-    if len(heading) > width and len(joined := _with_bare_units(heading)) == width:
-        heading, units = joined, [''] * width
-    if len(heading) == width - 1 and _has_row_names(heading, [row for row in below if len(row) == width]):
-        # R numbers its rows, and does not name the column of these.
-        heading, units = ['', *heading], ['', *units]
-    heading = heading and [*heading, *[''] * (width - len(heading))]
-    suffixes = [_unit_suffix(below, k, heading[k] if heading else '') for k in range(width)]
+    heading, units = _fit_headings(*_find_headings(above, width), below, width)
     names = heading or [f'#{k + 1}' for k in range(width)]
+    suffixes = [_unit_suffix(below, k, names[k]) for k in range(width)]
     headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
-    plain, known_units = tuple(name for name, _ in headings), tuple(unit for _, unit in headings)
-    above_it = _other_table(above, delimiter)
-    shown = _maybe_thousands(below, decimal) if delimiter == ';' else ''
-    sign = 'point' if decimal == '.' else 'comma'
-    remark = f"'{shown}' is read with a decimal {sign}: nothing in the file tells it from thousands"
-    wide = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
+    remarks, losses = list[str](), list[str]()
+    if delimiter == ';' and (number := _maybe_thousands(below, decimal)):
+        sign = 'point' if decimal == '.' else 'comma'
+        remarks.append(
+            f"'{number}' is read with a decimal {sign}: nothing in the file tells it from thousands"
+        )
+    if len(heading) > width:
+        remarks.append(f'{len(heading)} headings stand above {width} cells: they were matched from the left')
+    if lines := _lines_of_other_table(above, delimiter):
+        losses.append(
+            f"{plural(len(lines), 'line')} of another table above were not read, the first '{lines[0]}'"
+        )
+    plain = tuple(name for name, _ in headings)
     return Dialect(
         plain,
         tuple(map(parse_heading, plain)),
-        known_units,
+        tuple(unit for _, unit in headings),
         decimal,
         tuple(below),
         tuple(tail),
@@ -281,15 +313,13 @@ def _table_dialect(
         tuple(above),
         tuple(heading),
         tuple(suffixes),
-        (*([remark] if shown else []), *([wide] if len(heading) > width else [])),
-        (f"{plural(len(above_it), 'line')} of another table above were not read, the first '{above_it[0]}'",)
-        if above_it
-        else (),
+        tuple(remarks),
+        tuple(losses),
     )
 
 
 def encoding_of(head: bytes) -> str:
-    """Return the encoding of a text by its first bytes."""
+    """Return the encoding of a text by its first bytes: UTF-8, UTF-16, or Windows-1252 for any other."""
     for mark, encoding in _MARKS:
         if head.startswith(mark):
             return encoding
@@ -305,14 +335,18 @@ def encoding_of(head: bytes) -> str:
 
 
 def _split_lines(lines: Sequence[str], delimiter: str) -> list[list[str]]:
+    """Return the cells of lines; no rows where the lines cannot be cut."""
     try:
-        return list(reader(iter(lines), delimiter))
+        return list(csv_reader(iter(lines), delimiter))
     except csv.Error:
         return []
 
 
 def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
-    """Return the delimiter that cuts most lines into one number of cells that are times and numbers."""
+    """Return the delimiter that cuts most lines into one number of cells with values, and the rows.
+
+    A comma and no rows where no line has two cells.
+    """
     best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
     for delimiter in _DELIMITERS:
         rows = _split_lines(lines, delimiter)
@@ -321,10 +355,9 @@ def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
             continue
         usual = [row for row in rows if len(row) == width]
         cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
-        sound = sum(_is_sound(cell) for cell in cells)
+        sound = sum(_is_value(cell) for cell in cells)
         score = len(usual) / len(rows) * (0.1 + sound / max(len(cells), 1))
-        # Between a date and its time there is a blank, too.
-        score *= _OF_BLANKS if delimiter == ' ' else 1.0
+        score *= _WEIGHT_OF_BLANKS if delimiter == ' ' else 1.0
         if score > best[0] * 1.0001:
             best = score, delimiter, rows
     return best[1:]
@@ -342,55 +375,52 @@ def find_delimiter(lines: Sequence[str]) -> str:
 
 
 def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
-    """Return the row of headings above the first numbers of some rows, if there is one."""
+    """Return the row of headings above the first numbers of rows; an empty list where there is none."""
     decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
     first = _first_data(rows, decimal, width)
     return _find_headings(rows[:first], width)[0] if first else []
 
 
 def is_row_of_units(row: Cells) -> bool:
-    """Return whether some cells are units, some of which may be lacking or unknown."""
+    """Return whether cells are units, one of which is known; others may be empty or unknown."""
     return any(unit_of(cell) for cell in row) and all(
-        len(cell.strip()) < _LONGEST_UNIT and parse_number(cell) is None for cell in row
+        len(cell.strip()) < _MAX_UNIT and parse_number(cell) is None for cell in row
     )
 
 
-def _is_sound(cell: str) -> bool:
-    decimals = parse_number(cell, '.') is not None or parse_number(cell, ',') is not None
-    return decimals or is_stamp(cell) or is_day(cell) or is_time(cell) or bool(_WITH_UNIT.fullmatch(cell))
+def _is_value(cell: str) -> bool:
+    """Return whether a cell is a number, with a unit or without, a date or a time."""
+    is_number = parse_number(cell, '.') is not None or parse_number(cell, ',') is not None
+    return is_number or is_stamp(cell) or is_day(cell) or is_time(cell) or bool(_WITH_UNIT.fullmatch(cell))
 
 
 def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
-    """Return the decimal sign of some cells.
+    """Return the decimal sign of the cells of rows.
 
     Raises:
         BagError: Nothing tells it from a sign of thousands.
     """
     cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
+    with_commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
     if any(',' in cell and _GROUPED.fullmatch(cell.translate(_SWAP)) for cell in cells):
         return ','  # 1.000,5
-    comma = [cell for cell in cells if _COMMA.fullmatch(cell)]
-    if not comma:
-        return '.'
-    if not all(_GROUPED.fullmatch(cell) for cell in comma) or any(
-        cell.lstrip('+-').startswith('0,') for cell in comma
-    ):
+    if any(not _GROUPED.fullmatch(cell) or cell.lstrip('+-').startswith('0,') for cell in with_commas):
         return ','
-    pointed = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
-    if any(',' in cell for cell in pointed):
+    with_points = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
+    if not with_commas or any(',' in cell for cell in with_points):
         return '.'  # 1,000.5
-    has_points = any(delimiter == ',' or not _POINTS.fullmatch(cell) for cell in pointed)
+    has_points = any(delimiter == ',' or not _POINTS.fullmatch(cell) for cell in with_points)
     if has_points != (delimiter == ';'):
         return '.' if has_points else ','
-    remedy = ' alone' if has_points else ", or cells separated by ';'"
+    number, remedy = with_commas[0], ' alone' if has_points else ", or cells separated by ';'"
     raise BagError(
-        f"log '{path}': '{comma[0]}' may be {comma[0].replace(',', '.')} or"
-        f' {comma[0].replace(",", "")}: write it with a decimal point{remedy}'
+        f"log '{path}': '{number}' may be {number.replace(',', '.')} or {number.replace(',', '')}: write it"
+        f' with a decimal point{remedy}'
     )
 
 
 def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
-    """Return a number whose decimal sign may part thousands, where all with one may; else nothing."""
+    """Return the first number with a decimal sign if in all such numbers it may part thousands; else ''."""
     cells = [cell.strip() for row in rows for cell in row if decimal in cell]
     plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
     numbers = [k for k, cell in enumerate(plain) if _NUMBER.fullmatch(cell)]
@@ -399,10 +429,16 @@ def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
 
 
 def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
-    """Return the first row of numbers of a table; rows of a preamble may have some, too."""
+    """Return the place of the first row of a table below its headings and a preamble; None without one.
+
+    Args:
+        rows: The rows of the head of a file.
+        decimal: The decimal sign.
+        width: How many cells most rows have.
+    """
     data = [k for k, row in enumerate(rows) if _is_data(row, decimal, width)]
     for k in data:
-        run = [_is_data(cells, decimal, width) for cells in rows[k : k + 2 * _RUN] if cells][:_RUN]
+        run = [_is_data(cells, decimal, width) for cells in rows[k : k + 2 * _RUN_ROWS] if cells][:_RUN_ROWS]
         if sum(run) > 0.5 * len(run):
             break
     else:
@@ -415,10 +451,10 @@ def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
             return n
         if is_data:
             is_timed = is_headed and any(is_stamp(cell) or is_time(cell) for cell in row)
-            is_preamble &= not _is_sound(row[0]) and not is_timed
+            is_preamble &= not _is_value(row[0]) and not is_timed
         if is_headed and not is_preamble:
             break
-        is_words = len(row) == width and all(cell.strip() and not _is_sound(cell) for cell in row)
+        is_words = len(row) == width and all(cell.strip() and not _is_value(cell) for cell in row)
         has_time = is_words and any(TIME_WORDS.search(parse_heading(cell).name) for cell in row)
         is_next |= has_time or (is_words and is_preamble and not is_headed)
     return k
@@ -429,42 +465,69 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
     if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith(COMMENTS):
         return False
     numbers = [parse_number(cell, decimal) is not None for cell in row]
-    times = any(is_stamp(cell) or is_time(cell) for cell in row)
-    return times or numbers[0] or sum(numbers) > 1
+    has_time = any(is_stamp(cell) or is_time(cell) for cell in row)
+    return has_time or numbers[0] or sum(numbers) > 1
 
 
-def _other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
-    """Lines above the headings that are those of a table with other cells or delimiter."""
+def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
+    """Return the lines above the headings that are of a table with other cells or delimiter.
+
+    An empty list where fewer than two are.
+
+    Args:
+        above: The rows above the headings.
+        delimiter: What they were cut by.
+    """
     # An open quotation mark makes one cell of many lines.
     lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
-    rows = [
-        [row for row in _split_lines(lines, mark) if sum(map(_is_sound, row)) > 1 and _is_sound(row[0])]
+    tables = [
+        [row for row in _split_lines(lines, mark) if sum(map(_is_value, row)) > 1 and _is_value(row[0])]
         for mark in _DELIMITERS
     ]
-    longest = max(rows, key=len)
-    return [' '.join(row)[:_MOST_SHOWN] for row in longest] if len(longest) > 1 else []
+    longest = max(tables, key=len)
+    return [' '.join(row)[:MAX_SHOWN] for row in longest] if len(longest) > 1 else []
 
 
-def _with_bare_units(heading: Sequence[str]) -> list[str]:
-    """Headings where a cell that is a unit belongs to the one before, as in 'Speed, rpm'."""
-    joined: list[str] = []
-    for cell in heading:
-        if joined and unit_of(cell):
-            joined[-1] += f',{cell}'
-        else:
-            joined.append(cell)
-    return joined
+def _fit_headings(
+    heading: list[str], units: list[str], rows: Sequence[Cells], width: int
+) -> tuple[list[str], list[str]]:
+    """Return headings and units for each column of the rows below them; more headings stay as they are.
+
+    Args:
+        heading: The row of headings; empty where there is none.
+        units: The units of a row of them, or empty texts.
+        rows: The rows of numbers.
+        width: How many cells these have.
+    """
+    if len(heading) > width:
+        # A cell that is a unit belongs to the one before, as in 'Speed, rpm'.
+        joined = list[str]()
+        for cell in heading:
+            if joined and unit_of(cell):
+                joined[-1] += f',{cell}'
+            else:
+                joined.append(cell)
+        if len(joined) == width:
+            return joined, [''] * width
+    if len(heading) == width - 1 and _has_row_names(heading, [row for row in rows if len(row) == width]):
+        # R numbers its rows, and does not name the column of these.
+        heading, units = ['', *heading], ['', *units]
+    return heading and [*heading, *[''] * (width - len(heading))], units
 
 
 def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
-    """Return the row of headings above the numbers, if there is one, and the units of a row of them."""
+    """Return the row of headings above the numbers, and the units of a row of them.
+
+    Returns:
+        The headings, an empty list where there are none; and the units, an empty text where there is none.
+    """
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
     bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
     if not bare:
         bare = [[row[0].lstrip(_MARKS_OF_COMMENTS), *row[1:]] for row in wide if len(row) >= width]
     # Of cells cut by blanks the mark of a comment may be one.
     bare = [row[1:] if row[0].strip(_MARKS_OF_COMMENTS) == '' and len(row) > width else row for row in bare]
-    named = [row for row in bare if not any(_is_sound(cell) for cell in row if cell.strip())]
+    named = [row for row in bare if not any(_is_value(cell) for cell in row if cell.strip())]
     if not named or named[-1][0].strip().lower().startswith('sep='):
         return [], [''] * width
     units, names = _row_of_units(named)
@@ -492,11 +555,16 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
 
 
 def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
-    """Return whether the first cells of rows are names or numbers of the rows, and no column of a time."""
+    """Return whether the first cells of rows are names or numbers of the rows, and no times.
+
+    Args:
+        heading: The headings, one too few.
+        rows: The rows.
+    """
     if sum(row[-1] != '' for row in rows) <= 0.5 * len(rows):
         return False
     numbers = [parse_number(row[0]) for row in rows]
-    if not any(_is_sound(row[0]) for row in rows):
+    if not any(_is_value(row[0]) for row in rows):
         return any(row[0] for row in rows)
     steps = [b - a for a, b in itertools.pairwise(n for n in numbers if n is not None)]
     if min(steps, default=0.0) <= 0.0 or steps.count(1.0) <= 0.5 * len(steps) or None in numbers:
@@ -508,7 +576,7 @@ def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
-    """Return, of some rows of words, that with units, which may be empty, and that with headings."""
+    """Return the row of units, empty where there is none, and the row of headings among rows of words."""
     for k in reversed(range(len(named))):
         row = named[k]
         is_units = is_row_of_units(row)
@@ -519,20 +587,38 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 
 
 def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
-    """Return the unit that stands behind the numbers of a column; empty where they have none."""
-    cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
+    """Return what stands behind most numbers of a column as a unit; empty where nothing does.
+
+    Args:
+        rows: The rows of numbers.
+        k: The place of the column.
+        heading: Its heading.
+    """
+    cells = [row[k] for row in rows[:_MAX_CELLS] if k < len(row) and row[k].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)
     is_north = suffix.strip() == 'N' and not _FORCES & set(parse_heading(heading).name.split())
     return '' if is_north or count <= 0.5 * len(cells) else suffix
 
 
-def _bus_log(path: Path, encoding: str, kind: str, lines: Sequence[str], last: Sequence[str]) -> Dialect:
-    rows = tuple(row for row in BUS_LOGS[kind](iter(lines)) if row)
+def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], last: Sequence[str]) -> Dialect:
+    """Return the layout of a log of a bus.
+
+    Args:
+        path: The file, for the error.
+        encoding: The encoding of its text.
+        kind: A key of :data:`BUS_LOGS`.
+        first: Its first lines.
+        last: Its last lines.
+
+    Raises:
+        BagError: No line has a time and a number.
+    """
+    rows, tail = (tuple(row for row in BUS_LOGS[kind](iter(lines)) if row) for lines in (first, last))
     if not rows:
         raise BagError(
             f"log '{path}': no line has a time and a number: record it with a time before each line"
         )
-    tail = tuple(row for row in BUS_LOGS[kind](iter(last)) if row)
-    headings, units = tuple(map(parse_heading, NAMES)), (None,) * len(NAMES)
-    return Dialect(NAMES, headings, units, '.', rows, tail, encoding, kind)
+    return Dialect(
+        NAMES, tuple(map(parse_heading, NAMES)), (None,) * len(NAMES), '.', rows, tail, encoding, kind
+    )

@@ -20,15 +20,14 @@ from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
-from stickslip_logs.tables.cell_times import Cells, number_reader
-from stickslip_logs.tables.dialect import COMMENTS, parse_heading, parse_number, reader, sniff
+from stickslip_logs.tables.cell_times import MAX_SHOWN, Cells, number_reader
+from stickslip_logs.tables.dialect import COMMENTS, csv_reader, detect_dialect, parse_heading, parse_number
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 from stickslip_logs.tables.text_file import extent_of, text_lines
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
-_MOST_SHOWN = 60
 # Columns that a line of a terminal has room for.
 _MAX_NAMED = 6
 _PARQUET, _PARQUET_HEAD = b'PAR1', 2000
@@ -155,7 +154,7 @@ def open_table(path: Path) -> NumberTable:
 def is_number_table(path: Path) -> bool:
     """Return whether the head of a text is a bus log, or a table with a time and a column of numbers."""
     try:
-        dialect = sniff(path, extent_of(path, is_whole=False))
+        dialect = detect_dialect(path, extent_of(path, is_whole=False))
         places = {*range(len(dialect.names))} - {*find_clock(path, dialect).columns}
     except BagError:
         return False
@@ -175,7 +174,7 @@ class TextTable(NumberTable):
 
     def __init__(self, path: Path) -> None:
         self._path, extent = path, extent_of(path)
-        self._dialect = sniff(path, extent)
+        self._dialect = detect_dialect(path, extent)
         self._is_plain, self._is_ended = extent.is_plain, extent.is_ended
         self.is_sent = self._dialect.delimiter in BUS_LOGS
         self.names, self.units = self._dialect.names, self._dialect.units
@@ -189,7 +188,7 @@ class TextTable(NumberTable):
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
         remarks = of_encoding if self._dialect.encoding == 'cp1252' else ()
-        self.said = (*_notes_on(self.clocks, self.names), *self._dialect.said, *remarks)
+        self.said = (*_notes_on(self.clocks, self.names), *self._dialect.remarks, *remarks)
         losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
@@ -266,7 +265,7 @@ class TextTable(NumberTable):
     def _read_batches(self) -> Iterator[tuple[list[list[str]], int]]:
         """Rows below the headings, and how many lines were swallowed by open quotation marks."""
         lines = self._read_lines()
-        cells = reader(lines, self._dialect.delimiter)
+        cells = csv_reader(lines, self._dialect.delimiter)
         for _ in itertools.islice(cells, len(self._dialect.above)):
             pass
         is_over, is_ended = False, self._is_ended
@@ -378,16 +377,14 @@ class _TextReading:
         if -1 not in places:
             self._places = places
         else:
-            self._other = self._other or ', '.join(self._order)[:_MOST_SHOWN]
+            self._other = self._other or ', '.join(self._order)[:MAX_SHOWN]
 
     def _see_untimed(self, row: Cells) -> None:
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
         elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
             self._untimed += 1
-            self._shown = (
-                self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:_MOST_SHOWN]
-            )
+            self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
 
     def _drop_short_rows(self, batch: list[list[str]], width: int) -> None:
         """Take rows of too few cells away, but those that lack empty ones at their end."""

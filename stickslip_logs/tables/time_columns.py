@@ -20,6 +20,7 @@ from stickslip_logs.arrays import FloatArray
 from stickslip_logs.errors import BagError
 from stickslip_logs.tables.cell_times import (
     DAY,
+    MAX_SHOWN,
     MAX_TIME_NS,
     SECOND,
     Cells,
@@ -78,8 +79,8 @@ _DAYS_BELOW, _SECONDS_FROM, _MILLISECONDS_FROM = 1e-4, 0.125, 10.0
 _MAX_RATE = 300.0
 # Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
 _NEAR_SECOND = 0.05
-# Rows that are looked at, and characters of a cell or headings that an error names.
-_MAX_ROWS, _MAX_SHOWN = 500, 60
+# Rows that are looked at.
+_MAX_ROWS = 500
 # Of the cells of a column of times more are times; of the rows of parts of a date nearly all.
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
@@ -186,7 +187,7 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     shown = next((row[k] for row in rows for k in (*named, 0) if row[k].strip()), '')
     raise BagError(
         f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
-        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:_MAX_SHOWN]}'"
+        f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:MAX_SHOWN]}'"
     )
 
 
