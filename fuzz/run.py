@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import io
 import multiprocessing
 import resource
@@ -26,7 +27,9 @@ from fuzz.mutants import mutant
 from fuzz.oracle import difference, digest, left_out
 from fuzz.voyages import STICKING_RPM, VOYAGES, sticking_share
 from stickslip_monitor.cli import main as stickslip
+from stickslip_monitor.commands.check import Task, check_one
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.parameters import MonitorConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
@@ -80,37 +83,37 @@ def judge_voyage(path: Path) -> str:
     """Describe what is wrong with how a voyage with stick-slip is read; return an empty text if nothing."""
     try:
         with _limited(SECONDS):
-            code, problem = check_voyage(path)
+            code = check_voyage(path)
             is_clear = code == 0 and sticking_share(path, path.suffix[1:]) >= ENOUGH
-            return problem or ('its stick-slip is an all-clear' if is_clear else '')
+            return 'its stick-slip is an all-clear' if is_clear else ''
     except _TooSlow:
         return f'not done in {SECONDS} s'
     except Exception:  # Any is a finding: no traceback may reach a user.
         return traceback.format_exc()
 
 
-def check_voyage(path: Path) -> tuple[int, str]:
-    """Check a voyage by the configuration of its format; return the exit code and what is wrong."""
-    config, text = path.with_name('config.yaml'), CONFIG.read_text()
-    for before, after in _WRITTEN.get(path.suffix[1:], {}).items():
+def check_voyage(path: Path) -> int:
+    """Check a voyage by the configuration of its format; return the exit code."""
+    return check_one(Task(_config_of(path.suffix[1:])), path).code
+
+
+@functools.cache
+def _config_of(kind: str) -> MonitorConfig:
+    """Return the configuration of the reference bearing, with the columns of a bus."""
+    text = CONFIG.read_text()
+    for before, after in _WRITTEN.get(kind, {}).items():
         text = text.replace(before, after)
-    config.write_text(text)
-    return _check(path, config)
+    with tempfile.NamedTemporaryFile('w', suffix='.yaml') as file:
+        file.write(text)
+        file.flush()
+        return load_config(file.name)
 
 
 def _command(path: Path) -> str:
-    return _check(path, CONFIG)[1]
-
-
-def _check(path: Path, config: Path) -> tuple[int, str]:
-    """Check a recording; return the exit code, and what is wrong with what it printed."""
     output, errors = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
-        code = stickslip(['check', str(path), '--config', str(config), '--traceback'])
-    return code, _describe_output(code, output.getvalue() + errors.getvalue())
-
-
-def _describe_output(code: int, text: str) -> str:
+        code = stickslip(['check', str(path), '--config', str(CONFIG), '--traceback'])
+    text = output.getvalue() + errors.getvalue()
     if code not in (0, 1, 2) or 'Traceback' in text:
         return f'exit code {code}: {text}'
     if any(not letter.isprintable() and letter != '\n' for letter in text):
@@ -178,9 +181,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     count = 0
     # A process for each batch: what one takes in memory is not the next one's.
     with multiprocessing.get_context('spawn').Pool(2, maxtasksperchild=1) as pool:
-        for failed in pool.imap(_batch, calls):
+        for call, failed in zip(calls, pool.imap(_batch, calls), strict=True):
+            sys.stdout.write(f'{call[3]} {call[1] + call[2]} of {args.count}\n')
             for number, text in failed:
                 count += 1
                 sys.stdout.write(f'mutant {number}: {text}\n')
+            sys.stdout.flush()
     sys.stdout.write(f'{count} failed; they are in {FAILED}\n' if count else 'none failed\n')
     return int(count > 0)

@@ -28,14 +28,14 @@ from fuzz.oracle import messages_of, rows_of
 
 _SECOND = 10**9
 _LOAD_N = 1000.0
-# Of 120 s the last 80 at 6 rpm, far below the fold of the reference bearing.
-STICKING_RPM = [60.0 + 0.01 * k if k < 40 else 6.0 + 0.001 * k for k in range(120)]
-_STICKS = range(40, 120)
+# Of 60 s the last 40 at 6 rpm, far below the fold of the reference bearing.
+STICKING_RPM = [60.0 + 0.01 * k if k < 20 else 6.0 + 0.001 * k for k in range(60)]
+_STICKS = range(20, 60)
 _STAMPS = [
     datetime.fromtimestamp(START // _SECOND + k, timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
-    for k in range(120)
+    for k in range(60)
 ]
-QUIET_RPM = [60.0 + 0.01 * k for k in range(120)]
+QUIET_RPM = [60.0 + 0.01 * k for k in range(60)]
 """Speeds of the same voyage without stick-slip, whose check is an all-clear."""
 
 
@@ -54,10 +54,10 @@ def _tables(speeds: Sequence[float]) -> list[bytes]:
 
 
 def _parquets(speeds: Sequence[float]) -> list[bytes]:
-    times = pa.array([START + k * _SECOND for k in range(120)], pa.timestamp('ns', 'UTC'))
-    table = pa.table({'time': times, 'shaft speed [rpm]': speeds, 'bearing load [N]': [_LOAD_N] * 120})
+    times = pa.array([START + k * _SECOND for k in range(60)], pa.timestamp('ns', 'UTC'))
+    table = pa.table({'time': times, 'shaft speed [rpm]': speeds, 'bearing load [N]': [_LOAD_N] * 60})
     found = []
-    for size in (120, 30):
+    for size in (60, 15):
         out = io.BytesIO()
         pq.write_table(table, out, row_group_size=size)
         found.append(out.getvalue())
@@ -127,8 +127,8 @@ def _mcaps(speeds: Sequence[float]) -> list[bytes]:
     return [
         file(
             [
-                Piece([*DEFINITIONS, *records[:80]], packing),
-                *(Piece(records[k : k + 40], packing) for k in (80, 120, 160, 200)),
+                Piece([*DEFINITIONS, *records[:40]], packing),
+                *(Piece(records[k : k + 20], packing) for k in (40, 60, 80, 100)),
             ],
             summary=summary,
         )
@@ -146,7 +146,7 @@ VOYAGES: dict[str, Callable[[Sequence[float]], list[bytes]]] = {
     'signalk': _signalk_logs,
     'canboat': _canboat_logs,
 }
-"""Makers of a voyage of 120 speeds [rpm], one a second, in several writings; by the ending of their names."""
+"""Makers of a voyage of 60 speeds [rpm], one a second, in several writings; by the ending of their names."""
 
 
 def sticking_share(path: Path, kind: str) -> float:
