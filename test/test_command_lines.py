@@ -168,8 +168,9 @@ def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
 @pytest.mark.slow
 def test_the_quick_page_leads_to_the_first_alarm(tmp_path: Path) -> None:
     (tmp_path / 'launch_configs').symlink_to(ROOT / 'launch_configs')
+    shutil.copy(ROOT / 'launch_configs' / 'examples' / 'slow_down.yaml', tmp_path)
     lines = [line for line in lines_of(QUICK) if line.startswith('stickslip ')]
-    # The voyage has warnings.
+    # The voyage and the slow-down have warnings.
     codes, printed = zip(*(finish(line, tmp_path) for line in lines), strict=True)
     assert codes == tuple(int(' check ' in line) for line in lines), printed
     assert re.search(r'bistable +stick_slip +Stick-slip predicted\.', ''.join(printed))

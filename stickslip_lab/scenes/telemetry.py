@@ -22,7 +22,13 @@ from stickslip_lab.scenes.truth import Column
 from stickslip_logs.recordings.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.monitor.parameters import LOAD_UNITS, BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import (
+    LOAD_UNITS,
+    BearingConfig,
+    InputConfig,
+    LoadConfig,
+    MonitorConfig,
+)
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, WATER
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
@@ -51,7 +57,9 @@ _NOMINAL = 5.0
 
 
 def nominal_load(config: BearingConfig) -> float:
-    """Five times the least load at which any speed of a bearing is unstable [N]."""
+    """Return the largest load that is assumed, or five times the least that any speed is unstable at [N]."""
+    if config.load.assumed is not None:
+        return config.load.assumed[1]
     law = config.bearing.friction
     # Not every law falls fastest at once: a Gaussian one and a table may begin flat.
     speeds = equilibrium_table(law)[0] if speed_scales(law) else np.empty(0)
@@ -78,8 +86,17 @@ class Channel:
 
     @property
     def input(self) -> InputConfig:
-        """Topic, scale and offset."""
-        return self.bearings[0].inputs[self.quantity]
+        """Topic, scale and offset; a load that the monitor assumes has a topic that it does not read."""
+        bearing = self.bearings[0]
+        source = bearing.inputs[self.quantity]
+        if not source.is_assumed:
+            return source
+        return LoadConfig(
+            topic=f'/bearing/{bearing.name}/load',
+            unit=source.unit,
+            maximum=source.maximum,
+            factor=source.factor,
+        )
 
     @property
     def topic(self) -> str:

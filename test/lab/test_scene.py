@@ -85,7 +85,7 @@ manoeuvre: {unit: rpm, time_constant: 8, ahead: {slow: 40, half: 40}, orders: []
 blade_ripple: {blades: 4.5, amplitude: 0} => blades = 4.5 must be a whole number
 blade_ripple: {blades: 4, amplitude: 2}
   => blade_ripple.amplitude = 2 must be a finite number between 0 and 1
-averaging: {} => averaging must name speed, load or both
+averaging: {} => averaging must name at least one of speed, load, water_temperature
 sensor_noise: {load: {standard_deviation: 1.0e+308, unit: N}}
   => standard_deviation = 1e+308 must be a finite number between 0 and 1e+15 N
 spikes: {load: {size: 1, unit: N}} => spikes.load must have windows, a share of the samples, or bot
@@ -194,6 +194,21 @@ def test_bearings_of_one_shaft_must_agree(make_scene: MakeScene) -> None:
     profile = {'speed_profile': {'unit': 'm/s', 'points': [[0, 1]]}}
     with pytest.raises(SceneError, match='unit m/s says nothing about topic /shaft/speed'):
         make_scene(two, effects=[profile])
+
+
+@pytest.mark.parametrize(
+    'load', [{'constant': 30.0}, {'over_speed': [0.0, 20.0, 60.0, 30.0]}], ids=['constant', 'table']
+)
+def test_a_load_that_the_monitor_assumes_has_a_topic_of_its_own(
+    make_scene: MakeScene, load: dict[str, Any]
+) -> None:
+    scene = make_scene({'aft': {'load': load | {'topic': '', 'unit': 'kN'}}})
+    topics = {channel.quantity: channel.topic for channel in scene.channels}
+    assert topics == {'speed': '/shaft/speed', 'load': '/bearing/aft/load'}
+    (channel,) = (channel for channel in scene.channels if channel.quantity == 'load')
+    # The monitor would judge the ship at the load that it assumes, and so is the scene; it records kN.
+    assert channel.factor('nominal') == 30e3
+    assert channel.input.factor == 1e3
 
 
 NS = 10**9
