@@ -336,8 +336,8 @@ def _rescale_cycle(cycle: Cycle, scale: Any) -> Cycle:
 def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
     shape, (v, n) = flatten(speed, load)
     cycles = _find_cycles(bearing, v, n, stable)
-    omega, period = bearing.natural_frequency, cycles.slipping + cycles.sticking
     kinds = restore(_decide_kinds(bearing, v, n, cycles, stable).astype(np.int8), shape)
+    omega, period = bearing.natural_frequency, cycles.slipping + cycles.sticking
     amplitude = 0.5 * (cycles.crest - cycles.trough) * np.abs(v) / omega
     return Cycle(
         amplitude=restore(amplitude, shape),
@@ -354,7 +354,10 @@ def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: boo
 def _decide_kinds(
     bearing: Bearing, speed: FloatArray, load: FloatArray, cycles: FoundCycles, stable: bool
 ) -> FloatArray:
-    """Return the kinds of what is found, with those that double precision does not decide."""
+    """Return the kinds of what is found, with those that double precision does not decide.
+
+    An unstable cycle that only rounding finds, beyond the end of every vibration, is taken out of ``cycles``.
+    """
     kind = cycles.kind.copy()
     kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
     rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
@@ -362,10 +365,14 @@ def _decide_kinds(
     below, above = (
         _reach_belt(bearing, speed[rows] * share, load[rows]) for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
     )
-    if not stable:  # something has to part stable sliding from stick-slip (Poincare and Bendixson)
+    if not stable:  # An unstable cycle parts stable sliding from a vibration (Poincare and Bendixson).
         parts = rows[below & above & (kind[rows] == CycleKind.NONE)]
         steady = _slides_steadily(slip_field(bearing, np.abs(speed[parts]), load[parts]))
         kind[parts[steady]] = CycleKind.TOO_UNSTABLE
+        beyond = rows[~below & ~above & (kind[rows] == CycleKind.TOO_UNSTABLE)]
+        beyond = beyond[~_may_vibrate(bearing, np.abs(speed[beyond]), load[beyond])]
+        kind[beyond] = CycleKind.NONE
+        cycles.put(beyond, FoundCycles.none(kind[beyond]))
     kind[rows[below != above]] = CycleKind.AT_FOLD
     return kind
 

@@ -203,6 +203,19 @@ def test_an_unstable_cycle_that_doubles_do_not_resolve_says_so(points):
     assert '1e12' in CycleKind.TOO_UNSTABLE.sentence
 
 
+@pytest.mark.parametrize('zeta', [0.014, 0.03])
+def test_beyond_the_fold_nothing_is_unstable(zeta):
+    """A closed orbit about stable sliding needs a vibration outside it (Poincare and Bendixson)."""
+    kappa = 1e-4  # c/N as a share of the steepest fall: so little that an orbit at the belt explodes
+    bearing = unit_bearing(zeta)
+    load = 2.0 * zeta / (0.2 * kappa)
+    speeds = exact_fold_speed(bearing, load) * np.array([1.0001, 1.02, 1.1, 1.5])
+    assert_array_equal(exact_cycle(bearing, speeds, load).kind, CycleKind.NONE)
+    cycle = exact_unstable_cycle(bearing, speeds, load)
+    assert_array_equal(cycle.kind, CycleKind.NONE)
+    assert np.all(np.isnan([cycle.amplitude, cycle.multiplier, cycle.period]))
+
+
 def test_the_waveform_closes_and_obeys_the_equation():
     cycle = exact_cycle(BENCH, 0.1, 1000.0)
     time, x, v = cycle.waveform(20001)
