@@ -42,7 +42,7 @@ from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
-from stickslip_logs.tables.quality import find_quality, is_quality_of
+from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
 from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.tables.time_columns import Clock, counted_from
@@ -335,9 +335,7 @@ class TableRecording(Recording):
         names, status = self.table.names, self._status_of(column.place)
         taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
         taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
-        taken |= {
-            k for k, name in enumerate(names) if any(is_quality_of(name, of, is_beside=False) for of in names)
-        }
+        taken |= find_quality_columns(names)
         places = [k for k in range(len(names)) if k not in taken]
         key = find_key_column(rows, time_ns, column.place, self.table.names, places)
         if key is None:
