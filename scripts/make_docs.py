@@ -40,17 +40,16 @@ GROUPS = (
     (
         'friction',
         'Friction',
-        'What each law takes: `stribeck` static, kinetic, decay (and viscous, exponent); `coulomb` static,'
-        ' kinetic; `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
+        '`stribeck` takes static, kinetic, decay (and viscous, exponent); `coulomb` static, kinetic;'
+        ' `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
     ),
     (
         'water_temperature',
         'Water temperature',
         'With `friction.at_temperature` friction goes by the water of now:'
-        ' [physics.md](physics.md#another-load-or-temperature). It is a number (`constant`) or measured: what'
-        ' all inputs have is below. Until a value has come the constant counts, or the water of the'
-        ' measurement; after the timeout the last value. Both are said, and no bearing is then better than'
-        ' WARN.',
+        ' [physics.md](physics.md#another-load-or-temperature). It is a number (`constant`) or an input, as'
+        ' below. Before its first value the constant counts, or the water of the measurement; after the'
+        ' timeout its last value. Both are said, and no bearing is then better than WARN.',
     ),
     (
         'tolerance',
@@ -61,8 +60,8 @@ GROUPS = (
     (
         INPUT,
         'Inputs: speed, load, level and water temperature',
-        'The same for `speed`, `load` and, where they are measured, `level` (vibration: what it adds is'
-        ' in [the rule](rule.md#measured-vibration)) and `water_temperature`. Where they differ, in this'
+        'The same for `speed`, `load` and, where they are measured, `level`'
+        ' ([of vibration](rule.md#measured-vibration)) and `water_temperature`; where they differ, in this'
         ' order.',
     ),
     ('level', 'Level of measured vibration', ''),
@@ -73,8 +72,8 @@ INTRO = f"""\
 <!-- Made by `{COMMAND}` from stickslip_monitor/monitor/parameters.py: edit that, or the script. -->
 # Configuration
 
-One ROS 2 parameter file configures everything: the node reads it with `--params-file` (launch
-file: `config:=`), every command with `--config`.
+One ROS 2 parameter file configures everything: of the node by `--params-file` (launch file:
+`config:=`), of every command by `--config`.
 
 ```yaml
 /**:
@@ -117,20 +116,20 @@ file: `config:=`), every command with `--config`.
 ## How the file is read
 
 - Sections `/**`, `/*`, and those that end with the node's name (`/ns/stickslip_monitor`) are merged in
-  the order of the file. Others, and parameters of every ROS 2 node (`use_sim_time`, ...), are ignored.
+  order. Others, and parameters of every ROS 2 node (`use_sim_time`, ...), are ignored.
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
 - An invalid file (unknown parameter, key given twice, alias `*name`) is refused, with exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number between 1e-06 and 1e+07 kg
 
 - An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz becomes surface
-  speed by `journal_diameter`; m/s is the surface speed; `gear: 4.2` beside an engine's speed makes it the
-  shaft's. Speeds astern are negative; a load of zero or below means no contact.
-- A load that nothing measures: `load: {{constant: 30, unit: kN}}`, or in rpm and the unit from the alignment
-  calculation, `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}`. ROS 2 reads no such lists:
-  in a file for the node they are one, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
-- *Live* parameters can be set at any time (`ros2 param set`); alarms and running delays are kept. *Fixed*
-  ones are read when the node starts; for the others deactivate the node and activate it again.
+  speed by `journal_diameter`; m/s is the surface speed. Speeds astern are negative; a load of zero or
+  below means no contact.
+- A load that nothing measures: `load: {{constant: 30, unit: kN}}`, or from the alignment calculation
+  `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}` (rpm and load). In a file for the node it
+  is one list, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
+- *Live* parameters can be set at any time (`ros2 param set`); alarms and delays go on. *Fixed* ones are
+  read when the node starts; for the others deactivate the node and activate it again.
 """
 
 
