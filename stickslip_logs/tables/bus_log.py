@@ -124,17 +124,17 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
     for line in lines:
-        if not line.strip():
-            continue
         try:
-            delta = json.loads(line[line.index('{') :])
+            delta = _decode_object(line)
+            if delta is None:
+                continue
             if 'updates' not in delta and 'self' in delta:  # the server's first word
                 own_vessel = delta['self'].removeprefix('vessels.')
                 continue
             kind, _, name = delta.get('context', 'self').partition('.')
             context = name if kind == 'vessels' else kind
             own_vessel = own_vessel or (name if kind == 'vessels' and _is_own(delta) else '')
-            values = list(_delta_rows(delta, first, units)) if context in (own_vessel, 'self') else []
+            values = _delta_rows(delta, first, units) if context in (own_vessel, 'self') else ()
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
@@ -147,19 +147,38 @@ def _is_own(delta: Any) -> bool:
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 
 
-def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> Iterator[Row]:
+def _decode_object(line: str) -> Any:
+    """Return the JSON object behind what a logger wrote before it; None for an empty line.
+
+    Raises:
+        ValueError: There is no object, or something else behind it.
+    """
+    begin = line.find('{')
+    if begin < 0 and not line.strip():
+        return None
+    value, end = _decode_json(line, begin)
+    if line[end:].strip():
+        raise ValueError('more than an object')
+    return value
+
+
+def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> list[Row]:
+    rows: list[Row] = []
     for update in delta['updates']:
-        units.update(_meta_units(update.get('meta')))
+        if 'meta' in update:
+            units.update(_meta_units(update['meta']))
         source = signalk_source(update)
         for item in update.get('values', ()):
             value = item['value']
-            if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+            if value is None or type(value) in _NUMBERS:
                 path, when = item['path'], update['timestamp']
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')
                 text = 'null' if value is None else repr(value)
                 unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
-                yield when, _name_of(path, source, first), text, unit, source
+                name = path if first.setdefault(path, source) == source else f'{path}{_FROM}{source}'
+                rows.append((when, name, text, unit, source))
+    return rows
 
 
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
@@ -175,10 +194,10 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of messages as canboat's ``analyzer -json`` writes them; None for a damaged line."""
     first = dict[str, str]()
     for line in lines:
-        if not line.strip():
-            continue
         try:
-            message = json.loads(line[line.index('{') :])
+            message = _decode_object(line)
+            if message is None:
+                continue
             if 'pgn' not in message:  # canboat's first line says its version
                 yield NO_SENTENCE
                 continue
@@ -219,6 +238,9 @@ def first_name(name: str) -> str:
 
 
 _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'
+# Calls without what json.loads adds to each; a truth value is of neither type.
+_decode_json = json.JSONDecoder().raw_decode
+_NUMBERS = int, float
 # What Signal K gives the values of some paths in.
 _UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
 # PGNs of engines, and what canboat calls the first two of these.

@@ -12,6 +12,7 @@ import zlib
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -164,7 +165,7 @@ def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator
     with opened(path) as raw:
         text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
         with contextlib.suppress(*BROKEN):
-            lines = iter(lambda: text.readline(_LONGEST_LINE), '')
+            lines = iter(partial(text.readline, _LONGEST_LINE), '')
             yield from lines if is_plain else map(_without_marks, lines)
 
 
