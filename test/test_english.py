@@ -10,7 +10,7 @@ from plain_english import FindingKind, count_by_room, find_in_source
 MOST = {
     'stickslip_logs': 1,
     'stickslip_logs/recordings': 32,
-    'stickslip_logs/tables': 8,
+    'stickslip_logs/tables': 2,
     'stickslip_monitor': 3,
     'stickslip_monitor/commands': 8,
     'stickslip_monitor/dashboard': 2,

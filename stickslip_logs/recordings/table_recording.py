@@ -94,7 +94,7 @@ class TableRecording(Recording):
         self.table = open_table(path)
         self._ends: Sequence[Cells] = [*self.table.head, *self.table.tail]
         self._findings = Findings()
-        for text in self.table.said:
+        for text in self.table.remarks:
             self._findings.note(text)
         for text in self.table.losses:
             self._findings.lose(text)

@@ -31,7 +31,7 @@ NO_SENTENCE: tuple[()] = ()
 
 
 def bus_log_of(lines: Sequence[str]) -> str:
-    """Return a key of :data:`BUS_LOGS` or nothing, by the first lines of a file."""
+    """Return the key in :data:`BUS_LOGS` of a log by its first lines; empty for another file."""
     first = [line for line in lines[:200] if line.strip()]
     if sum(bool(_SENTENCE.search(line)) for line in first) > 0.4 * len(first) > 0:
         return 'nmea'
@@ -41,11 +41,10 @@ def bus_log_of(lines: Sequence[str]) -> str:
 
 
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
-    """Yield the numbers of sentences of a log.
+    """Yield the numbers of the sentences of a log as rows.
 
-    Yields None for a damaged one, or a number without a time, and an empty row for a line without a sentence.
-
-    As with Signal K, a second talker of a number has a name of its own.
+    None for a damaged sentence and for a number without a time, an empty row for a line without a sentence.
+    As with Signal K, the numbers of a second talker have names of their own.
     """
     when, has_clock, first = '', False, dict[str, str]()
     for line in lines:
@@ -70,9 +69,12 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
 
 
 def _time_before(head: str) -> str:
-    """Return the time that a logger wrote before a sentence, empty where there is none.
+    """Return the time that a logger wrote before a sentence, as a text; empty where there is none.
 
-    A stamp stays as it is written; a number is in seconds since 1970, milliseconds are converted.
+    A stamp, or a time of the day, stays as it is written; milliseconds since 1970 are given as seconds.
+
+    Args:
+        head: What stands before the sentence in its line.
     """
     if stamp := _ISO.search(head):
         return stamp.group()
@@ -80,13 +82,13 @@ def _time_before(head: str) -> str:
         text = epoch[1]
         return text if len(text) != 13 else f'{text[:10]}.{text[10:]}'
     # Behind the name of an instrument, perhaps: '05/04/2026,06:00:00.123,', 'shaft 2026:124:06:00:00.123'.
-    own = head.strip(' ,;\t[]<>')
-    candidates = (own, own.partition(' ')[2].strip()) if any(map(str.isdecimal, own)) else ()
+    text = head.strip(' ,;\t[]<>')
+    candidates = (text, text.partition(' ')[2].strip()) if any(map(str.isdecimal, text)) else ()
     return next((text for text in candidates if is_stamp(text) or is_time(text)), '')
 
 
 def _own_time(kind: str, fields: Sequence[str]) -> str:
-    """Return the time of a ZDA or RMC sentence as an ISO date and time."""
+    """Return the time that a sentence of the kind ZDA or RMC says, as ISO 8601; empty for any other."""
     clock = fields[0]
     if kind == 'ZDA' and len(fields) > 3:
         date = [field.zfill(2) for field in fields[1:4]]
@@ -102,7 +104,7 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
 
 
 def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield names, values and units of a sentence of speeds or of transducers."""
+    """Yield name, value and unit of each number of a sentence RPM or XDR; nothing for other kinds."""
     if kind == 'RPM' and len(fields) > 2:
         # As the live link reads it: some ships leave the pitch out, none the status.
         is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
@@ -116,11 +118,11 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
-    """Yield the numbers of deltas, one delta a line; None for a line that is none.
+    """Yield the numbers of deltas of Signal K as rows, one delta a line; None for a line that is no delta.
 
-    Other vessels' are passed over: the own one is that of the server's first word, or else the first
-    with more than others send by AIS. The second source of a path is a name of its own: a server may
-    hand on an engine's gateway and a simulation under one path.
+    Other vessels' are passed over: the own one is that of the server's first line, or else the first with
+    more than others send by AIS. Numbers of a second source have names of their own: a server may hand on an
+    engine's gateway and a simulation under one path.
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
     for line in lines:
@@ -142,7 +144,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
 
 def _is_own(delta: Any) -> bool:
-    """Return whether a vessel says of itself what none says by AIS."""
+    """Return whether a delta has a path that no vessel sends by AIS, so that it is of the own one."""
     paths = (item['path'] for update in delta['updates'] for item in update.get('values', ()))
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 
@@ -163,6 +165,16 @@ def _decode_object(line: str) -> Any:
 
 
 def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> list[Row]:
+    """Return the numbers of a delta as rows.
+
+    Args:
+        delta: The delta.
+        first: The first source of each path, to which new ones are added.
+        units: The units of paths by their meta data, to which new ones are added.
+
+    Raises:
+        TypeError: A time is no text; other errors where the delta is damaged.
+    """
     rows: list[Row] = []
     for update in delta['updates']:
         if 'meta' in update:
@@ -182,7 +194,7 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
 
 
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
-    """Yield the units by path that meta data say; what is odd in them costs no number."""
+    """Yield paths and units of the meta data of a delta; what is damaged in them is passed over."""
     for item in meta if isinstance(meta, list) else ():
         value = item.get('value') if isinstance(item, dict) else None
         unit = value.get('units') if isinstance(value, dict) else None
@@ -191,7 +203,10 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
 
 
 def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
-    """Yield the numbers of messages as canboat's ``analyzer -json`` writes them; None for a damaged line."""
+    """Yield the numbers of messages as canboat's ``analyzer -json`` writes them, as rows.
+
+    None for a damaged line, an empty row for one without a message.
+    """
     first = dict[str, str]()
     for line in lines:
         try:
@@ -219,17 +234,23 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
 
 
 def _plain_value(value: Any) -> Any:
-    """Return the value of a field, which has its name beside it where canboat is asked for both."""
+    """Return the value of a field alone, which canboat may write with its name."""
     return value.get('value') if isinstance(value, dict) else value
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:
-    """Return what a number of a source is called: that of the first by its name alone."""
+    """Return a name for the numbers of a source: as it is for its first source, with the source for others.
+
+    Args:
+        name: The name.
+        source: The source.
+        first: The first source of each name, to which a new one is added.
+    """
     return name if first.setdefault(name, source) == source else f'{name}{_FROM}{source}'
 
 
 def first_name(name: str) -> str:
-    """Return what the number of another source is called where its first source sends it; else nothing.
+    """Return the name without its source, of numbers of another source than the first; else an empty text.
 
     >>> first_name('RPM S 1 from ER'), first_name('RPM S 1')
     ('RPM S 1', '')
@@ -237,6 +258,7 @@ def first_name(name: str) -> str:
     return name.rpartition(_FROM)[0]
 
 
+# Paths, or beginnings of them, that vessels send by AIS.
 _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.ais', 'name', 'mmsi'
 # Calls without what json.loads adds to each; a truth value is of neither type.
 _decode_json = json.JSONDecoder().raw_decode

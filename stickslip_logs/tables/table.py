@@ -28,21 +28,29 @@ from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns
 
 # Rows that are handed on at a time: few enough for the caches.
 BLOCK = 1 << 14
-# Columns that a line of a terminal has room for.
-_MAX_NAMED = 6
-_PARQUET, _PARQUET_HEAD = b'PAR1', 2000
-# Days by which the order of a date is found: ten years of them.
-_MAX_DAYS = 3660
+# First bytes of Parquet, and rows of its head and of its tail.
+_PARQUET, _PARQUET_HEAD, _PARQUET_TAIL = b'PAR1', 2000, 9
+# Columns that a remark names, characters of a word that is counted, and days by which the order of a date is
+# found: ten years of them.
+_MAX_NAMED, _MAX_WORD, _MAX_DAYS = 6, 20, 3660
 _DAY = re.compile(r'\D*\d+\D+\d+')
 # What a line that is no row begins with; WinCC ends with a count of rows.
 _REMARKS = *COMMENTS, '$RT_'
 
 Say = Callable[[str], None]
+"""Takes a sentence."""
 
 
 @dataclass(slots=True)
 class Rows:
-    """Some rows by one clock: their times [ns], which have one, and the cells of all columns asked for."""
+    """Some rows of a table as one clock times them.
+
+    Attributes:
+        clock: The clock.
+        time_ns: Their times [ns], shape (n,).
+        is_timed: Which rows have one, shape (n,).
+        columns: The n cells of each column that was asked for: texts, or an array of pyarrow.
+    """
 
     clock: Clock
     time_ns: IntArray
@@ -52,7 +60,13 @@ class Rows:
 
 @dataclass(slots=True)
 class Numbers:
-    """The numbers of some cells, NaN for a word, which cells are not empty, and the words."""
+    """The numbers of some cells.
+
+    Attributes:
+        value: The numbers, NaN for a word and for an empty cell, shape (n,).
+        is_there: Which cells are not empty, shape (n,).
+        words: How often each word stands in place of a number.
+    """
 
     value: FloatArray
     is_there: BoolArray
@@ -64,13 +78,13 @@ class NumberTable(ABC):
 
     Attributes:
         names: The headings.
-        units: The unit of each as the configuration calls it.
-        clocks: Its times: one, or one for each signal.
+        units: The unit of each as the configuration calls it, None where it has no such unit.
+        clocks: The clock of all columns, or one for each signal.
         head: Rows of the beginning.
         tail: Rows of the end.
         line_count: About how many rows there are.
-        said: What was guessed.
-        losses: What cannot be read.
+        remarks: What was guessed, as sentences.
+        losses: What cannot be read, as sentences.
         is_sent: Whether its numbers are as sensors sent them, over a bus.
     """
 
@@ -80,54 +94,53 @@ class NumberTable(ABC):
     head: Sequence[Cells]
     tail: Sequence[Cells]
     line_count: int
-    said: tuple[str, ...]
+    remarks: tuple[str, ...]
     losses: tuple[str, ...] = ()
     is_sent = False
 
     @property
     def time_columns(self) -> list[int]:
-        """The columns of all clocks."""
+        """The places of the columns of all clocks."""
         return [k for clock in self.clocks for k in clock.columns]
 
     def clock_of(self, column: int) -> Clock:
-        """Return the clock that a column is of."""
+        """Return the clock that times a column; the first one for a column that none times."""
         return next((clock for clock in self.clocks if clock.has_column(column)), self.clocks[0])
 
     def clocks_of(self, columns: Sequence[int]) -> list[Clock]:
-        """Return the clocks that some columns are of."""
-        return [clock for clock in self.clocks if any(clock.has_column(k) for k in columns)] or [
-            self.clocks[0]
-        ]
+        """Return the clocks that time some columns, each once; the first one where none does."""
+        clocks = [clock for clock in self.clocks if any(clock.has_column(k) for k in columns)]
+        return clocks or [self.clocks[0]]
 
     @abstractmethod
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Yield some columns in the order of the file, each block once for each of their clocks.
+        """Yield the rows of some columns in the order of the file, each block once for each of their clocks.
 
         Args:
-            wanted: The columns.
+            wanted: The places of the columns.
             lose: Takes sentences on what was not used.
             note: Takes sentences on what is odd.
         """
 
     @abstractmethod
     def numbers(self, cells: Any) -> Numbers:
-        """Return the numbers of cells of a column."""
+        """Return the numbers of cells of a column, as :meth:`blocks` gives them."""
 
 
 def texts_of(cells: Any) -> list[str]:
-    """Cells of a block as texts."""
+    """Return cells of a block as texts."""
     return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
 
 
 def some_cells(cells: Any, chosen: BoolArray) -> Any:
-    """Return those cells of a block that are chosen, shape (n,)."""
+    """Return those of n cells of a block that are chosen, by booleans of shape (n,)."""
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
     return cells.take(np.flatnonzero(chosen))
 
 
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
-    """Return the numbers of cells some of which are words or empty."""
+    """Return the numbers of cells, one by one, as some are words or empty."""
     result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
     for k, cell in enumerate(cells):
         text = cell.strip()
@@ -136,15 +149,15 @@ def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
         elif (number := parse_number(text, decimal)) is not None:
             result.value[k] = number
         else:
-            result.words[text[:20]] += 1
+            result.words[text[:_MAX_WORD]] += 1
     return result
 
 
 def open_table(path: Path) -> NumberTable:
-    """Open a table of either kind.
+    """Open a file of text or of Parquet as a table.
 
     Raises:
-        BagError: It is none, or cannot be read.
+        BagError: It is no table, or cannot be read.
     """
     with open_file(path) as file:
         is_parquet = file.read(len(_PARQUET)) == _PARQUET
@@ -169,7 +182,7 @@ class TextTable(NumberTable):
     """A table of text.
 
     Raises:
-        BagError: It is no table, or not to be told how it is written.
+        BagError: It is no table, or may be read in two ways.
     """
 
     def __init__(self, path: Path) -> None:
@@ -188,14 +201,18 @@ class TextTable(NumberTable):
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
         remarks = of_encoding if self._dialect.encoding == 'cp1252' else ()
-        self.said = (*_notes_on(self.clocks, self.names), *self._dialect.remarks, *remarks)
+        self.remarks = (*_notes_on(self.clocks, self.names), *self._dialect.remarks, *remarks)
         losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
         self.losses = (*losses, *self._dialect.losses)
 
     def _rows_of_days(self, columns: Sequence[int]) -> list[list[str]]:
-        """Return a row of each day of the file, by the first two numbers in the columns of its dates."""
+        """Return a row of each day of the file, by the first two numbers in the columns of its dates.
+
+        Args:
+            columns: The places of the columns of the date.
+        """
         rows = dict[str, list[str]]()
         for batch, _ in self._read_batches():
             for row in batch:
@@ -205,7 +222,7 @@ class TextTable(NumberTable):
         return list(rows.values())
 
     def numbers(self, cells: Cells) -> Numbers:
-        """Return the numbers of cells."""
+        """Return the numbers of cells, all at once where all are numbers."""
         joined, decimal = '\n'.join(cells), self._dialect.decimal
         fast = cells
         if decimal == ',' and '.' not in joined:
@@ -219,39 +236,38 @@ class TextTable(NumberTable):
         return _mixed_numbers(cells, decimal)
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Yield some columns, in the order of the file."""
+        """Yield the rows of some columns, without the units behind numbers."""
         if self._dialect.delimiter in BUS_LOGS:
             yield from self._bus_blocks(wanted, lose, note)
             return
         clocks = self.clocks_of(wanted)
         reading = _TextReading(self._dialect.heading, self._dialect.above, clocks, wanted)
-        for batch, lost in self._read_batches():
-            reading.short += lost
-            yield from (self._without_units(rows, wanted) for rows in reading.parts(batch))
-        reading.tell(lose, note)
-
-    def _without_units(self, rows: Rows, wanted: Sequence[int]) -> Rows:
         suffixes = [self._dialect.suffixes[k] for k in wanted]
-        if any(suffixes):
-            pairs = zip(rows.columns, suffixes, strict=True)
-            rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
-        return rows
+        for batch, swallowed in self._read_batches():
+            reading.short += swallowed
+            for rows in reading.read_batch(batch):
+                if any(suffixes):
+                    pairs = zip(rows.columns, suffixes, strict=True)
+                    rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
+                yield rows
+        reading.report_unused(lose, note)
 
     def _read_lines(self) -> Iterator[str]:
+        """Yield the lines of the file."""
         return text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
 
     def _bus_blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
         """Yield the rows of a bus log in blocks, a number a row (time, name, value, unit, sender).
 
-        Lines that are damaged or without a time are counted as lost, lines without a sentence as a note, at
-        the end.
+        At the end lines that are damaged or without a time are counted as lost, lines without a sentence as a
+        note.
         """
         log_rows = BUS_LOGS[self._dialect.delimiter](self._read_lines())
         lost, foreign, clock = 0, 0, self.clocks[0]
         while batch := list(itertools.islice(log_rows, BLOCK)):
             rows = [row for row in batch if row]
-            none = batch.count(NO_SENTENCE)
-            lost, foreign = lost + len(batch) - len(rows) - none, foreign + none
+            unspoken = batch.count(NO_SENTENCE)
+            lost, foreign = lost + len(batch) - len(rows) - unspoken, foreign + unspoken
             columns = [[row[k] for row in rows] for k in (*clock.columns, *wanted)]
             begin = len(clock.columns)
             time_ns, is_timed = clock.read(columns[:begin])
@@ -263,7 +279,10 @@ class TextTable(NumberTable):
             note(_not_used(foreign, 'without a sentence'))
 
     def _read_batches(self) -> Iterator[tuple[list[list[str]], int]]:
-        """Rows below the headings, and how many lines were swallowed by open quotation marks."""
+        """Yield batches of rows below the headings, each with how many lines open quotation marks cost.
+
+        A last row that is cut is left out and counted.
+        """
         lines = self._read_lines()
         cells = csv_reader(lines, self._dialect.delimiter)
         for _ in itertools.islice(cells, len(self._dialect.above)):
@@ -283,7 +302,12 @@ class TextTable(NumberTable):
 
 
 def _notes_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
-    """Return what was guessed of the clocks of a table, and which columns are of which."""
+    """Return the remarks of the clocks of a table, and one on which columns each of several is of.
+
+    Args:
+        clocks: The clocks.
+        names: The headings of the table.
+    """
     notes = list(dict.fromkeys(text for clock in clocks for text in clock.remarks))
     if len(clocks) > 1:
         pairs = [f"'{names[k]}' by #{clock.columns[0] + 1}" for clock in clocks for k in clock.values or ()]
@@ -293,7 +317,12 @@ def _notes_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
 
 
 def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
-    """Return a clock that reads times with a unit behind each, as '12 sec'."""
+    """Return a clock that reads times without the unit behind each, as in '12 sec'.
+
+    Args:
+        clock: The clock; it is returned as it is where its column has no unit.
+        suffixes: The unit of each column, empty for none.
+    """
     suffix = suffixes[clock.columns[0]] if suffixes else ''
     if not suffix:
         return clock
@@ -301,10 +330,16 @@ def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
 
 
 class _TextReading:
-    """A pass over the rows of a text: where the columns are, and what was not used.
+    """A pass over the rows of a text: finds the wanted columns, and counts what is not used.
 
     A logger that was started again, or a second one behind it in the file, writes its headings in
     the middle; what comes below them is in their order.
+
+    Args:
+        heading: The row of headings; empty where there is none.
+        above: The rows above the first with numbers.
+        clocks: The clocks that are read.
+        wanted: The places of the columns that are read.
     """
 
     def __init__(
@@ -316,15 +351,15 @@ class _TextReading:
         self._places: list[int] | None = [*self._times, *wanted]
         self._order: Cells = self._first
         self.short = self._untimed = self._repeated = self._foreign = 0
-        self._shown = self._other = ''
+        self._shown = self._foreign_heading = ''
 
-    def parts(self, batch: list[list[str]]) -> Iterator[Rows]:
-        """Yield the rows of a batch, parted where the order of the columns changes."""
+    def read_batch(self, batch: list[list[str]]) -> Iterator[Rows]:
+        """Yield the rows of a batch, for each clock once, parted where the order of the columns changes."""
         while batch:
             if self._places is None:
                 at = next((k for k, row in enumerate(batch) if self._is_heading(row)), len(batch))
                 self._foreign += at
-                self._take_heading(batch[at] if at < len(batch) else None)
+                self._follow_heading(batch[at] if at < len(batch) else None)
                 batch = batch[at + 1 :]
                 continue
             self._drop_short_rows(batch, max(self._places))
@@ -336,18 +371,24 @@ class _TextReading:
             end = next((k for k in untimed if self._is_heading(batch[k])), len(batch))
             for k in untimed:
                 if k < end:
-                    self._see_untimed(batch[k])
+                    self._count_untimed(batch[k])
                 for column in values:
                     column[k] = ''
             for clock, (time_ns, is_timed) in zip(self._clocks, times, strict=True):
                 if len(self._clocks) > 1:
                     self._blank_untimed(clock, is_timed[:end], values)
                 yield Rows(clock, time_ns[:end], is_timed[:end], [column[:end] for column in values])
-            self._take_heading(batch[end] if end < len(batch) else None)
+            self._follow_heading(batch[end] if end < len(batch) else None)
             batch = batch[end + 1 :]
 
     def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Sequence[list[str]]) -> None:
-        """Count the lines where a signal has a value and its own clock has no time, and leave these out."""
+        """Empty the cells of signals whose clock has no time in a row, and count the rows that had a value.
+
+        Args:
+            clock: The clock.
+            is_timed: Which rows have a time of it, shape (n,).
+            values: The cells of each wanted column.
+        """
         columns = [column for k, column in zip(self._wanted, values, strict=True) if clock.has_column(k)]
         lacking = [
             k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in columns)
@@ -358,28 +399,31 @@ class _TextReading:
                 column[k] = ''
 
     def _is_heading(self, row: Cells) -> bool:
-        """Return whether a row has headings of the table in another order than the last."""
+        """Return whether a row holds headings of the table in another order than the last headings."""
         cells = [cell.strip() for cell in row]
-        named = {name for name in self._first if name}
+        names = {name for name in self._first if name}
         is_other = cells != [*self._order]
-        return bool(named) and is_other and len(named & set(cells)) > min(1, len(named) - 1)
+        return bool(names) and is_other and len(names & set(cells)) > min(1, len(names) - 1)
 
-    def _take_heading(self, row: Cells | None) -> None:
-        """Find the wanted columns in the order of a repeated heading; change nothing for other cells.
+    def _follow_heading(self, row: Cells | None) -> None:
+        """Find the wanted columns below headings in the middle, the n-th of those alike; do nothing for None.
 
-        Where one of them is missing, it is remembered, and the rows up to the next heading are passed over.
+        Where one of them is missing, the rows up to the next headings are passed over.
         """
         if row is None:
             return
         self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1
-        places = [_same_heading(self._first, k, self._order) for k in (*self._times, *self._wanted)]
-        self._places = None
-        if -1 not in places:
-            self._places = places
-        else:
-            self._other = self._other or ', '.join(self._order)[:MAX_SHOWN]
+        self._places = []
+        for k in (*self._times, *self._wanted):
+            alike = [place for place, name in enumerate(self._order) if name == self._first[k]]
+            number = self._first[:k].count(self._first[k])
+            if number >= len(alike):
+                self._places, self._foreign_heading = None, self._foreign_heading or ', '.join(self._order)
+                return
+            self._places.append(alike[number])
 
-    def _see_untimed(self, row: Cells) -> None:
+    def _count_untimed(self, row: Cells) -> None:
+        """Count a row without a time: as headings that repeat, or as lost where it is no remark."""
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
         elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
@@ -387,7 +431,12 @@ class _TextReading:
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
 
     def _drop_short_rows(self, batch: list[list[str]], width: int) -> None:
-        """Take rows of too few cells away, but those that lack empty ones at their end."""
+        """Take rows that are too short away and count them; fill up those that may lack empty cells.
+
+        Args:
+            batch: The rows, which are changed.
+            width: The last place that is needed.
+        """
         if min(map(len, batch)) > width:
             return
         # A signal that ended before another leaves the rest of the line out.
@@ -401,28 +450,21 @@ class _TextReading:
                 self.short += any(cell.strip() for cell in row) and not row[0].startswith(_REMARKS)
                 del batch[k]
 
-    def tell(self, lose: Say, note: Say) -> None:
-        """Say what was not used."""
+    def report_unused(self, lose: Say, note: Say) -> None:
+        """Hand on sentences on what was not used, and one on headings that repeat."""
         if self._untimed:
             shown = f", the first '{self._shown}'" if self._shown else ''
             lose(_not_used(self._untimed, 'without a time', shown))
         if self.short:
             lose(_not_used(self.short, 'damaged or of too few cells'))
         if self._foreign:
-            lose(_not_used(self._foreign, f"under other headings ('{self._other}')"))
+            lose(_not_used(self._foreign, f"under other headings ('{self._foreign_heading[:MAX_SHOWN]}')"))
         if self._repeated:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
 
 
-def _same_heading(first: Cells, place: int, second: Cells) -> int:
-    """Return where headings in another order have one of the first ones, or -1: the n-th of those alike."""
-    name = first[place]
-    places = [k for k, heading in enumerate(second) if heading == name]
-    number = first[:place].count(name)
-    return places[number] if number < len(places) else -1
-
-
 def _not_used(count: int, subject: str, more: str = '') -> str:
+    """Return a sentence that some lines were not used."""
     return f'{plural(count, "line")} {subject} {"was" if count == 1 else "were"} not used{more}'
 
 
@@ -445,22 +487,24 @@ class ParquetTable(NumberTable):
             self.head = () if first is None else _as_rows(first.columns)
             last = file.metadata.num_row_groups - 1
             group = None if last < 1 else file.read_row_group(last)
-            self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
+            self.tail = (
+                () if group is None else _as_rows(group.slice(max(group.num_rows - _PARQUET_TAIL, 0)).columns)
+            )
         columns = TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
         stamped = rank_stamps(
             columns, [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
         )
         if stamped:
             has_zone = 'tz=' in str(schema.types[stamped[0]])
-            read = number_reader(1, 0, '.')  # as _texts() writes them
+            read = number_reader(1, 0, '.')  # as _column_texts() writes them
             main, *more_clocks = (Clock((k,), read, () if has_zone else (WITHOUT_ZONE,)) for k in stamped)
             self.clocks = share_columns(columns, main, more_clocks)
         else:
             self.clocks = find_clocks(path, columns)
-        self.said = tuple(_notes_on(self.clocks, self.names))
+        self.remarks = tuple(_notes_on(self.clocks, self.names))
 
     def numbers(self, cells: Any) -> Numbers:
-        """Return the numbers of a column: of numbers, or of texts that are some."""
+        """Return the numbers of cells of numbers, or of texts."""
         is_there = np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
         try:
             value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)
@@ -469,16 +513,16 @@ class ParquetTable(NumberTable):
             return _mixed_numbers(_column_texts(cells))
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Yield some columns, in the order of the file."""
+        """Yield the rows of some columns; damage ends them, and is a loss."""
         del note
         untimed = 0
         clocks = self.clocks_of(wanted)
-        every = list(dict.fromkeys([*(k for clock in clocks for k in clock.columns), *wanted]))
+        places = list(dict.fromkeys([*(k for clock in clocks for k in clock.columns), *wanted]))
         try:
             for batch in _open_parquet(self._path).iter_batches(
-                BLOCK, columns=[self.names[k] for k in every]
+                BLOCK, columns=[self.names[k] for k in places]
             ):
-                columns = dict(zip(every, batch.columns, strict=True))
+                columns = dict(zip(places, batch.columns, strict=True))
                 for clock in clocks:
                     times = clock.read([_column_texts(columns[k]) for k in clock.columns])
                     lacking = ~times[1]
@@ -496,6 +540,11 @@ class ParquetTable(NumberTable):
 
 
 def _open_parquet(path: Path) -> Any:
+    """Return pyarrow's reader of a file.
+
+    Raises:
+        BagError: pyarrow is not installed, or cannot read it.
+    """
     try:
         from pyarrow import parquet  # an extra, which takes time to import
     except ImportError as error:
@@ -509,6 +558,7 @@ def _open_parquet(path: Path) -> Any:
 
 @contextlib.contextmanager
 def _as_bag_error(path: Path) -> Iterator[None]:
+    """Raise any error of pyarrow as a BagError that names the file."""
     try:
         yield
     except Exception as error:  # pyarrow's errors have no common root
@@ -516,6 +566,7 @@ def _as_bag_error(path: Path) -> Iterator[None]:
 
 
 def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
+    """Return the rows of columns of pyarrow, as texts."""
     return tuple(zip(*map(_column_texts, columns), strict=True))
 
 

@@ -30,7 +30,7 @@ class TableRow(NamedTuple):
 
 def read_table(
     path: str | Path,
-    most: int,
+    max_bytes: int,
     error: type[StickslipError],
     is_heading: Callable[[list[str]], bool] = lambda cells: False,
 ) -> tuple[list[TableRow], str]:
@@ -41,8 +41,8 @@ def read_table(
 
     Args:
         path: The file, packed or not.
-        most: The largest size that is read [bytes].
-        error: Type of the error that is raised.
+        max_bytes: The largest size that is read [bytes].
+        error: The type of the error that is raised for a file that cannot be read, is larger, or is damaged.
         is_heading: Whether some cells are headings of such a table; else they are those above the numbers, or
             in the first line.
 
@@ -51,23 +51,20 @@ def read_table(
     """
     try:
         with opened(Path(path)) as file:
-            data = file.read(most + 1)
-        if len(data) > most:
-            raise OSError(errno.EFBIG, f'it is larger than {most} bytes, the limit', str(path))
-    except BROKEN as found:
-        raise error(f'{path}: {getattr(found, "strerror", None) or found}') from None
+            data = file.read(max_bytes + 1)
+        if len(data) > max_bytes:
+            raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
+    except BROKEN as cause:
+        raise error(f'{path}: {getattr(cause, "strerror", None) or cause}') from None
     lines = lines_of(data.decode(encoding_of(data), 'replace'))
     delimiter = find_delimiter(lines)
     rows, damaged = list[TableRow](), dict[int, Exception]()
     for number, line in enumerate(lines, start=1):
         try:
-            (cells,) = (
-                csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
-                if line.strip()
-                else ([],)
-            )
-        except (csv.Error, ValueError) as found:
-            cells, damaged[number] = [line], found
+            strict = csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
+            (cells,) = strict if line.strip() else ([],)
+        except (csv.Error, ValueError) as cause:
+            cells, damaged[number] = [line], cause
         rows.append(TableRow(number, [cell.strip() for cell in cells]))
     rows = [row for row in rows if any(row.cells)]
     at = _find_headings(rows, is_heading)
@@ -85,23 +82,24 @@ def read_table(
 
 
 def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], bool]) -> int:
-    """Return the number of the row of headings; -1 for none."""
+    """Return the place of the row of headings among rows; -1 where there is none.
+
+    Args:
+        rows: The rows of the file.
+        is_heading: Whether some cells are such headings; else those above the numbers are, or the first row
+            that is no comment.
+    """
     for k, row in enumerate(rows):
         if is_heading(_without_mark(row.cells)):
             return k
     cells = [row.cells for row in rows]
     above = headings_above(cells, usual_width(cells))
-    found = next(
-        (k for k, own in enumerate(cells) if above and _without_mark(own)[: len(above)] == above), -1
-    )
-    return (
-        found
-        if found >= 0
-        else next((k for k, own in enumerate(cells) if not own[0].startswith(COMMENTS)), -1)
-    )
+    places = [k for k, row in enumerate(cells) if above and _without_mark(row)[: len(above)] == above]
+    plain = [k for k, row in enumerate(cells) if not row[0].startswith(COMMENTS)]
+    return next(iter([*places, *plain]), -1)
 
 
 def _without_mark(cells: list[str]) -> list[str]:
-    """Return cells without the mark of a comment, which blanks may part from the first."""
+    """Return cells without the mark of a comment, which may be a part of the first one or a cell alone."""
     bare = [cells[0].lstrip(''.join(COMMENTS) + ' '), *cells[1:]]
     return bare if bare[0] or cells[0] == '' else bare[1:]
