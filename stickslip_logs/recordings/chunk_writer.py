@@ -77,19 +77,19 @@ class ChunkWriter:
         self._file.write(MAGIC + _encode_records(Header(profile, library)))
 
     def add_metadata(self, name: str) -> None:
-        """Add a mark without contents, before the first message."""
+        """Write a metadata record without contents; it has to come before the first message."""
         offset, data = self._file.tell(), _encode_records(Metadata(name=name, metadata={}))
         self._file.write(data)
         self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add the definition of a type; its number."""
+        """Add the definition of a type; return its schema id."""
         self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._add_definition(self._schemas[-1])
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Add a topic of a type; the number of its channel."""
+        """Add a topic of the type with a schema id; return its channel id."""
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, encoding, dict(metadata), schema))
         self._add_definition(self._channels[-1])
@@ -99,12 +99,13 @@ class ChunkWriter:
         """Write messages in the order of their log times; at one time in the order of the columns.
 
         Args:
-            columns: A channel, log times, shape (n,) [ns], and n messages.
+            columns: For each column a channel id, log times, shape (n,) [ns], and n messages; one
+                message at least in all.
         """
         log_time = np.concatenate([time for _, time, _ in columns])
         order = np.argsort(log_time, kind='stable')
         channel = np.repeat([number for number, *_ in columns], [time.size for _, time, _ in columns])
-        sequence = self._number_messages(channel, order)
+        sequence = self._assign_sequence(channel, order)
         parts = list(_make_records(messages for *_, messages in columns))
         size = np.empty(log_time.size, np.int64)
         for rows, records in parts:
@@ -117,11 +118,11 @@ class ChunkWriter:
             records['channel'], records['sequence'] = channel[rows], sequence[rows]
             records['log_time'] = records['publish_time'] = log_time[rows]
             _copy_records(records, begins[rows], block)
-        self._write_block(block, ends, channel[order], log_time[order])
+        self._append_records(block, ends, channel[order], log_time[order])
 
     def finish(self) -> None:
-        """Write what is left and the summary: definitions, counts and where each chunk lies."""
-        self._end_chunk()
+        """Write the unfinished chunk and the summary; the file stays open."""
+        self._write_chunk()
         self._file.write(_encode_records(DataEnd(0)))
         begin, summary, offsets = self._file.tell(), b'', []
         groups: Mapping[Opcode, Sequence[McapRecord]] = {
@@ -142,58 +143,72 @@ class ChunkWriter:
         checksum = zlib.crc32(summary + _encode_records(Footer(*places, 0))[:-4])
         self._file.write(summary + _encode_records(Footer(*places, checksum)) + MAGIC)
 
-    def _number_messages(self, channel: IndexArray, order: IndexArray) -> IntArray:
-        """Return the number of each message among those of its channel, in the order of the file."""
+    def _assign_sequence(self, channel: IndexArray, order: IndexArray) -> IntArray:
+        """Return the sequence number of each message within its channel; count the messages.
+
+        Args:
+            channel: The channel id of each message, shape (n,).
+            order: The messages in the order of the file, shape (n,).
+        """
         sequence = np.empty(order.size, np.int64)
-        for number, places in _by_channel(channel[order]):
+        for number, places in _group_by_channel(channel[order]):
             rows = order[places]
             before = self.counts.get(number, 0)
             sequence[rows] = before + np.arange(rows.size)
             self.counts[number] = before + rows.size
         return sequence
 
-    def _write_block(
+    def _append_records(
         self, block: NDArray[np.uint8], ends: IntArray, channel: IndexArray, log_time: IntArray
     ) -> None:
-        """Write records that lie in a block one after the other, those of a chunk at a time."""
+        """Append encoded records to chunks, and write each chunk that is full.
+
+        Args:
+            block: The records, one after the other.
+            ends: The byte behind each of them.
+            channel: The channel id of each.
+            log_time: The log time of each, rising [ns].
+        """
         first, greatest = int(log_time[0]), int(log_time[-1])
         start, end = self.span if self._chunks or self._index else (first, greatest)
         self.span = min(start, first), max(end, greatest)
         row = begin = 0
         while row < ends.size:
-            room = begin + self._chunk_size - len(self._make_records)
+            room = begin + self._chunk_size - len(self._chunk_records)
             after = min(max(row, int(np.searchsorted(ends, room, 'right'))) + 1, ends.size)
             rows = slice(row, after)
-            starts = np.append(begin, ends[row : after - 1]) - begin + len(self._make_records)
-            self._note_places(channel[rows], log_time[rows], starts)
-            self._make_records += block[begin : ends[after - 1]].data
+            starts = np.append(begin, ends[row : after - 1]) - begin + len(self._chunk_records)
+            self._index_messages(channel[rows], log_time[rows], starts)
+            self._chunk_records += block[begin : ends[after - 1]].data
             row, begin = after, int(ends[after - 1])
-            self._end_full_chunk()
+            self._write_full_chunk()
 
-    def _note_places(self, channel: IndexArray, log_time: IntArray, offset: IntArray) -> None:
-        """Note where the messages of a chunk begin in it."""
-        for number, rows in _by_channel(channel):
+    def _index_messages(self, channel: IndexArray, log_time: IntArray, offset: IntArray) -> None:
+        """Add messages to the index of the unfinished chunk, with the byte at which each begins in it."""
+        for number, rows in _group_by_channel(channel):
             places = np.empty(rows.size, _INDEX)
             places['log_time'], places['offset'] = log_time[rows], offset[rows]
             self._index.setdefault(number, []).append(places)
 
     def _add_definition(self, record: McapRecord) -> None:
-        self._make_records += _encode_records(record)
-        self._end_full_chunk()
+        """Append a schema or channel to the unfinished chunk."""
+        self._chunk_records += _encode_records(record)
+        self._write_full_chunk()
 
     def _begin_chunk(self) -> None:
-        self._make_records = bytearray()
+        self._chunk_records = bytearray()
         self._index: dict[int, list[NDArray[np.void]]] = {}
 
-    def _end_full_chunk(self) -> None:
-        if len(self._make_records) > self._chunk_size:
-            self._end_chunk()
+    def _write_full_chunk(self) -> None:
+        """Write the unfinished chunk if it has reached its size."""
+        if len(self._chunk_records) > self._chunk_size:
+            self._write_chunk()
 
-    def _end_chunk(self) -> None:
-        """Write the chunk and its index; definitions alone wait for a message."""
+    def _write_chunk(self) -> None:
+        """Write the unfinished chunk and its indexes, and begin the next; one without a message waits."""
         if not self._index:
             return
-        records = bytes(self._make_records)
+        records = bytes(self._chunk_records)
         times = np.concatenate(
             [rows['log_time'] for index_data in self._index.values() for rows in index_data]
         )
@@ -231,6 +246,7 @@ class ChunkWriter:
         self._begin_chunk()
 
     def _make_statistics(self) -> Statistics:
+        """Return the statistics record of all that was written."""
         return Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
@@ -244,14 +260,15 @@ class ChunkWriter:
         )
 
 
-def _by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:
-    """Return the rows of each channel, in the order in which the channels appear."""
+def _group_by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:
+    """Yield each channel id and its messages (indexes into the array), by first appearance."""
     numbers, first = np.unique(channel, return_index=True)
     for number in numbers[np.argsort(first)].tolist():
         yield number, np.flatnonzero(channel == number)
 
 
 def _encode_records(*records: McapRecord) -> bytes:
+    """Return records as they lie in a file, one after the other."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -260,19 +277,23 @@ def _encode_records(*records: McapRecord) -> bytes:
 
 
 def _make_records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
-    """Return the rows of messages of one size and their records, without channel, number and times."""
+    """Yield records of messages of one size each; channel, sequence and times are still to be filled in.
+
+    Yields:
+        The rows of the messages among those of all columns, and their records, shape (m,) each.
+    """
     row = 0
     for messages in columns:
         if isinstance(messages, np.ndarray):
             yield row + np.arange(messages.size), _frame_records(messages.view(f'V{messages.itemsize}'))
         else:
-            for rows, data in _by_size(messages):
+            for rows, data in _group_by_size(messages):
                 yield row + rows, _frame_records(data)
         row += len(messages)
 
 
-def _by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
-    """Yield which messages are of one size, and these as the rows of an array."""
+def _group_by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
+    """Group messages by size; yield their indexes, and their bytes as an array, shape (m,) each."""
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     for size in np.unique(sizes).tolist():
         rows = np.flatnonzero(sizes == size)
@@ -281,7 +302,7 @@ def _by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np
 
 
 def _frame_records(data: NDArray[np.void]) -> NDArray[np.void]:
-    """Return records of messages of one size."""
+    """Return message records with opcode, length and data; the other fields are not initialized."""
     records = np.empty(data.size, [*_HEAD, ('data', data.dtype)])
     records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
     records['data'] = data

@@ -10,19 +10,25 @@ import numpy as np
 
 from stickslip_logs.recordings.recording import Request, Series
 
-# The years 2001 to 2099 [ns].
+# From the beginning of 2001 to that of 2100 [ns].
 _DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
-# Messages of a topic a second that no telemetry has.
-_TOO_MANY = 1000.0
+# No telemetry has more messages of a topic [1/s].
+_MAX_RATE = 1000.0
 
 
-def question_of_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
-    """Return whether log times look like dates in another unit, where a topic has so many messages."""
+def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
+    """Return a question where log times look like dates in another unit than nanoseconds; else empty.
+
+    Args:
+        start_ns: The first log time [ns], or None.
+        end_ns: The last one, likewise.
+        max_count: The most messages that a topic has.
+    """
     if start_ns is None or end_ns is None or end_ns <= start_ns:
         return ''
     rate = max_count / ((end_ns - start_ns) * 1e-9)
     for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')):
-        if rate > _TOO_MANY and _DATES[0] <= start_ns * factor and end_ns * factor <= _DATES[1]:
+        if rate > _MAX_RATE and _DATES[0] <= start_ns * factor and end_ns * factor <= _DATES[1]:
             return (
                 f'log times are of January 1970, and one topic has {rate:.4g} messages a second:'
                 f' are they in {unit}, not in nanoseconds?'
@@ -30,10 +36,11 @@ def question_of_unit(start_ns: int | None, end_ns: int | None, max_count: int) -
     return ''
 
 
-MOST = 1.5
-"""Between clocks that were not rewritten no pace differs by this factor."""
+MAX_PACE = 1.5
+"""Clocks that were not rewritten never differ by this factor."""
 Part = Mapping[Request, Series]
-_LEAST_NS, _LONGEST_NS = 5 * 10**9, 60 * 10**9
+# Shorter series are too short to tell a pace, longer intervals are pauses [ns].
+_MIN_SERIES_NS, _MAX_INTERVAL_NS = 5 * 10**9, 60 * 10**9
 
 
 class LogTimes:
@@ -47,14 +54,15 @@ class LogTimes:
     def __init__(self) -> None:
         self.text, self.replaced, self._begun = '', False, False
 
-    def of(self, reading: Iterable[Part]) -> Iterator[Part]:
-        """Yield stretches with stamps in place of log times that pass at another pace; else unchanged.
+    def corrected(self, reading: Iterable[Part]) -> Iterator[Part]:
+        """Yield the parts of a reading, with stamps as log times where the log times were rewritten.
 
-        The first stretch with values decides. Stamps are made to rise; ``text`` and ``replaced`` are set.
+        The first part with values decides, and sets ``text`` and ``replaced``. Stamps that step back are
+        raised to the one before.
         """
         for part in reading:
             if not self._begun:
-                self._judge_paces(list(part.values()))
+                self._compare_paces(list(part.values()))
             yield (
                 part
                 if not self.replaced
@@ -64,10 +72,11 @@ class LogTimes:
                 }
             )
 
-    def _judge_paces(self, series: Sequence[Series]) -> None:
+    def _compare_paces(self, series: Sequence[Series]) -> None:
+        """Set ``text`` and ``replaced`` by some series; do nothing where all are empty."""
         paces = [_measure_pace(item) for item in series if item.value.size]
         self._begun = bool(paces)
-        unusual = [pace for pace in paces if pace is not None and not 1 / MOST <= pace <= MOST]
+        unusual = [pace for pace in paces if pace is not None and not 1 / MAX_PACE <= pace <= MAX_PACE]
         if unusual:
             self.replaced = None not in paces
             by = 'stamps' if self.replaced else 'log times, because an input has no stamps'
@@ -78,13 +87,13 @@ class LogTimes:
 
 
 def _measure_pace(series: Series) -> float | None:
-    """Return how fast the log times pass by the stamps; ``None`` where no stamp differs from them.
+    """Return the seconds of log time that pass in a second of stamps; None where no stamp differs.
 
-    Pauses and steps of either clock are left out; what is short says nothing, which is 1.
+    Pauses and steps of either clock are left out. A series too short to tell has the pace 1.
     """
     if np.array_equal(series.log_time_ns, series.stamp_ns):
         return None
     log, stamp = np.diff(series.log_time_ns), np.diff(series.stamp_ns)
-    usual = (log >= 0) & (log < _LONGEST_NS) & (stamp >= 0) & (stamp < _LONGEST_NS)
+    usual = (log >= 0) & (log < _MAX_INTERVAL_NS) & (stamp >= 0) & (stamp < _MAX_INTERVAL_NS)
     passed = int(stamp[usual].sum())
-    return 1.0 if passed < _LEAST_NS else int(log[usual].sum()) / passed
+    return 1.0 if passed < _MIN_SERIES_NS else int(log[usual].sum()) / passed

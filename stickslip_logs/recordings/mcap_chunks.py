@@ -36,32 +36,32 @@ PAYLOAD = HEAD.size + MESSAGE_HEAD.size
 # Everything the record classes raise on bytes that are not the record they claim to be.
 PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
 
-# Records that are looked at together [bytes]; what is found of them takes as much again.
+# Records that are searched at a time; their indexes take as much memory again [bytes].
 _WINDOW = 4 << 20
-# Of a definition that is looked at [bytes].
-_LONGEST = 4 << 20
-# Shorter runs of messages of one length are not looked for by themselves [bytes].
-_RUN = 1 << 16
-# Of so many channels each is looked for by itself.
-_FEW = 8
+# A longer schema or channel is skipped [bytes].
+_MAX_DEFINITION = 4 << 20
+# Shorter runs of messages of one length are not read as an array [bytes].
+_MIN_RUN = 1 << 16
+# Up to so many channels are looked for one by one, which is faster than to sort them.
+_MAX_UNSORTED = 8
 _ZEROS = re.compile(rb'\0*')
 # Plain numbers: members of an enumeration are looked up slowly.
 _MESSAGE = int(Opcode.MESSAGE)
 _DEFINITIONS = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 
-MOST = 128 << 20
+MAX_CHUNK = 128 << 20
 """The largest chunk that is restored, decompressed or not [bytes]."""
-# Of a chunk that is cut: recorders that are cut off write chunks of a few [bytes].
-_MOST_CUT = 32 << 20
+# The most that is restored of a truncated chunk; recorders write chunks of a few MB [bytes].
+_MAX_TRUNCATED = 32 << 20
 # Start and end [ns], size and checksum of what is compressed, length of the compression's name.
 CHUNK_HEAD = struct.Struct('<QQQII')
-# More than is in front of what is compressed [bytes].
-_LONGEST_HEAD = 200
+# At least as long as what a chunk has in front of its compressed data [bytes].
+_MAX_CHUNK_HEAD = 200
 
 # A decompressor is fed in small pieces, so that an error inside costs only what follows it, and so
 # that none of them grows to more than some 20 MB.
 _FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]]] = {
-    '': (MOST, lambda: bytes),
+    '': (MAX_CHUNK, lambda: bytes),
     'zstd': (512, lambda: zstandard.ZstdDecompressor().decompressobj().decompress),
     'lz4': (8192, lambda: lz4.frame.LZ4FrameDecompressor().decompress),
 }
@@ -134,14 +134,14 @@ def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bo
     return b''.join(parts)[:size]
 
 
-def load(block: Block) -> bytes:
-    """Bring the records of a block into memory.
+def load_block(block: Block) -> bytes:
+    """Read the records of a block, decompressed where it is a chunk.
 
     Raises:
         DamagedBlock: The chunk is too large, does not decompress, or its checksum is wrong.
         BagError: The file cannot be read.
     """
-    max_bytes = min(block.length, (_MOST_CUT if block.is_cut else MOST) + _LONGEST_HEAD)
+    max_bytes = min(block.length, (_MAX_TRUNCATED if block.is_cut else MAX_CHUNK) + _MAX_CHUNK_HEAD)
     try:
         with open_file(block.path) as file:
             data = os.pread(file.fileno(), max_bytes, block.offset)
@@ -160,9 +160,9 @@ def load(block: Block) -> bytes:
     name = data[begin - letters - 8 : begin - 8].decode(errors='replace')
     packed = memoryview(data)[begin : begin + length]
     if block.is_cut:
-        return decompress(packed, name, min(size, _MOST_CUT), is_cut=True)
-    if max(size, length) > MOST:
-        raise DamagedBlock(f'it declares {size} bytes, and more than {MOST} are not restored')
+        return decompress(packed, name, min(size, _MAX_TRUNCATED), is_cut=True)
+    if max(size, length) > MAX_CHUNK:
+        raise DamagedBlock(f'it declares {size} bytes, and more than {MAX_CHUNK} are not restored')
     if len(packed) < length:
         raise DamagedBlock('it is not a chunk record')
     plain = decompress(packed, name, size)
@@ -171,10 +171,13 @@ def load(block: Block) -> bytes:
     return plain
 
 
-def view(data: bytes, code: str, begin: int = 0) -> NDArray[Any]:
-    """View a buffer as one number at every byte, aligned or not.
+def view_numbers(data: bytes, code: str, begin: int = 0) -> NDArray[Any]:
+    """View a buffer as an array of overlapping numbers: element k begins at byte ``begin + k``.
 
-    Element k begins k bytes later.
+    Args:
+        data: The buffer.
+        code: The numpy type, with its byte order.
+        begin: The byte of element 0.
     """
     dtype = np.dtype(code)
     count = max(len(data) - begin - dtype.itemsize + 1, 0)
@@ -192,7 +195,7 @@ class Piece:
         offset: Where the data of each message begins in the block.
         size: How long it is [bytes].
         definitions: Records that define channels and schemas, by where they begin.
-        odd: How many records are whole and cannot be read.
+        unreadable_count: How many records are whole and cannot be read.
         end: The byte behind its last record.
     """
 
@@ -202,31 +205,31 @@ class Piece:
     offset: IntArray
     size: IntArray
     definitions: dict[int, bytes]
-    odd: int
+    unreadable_count: int
     end: int
 
     def groups(self) -> Iterator[tuple[int, IntArray]]:
-        """Yield each channel that has messages, and which these are."""
+        """Yield each channel id that has messages, and their indexes."""
         counts = np.bincount(self.channel)
         keys = np.flatnonzero(counts)
-        if len(keys) <= _FEW:
+        if len(keys) <= _MAX_UNSORTED:
             yield from ((key, np.flatnonzero(self.channel == key)) for key in keys.tolist())
             return
         rows = np.argsort(self.channel, kind='stable')
         yield from zip(keys.tolist(), np.split(rows, np.cumsum(counts[keys])[:-1]), strict=True)
 
 
-def walk(data: bytes) -> Iterator[Piece]:
-    """Step through the records of a block, some megabytes at a time, while they are whole.
+def walk_records(data: bytes) -> Iterator[Piece]:
+    """Yield the records of a block in pieces of some megabytes, up to the first that is not whole.
 
     Where messages may begin is found by their first byte: one counts where the record before it
     ends, and nowhere else.
     """
     raw = np.frombuffer(data, np.uint8)
-    words, next_words = view(data, '<i8'), view(data, '<u4', 8)
+    words, next_words = view_numbers(data, '<i8'), view_numbers(data, '<u4', 8)
     end, is_whole = 0, True
     while is_whole and end + HEAD.size <= len(data):
-        if (run := _equal_messages(data, end)) is not None:
+        if (run := _find_equal_run(data, end)) is not None:
             end = run.end
             yield run
             continue
@@ -264,8 +267,11 @@ def walk(data: bytes) -> Iterator[Piece]:
         yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, unreadable, end)
 
 
-def _equal_messages(data: bytes, begin: int) -> Piece | None:
-    """Return the messages of one length that follow on from a byte, where they are many: so telemetry is."""
+def _find_equal_run(data: bytes, begin: int) -> Piece | None:
+    """Return the run of messages of one length that begins at a byte, as telemetry has them.
+
+    None where there is none, or it is shorter than 64 KiB.
+    """
     if begin + PAYLOAD > len(data) or data[begin] != _MESSAGE:
         return None
     length = HEAD.unpack_from(data, begin)[1] + HEAD.size
@@ -274,13 +280,13 @@ def _equal_messages(data: bytes, begin: int) -> Piece | None:
     def column(code: str, place: int) -> NDArray[Any]:
         return np.ndarray((count,), code, data, begin + place, strides=(length,))
 
-    if length < PAYLOAD or count * length < _RUN:
+    if length < PAYLOAD or count * length < _MIN_RUN:
         return None
     # The kind with all but the highest byte of the length, and that.
     head, highest = column('<i8', 0), column('u1', 8)
     same = (head == head[0]) & (highest == 0)
     count = count if same.all() else int(same.argmin())
-    if count * length < _RUN:
+    if count * length < _MIN_RUN:
         return None
     offset = np.arange(count) * length + (begin + PAYLOAD)
     size = np.full(count, length - PAYLOAD)
@@ -289,9 +295,10 @@ def _equal_messages(data: bytes, begin: int) -> Piece | None:
 
 
 def _skip_record(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:
-    """Return the byte behind a record that is no message, and how many could not be read.
+    """Skip one record that is no message, or a run of empty ones of opcode 0; keep a definition.
 
-    A record that is not whole has no such byte: that where it begins is given.
+    Returns:
+        The byte behind it, or ``begin`` where it is not whole; and how many unreadable records were skipped.
     """
     if begin + HEAD.size > len(data):
         return begin, 0
@@ -299,7 +306,7 @@ def _skip_record(data: bytes, begin: int, definitions: dict[int, bytes]) -> tupl
     end = begin + HEAD.size + length
     if end > len(data):
         return begin, 0
-    if kind in _DEFINITIONS and end - begin <= _LONGEST:
+    if kind in _DEFINITIONS and end - begin <= _MAX_DEFINITION:
         definitions[begin] = data[begin:end]
         return end, 0
     if kind == 0 and not length:

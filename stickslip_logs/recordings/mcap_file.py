@@ -27,13 +27,13 @@ from stickslip_logs.recordings.mcap_chunks import (
     CHUNK_HEAD,
     HEAD,
     MAGIC,
-    MOST,
+    MAX_CHUNK,
     PARSE_ERRORS,
     Block,
     DamagedBlock,
     Piece,
-    load,
-    walk,
+    load_block,
+    walk_records,
 )
 from stickslip_logs.recordings.message_fields import LONGEST_TEXT
 from stickslip_logs.recordings.recording import Cut, Findings, other_encoding
@@ -41,12 +41,12 @@ from stickslip_logs.recordings.recording import Cut, Findings, other_encoding
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""
 
-# What a file may take in one pass [bytes]: so much, and so much for each of its own.
-_FREE, _FOR_EACH = 160 << 20, 100
+# What reading a file may take in one pass [bytes]: this, and so many for each byte of it.
+_FREE_BYTES, _BYTES_FOR_EACH = 160 << 20, 100
 # Longer runs of records outside of chunks are read in pieces of about this size [bytes].
-_RUN = 1 << 20
-# Of a summary that is used, and of a record of it or of a channel [bytes].
-_MOST_SUMMARY, _LONGEST = 32 << 20, 1 << 20
+_MAX_RUN = 1 << 20
+# The longest summary that is used, and the longest record of it or of a channel [bytes].
+_MAX_SUMMARY, _MAX_RECORD = 32 << 20, 1 << 20
 _MOST_NAMED = 5
 _BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
 _DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
@@ -80,8 +80,8 @@ class McapFile:
         self._refused: dict[int, tuple[int, int]] = {}
         self._ambiguous: set[int] = set()
 
-    def problem(self, channel: Channel) -> str:
-        """Return a clause on why messages cannot be decoded, as far as that is known; else empty."""
+    def find_problem(self, channel: Channel) -> str:
+        """Return the reason why messages of a channel cannot be decoded; empty where none is known yet."""
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
             return other_encoding('message', channel.message_encoding, 'cdr')
@@ -91,30 +91,35 @@ class McapFile:
             return other_encoding('schema', schema.encoding, 'ros2msg')
         return ''
 
-    def type_of(self, channel: Channel) -> str:
-        """Type of the messages of a channel, empty if unknown."""
+    def find_type(self, channel: Channel) -> str:
+        """Return the type of the messages of a channel, empty if unknown."""
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
-    def topics_of(self, block: Block) -> set[str]:
-        """Return the topics that a block has messages of, as far as that is known."""
+    def find_topics(self, block: Block) -> set[str]:
+        """Return the topics that a block has messages of; all of the file where that is not known."""
         held = block.channels
         return {c.topic for key, c in self.channels.items() if held is None or held >> key & 1}
 
-    def define(self, block: Block | None, offset: int, record: bytes) -> bool:
-        """Take a definition; return whether it can be read.
+    def add_definition(self, block: Block | None, offset: int, record: bytes) -> bool:
+        """Add a schema or channel to those of the file; return whether the record can be read.
 
-        Messages behind one that says otherwise than before are not read, and it is reported.
+        One that contradicts an earlier one is reported, and messages behind it are not read.
+
+        Args:
+            block: The block of the record; None in the summary, where a contradiction is kept to oneself.
+            offset: Where the record begins in it.
+            record: The whole record.
         """
         key = record[:1] + record[HEAD.size : HEAD.size + 2]
         if self._records.get(key) == record:
             return True
         stream = ReadDataStream(BytesIO(record[HEAD.size :]))
         is_schema = record[0] == Opcode.SCHEMA
-        if not is_schema and len(record) > _LONGEST:
+        if not is_schema and len(record) > _MAX_RECORD:
             return False
         try:
-            number, is_same = self._take_schema(stream) if is_schema else self._take_channel(stream)
+            number, is_same = self._add_schema(stream) if is_schema else self._add_channel(stream)
         except PARSE_ERRORS:
             return False
         if is_same and len(record) <= LONGEST_TEXT:
@@ -130,8 +135,8 @@ class McapFile:
             )
         return True
 
-    def _take_schema(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Take up a schema; return its number, and whether it says what it said before."""
+    def _add_schema(self, stream: ReadDataStream) -> tuple[int, bool]:
+        """Add a schema where its id is new; return the id, and whether it equals the first of that id."""
         schema = Schema.read(stream)
         # A longer definition is not used, and not kept.
         schema.data = schema.data[: LONGEST_TEXT + 1]
@@ -140,15 +145,15 @@ class McapFile:
             self._ambiguous.add(schema.id)
         return schema.id, is_same
 
-    def _take_channel(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Take up a channel; return its number, and whether it says what it said before."""
+    def _add_channel(self, stream: ReadDataStream) -> tuple[int, bool]:
+        """Add a channel where its id is new; return the id, and whether it equals the first of that id."""
         channel = Channel.read(stream)
         channel.metadata = {}
         is_same = self.channels.setdefault(channel.id, channel) == channel
         return channel.id, is_same and channel.schema_id not in self._ambiguous
 
-    def allowed(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
-        """Return those messages of a channel that come before a definition that says otherwise."""
+    def select_valid(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
+        """Return those messages of a channel in a piece that come before a contradicting definition."""
         if key not in self._refused:
             return rows
         offset, place = self._refused[key]
@@ -156,12 +161,15 @@ class McapFile:
         return rows[piece.offset[rows] < end]
 
     def _list_names(self, keys: list[int]) -> str:
+        """Name the topics of some channels, up to five of them; 'it' where there are none."""
         names = [f"'{self.channels[key].topic}'" for key in keys[:_MOST_NAMED]]
         more = [f'{len(keys) - _MOST_NAMED} more topics'] if len(keys) > _MOST_NAMED else []
         return ', '.join([*names, *more]) or 'it'
 
-    def compare(self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]) -> None:
-        """Report what the statistics of the file count otherwise, of some channels."""
+    def compare_counts(
+        self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]
+    ) -> None:
+        """Report the channels of which the statistics state another count than was read."""
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
             f' {counted.get(key, 0)} can be read'
@@ -174,12 +182,12 @@ class McapFile:
             listed = '; '.join(texts[:_MOST_NAMED])
             self.findings.lose(f"file '{self.path.name}': its statistics count {listed}{rest}")
 
-    def read_all(self, heads: _Heads) -> None:
-        """Find out what the file holds by reading it."""
+    def read_all(self, heads: _RecordHeads) -> None:
+        """Fill in channels, counts, blocks and times by reading all blocks; report oddities."""
         name = self.path.name
-        if heads.strange:
-            strange = plural(heads.strange, 'record')
-            self.findings.note(f"file '{name}' has {strange} of kind 0, which is none: passed over")
+        if heads.empty_count:
+            records = plural(heads.empty_count, 'record')
+            self.findings.note(f"file '{name}' has {records} of kind 0, which is none: passed over")
         if heads.behind:
             self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
         for begin, end in heads.holes:
@@ -187,33 +195,33 @@ class McapFile:
                 f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
                 ' behind was found by the index of chunks'
             )
-        last = self._count_messages(heads.blocks)
+        last = self._read_blocks(heads.blocks)
         for record in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
             key = int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
             if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
-                self.define(None, 0, record)
+                self.add_definition(None, 0, record)
         for key in self.counts.keys() - self.channels.keys():
             self.findings.lose(
                 f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
                 ' is defined nowhere, were not read'
             )
         if heads.statistics is not None:
-            self.compare(heads.statistics.channel_message_counts, self.counts, self.channels)
+            self.compare_counts(heads.statistics.channel_message_counts, self.counts, self.channels)
         if not heads.is_finished:
-            self.cut = self._find_cut(heads, last)
+            self.cut = self._describe_cut(heads, last)
         elif heads.offset < self.size:
             rest = plural(self.size - heads.offset, 'byte')
             self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
 
-    def _count_messages(self, blocks: list[Block]) -> int:
-        """Read all blocks for what they hold; return the messages of the last one."""
+    def _read_blocks(self, blocks: list[Block]) -> int:
+        """Read all blocks, keep those with messages; return how many messages the last one has."""
         count, way = 0, FilePass(self)
         for block in blocks:
             count, block.channels, spans = 0, 0, []
-            for piece, groups in way.groups(block):
-                spans += self._piece_spans(piece)
-                for key, rows in groups:
+            for piece, read_groups in way.read_groups(block):
+                spans += self._widen_span(piece)
+                for key, rows in read_groups:
                     count += rows.size
                     block.channels |= bool(rows.size) << key
             if way.is_over:
@@ -225,7 +233,7 @@ class McapFile:
         self.counts = way.counts
         return count
 
-    def _piece_spans(self, piece: Piece) -> list[tuple[int, int]]:
+    def _widen_span(self, piece: Piece) -> list[tuple[int, int]]:
         """Return first and last log time [ns] of a piece, or an empty list.
 
         Widens the span of the file by the times above 0, notes that there is a time of 0, and reports
@@ -246,10 +254,10 @@ class McapFile:
             self.end_ns = end if self.end_ns is None else max(end, self.end_ns)
         return [(int(times.min()), int(times.max()))] if times.size else []
 
-    def take_summary(self, heads: _Heads) -> bool:
-        """Take channels and counts from the summary, if nothing in it is odd."""
+    def read_summary(self, heads: _RecordHeads) -> bool:
+        """Fill in channels, counts and times by the summary; return False where it cannot be trusted."""
         counts = heads.statistics
-        is_known = all(self.define(None, 0, r) for r in heads.definitions)
+        is_known = all(self.add_definition(None, 0, r) for r in heads.definitions)
         if counts is None or not is_known or self._ambiguous:
             return False
         stated = counts.channel_message_counts
@@ -264,10 +272,10 @@ class McapFile:
             for block in heads.blocks:
                 block.channels = None
         self.blocks, self.counts, self.is_stated = heads.blocks, Counter(stated), True
-        return not counts.message_count or self._take_spans(counts)
+        return not counts.message_count or self._set_span(counts)
 
-    def _take_spans(self, counts: Statistics) -> bool:
-        """Take first and last time from the chunks; whether they can be those of messages."""
+    def _set_span(self, counts: Statistics) -> bool:
+        """Set first and last time by the chunk heads; return False where they cannot be times of messages."""
         held = [block for block in self.blocks if block.channels != 0]
         start = min((block.start_ns for block in held), default=0)
         end = max((block.end_ns for block in held), default=0)
@@ -283,7 +291,8 @@ class McapFile:
         self.start_ns, self.end_ns = start, end
         return True
 
-    def _find_cut(self, heads: _Heads, last: int) -> Cut:
+    def _describe_cut(self, heads: _RecordHeads, last: int) -> Cut:
+        """Describe where the file is truncated; ``last`` is how many messages its last block has."""
         total = self.counts.total()
         messages = plural(total, 'message')
         saved = f', and {messages} before the cut'
@@ -309,10 +318,10 @@ class FilePass:
         self.file = file
         self.counts: Counter[int] = Counter()
         self.is_over = False
-        self._most = self._left = _FREE + _FOR_EACH * file.size
+        self._most = self._left = _FREE_BYTES + _BYTES_FOR_EACH * file.size
 
-    def spend(self, block: Block, size: int) -> None:
-        """Take memory [bytes] for a block; with what is too much the pass is over."""
+    def charge(self, block: Block, size: int) -> None:
+        """Charge memory for a block [bytes]; where that exceeds the limit, end the pass and report it."""
         self._left -= size
         if self._left < 0 and not self.is_over:
             self.is_over = True
@@ -321,29 +330,32 @@ class FilePass:
                 f' more than {self._most} bytes, the limit for its size'
             )
 
-    def groups(self, block: Block) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
-        """Walk through a block, take the definitions in it, and report what is wrong with it.
+    def read_groups(self, block: Block) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
+        """Read a block: add its definitions to the file, count its messages, and report what is wrong.
 
         Yields:
-            The records piece by piece, and which messages of it each channel has.
+            Each piece of its records, and for each channel id which messages of the piece it has. Nothing
+            for a damaged block, or where the pass is over.
         """
-        self.spend(block, block.size if block.size <= MOST else 0)
+        self.charge(block, block.size if block.size <= MAX_CHUNK else 0)
         if self.is_over:
             return
         lose = self.file.findings.lose
         try:
-            data = load(block)
+            data = load_block(block)
         except DamagedBlock as damage:
             if not block.is_cut:
                 lose(f'{block.place} is damaged ({damage}) and was skipped')
             return
         unread = end = 0
-        for piece in walk(data):
-            defined = [self.file.define(block, at, record) for at, record in piece.definitions.items()]
-            unread, end = unread + defined.count(False) + piece.odd, piece.end
-            allowed = [(key, self.file.allowed(key, rows, block, piece)) for key, rows in piece.groups()]
-            self.counts.update({key: rows.size for key, rows in allowed})
-            yield piece, allowed
+        for piece in walk_records(data):
+            defined = [
+                self.file.add_definition(block, at, record) for at, record in piece.definitions.items()
+            ]
+            unread, end = unread + defined.count(False) + piece.unreadable_count, piece.end
+            valid = [(key, self.file.select_valid(key, rows, block, piece)) for key, rows in piece.groups()]
+            self.counts.update({key: rows.size for key, rows in valid})
+            yield piece, valid
         if unread:
             lose(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
         if end < len(data) and not block.is_cut:
@@ -351,7 +363,7 @@ class FilePass:
             lose(f'{block.place} has {rest} at its end, no record: not read')
 
 
-class _Heads:
+class _RecordHeads:
     """The heads of the records of a file, as far as it was walked.
 
     To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
@@ -364,7 +376,7 @@ class _Heads:
         self.offset = min(len(MAGIC), size)
         self.blocks: list[Block] = []
         self.has_ended = self.is_finished = self.behind = False
-        self.strange = 0
+        self.empty_count = 0
         self.holes: list[tuple[int, int]] = []
         self._places: list[int] | None = None
         self.statistics: Statistics | None = None
@@ -374,8 +386,8 @@ class _Heads:
         self._has_bare = False
         self._footer = b''
 
-    def walk(self) -> None:
-        """Step through the records."""
+    def read_heads(self) -> None:
+        """Read the head of each record up to the footer, or to where the file is truncated."""
         while len(begin := os.pread(self._file, _BEGIN, self.offset)) >= HEAD.size:
             kind, length = HEAD.unpack_from(begin)
             offset, length = self.offset, length + HEAD.size
@@ -394,13 +406,13 @@ class _Heads:
             if kind == Opcode.DATA_END:
                 self.has_ended, self._summary_start = True, self.offset
             elif self.has_ended and kind not in _DATA:
-                self._take_summary(kind, offset, length)
+                self._keep_summary_record(kind, offset, length)
             else:
                 self.behind = self.behind or self.has_ended
-                self._add_to_block(kind, offset, length, begin)
+                self._add_record(kind, offset, length, begin)
         if not self.has_ended and len(begin) == _BEGIN and begin[0] == Opcode.CHUNK:
             rest, size = self._size - self.offset, CHUNK_HEAD.unpack_from(begin, HEAD.size)[2]
-            block = Block(self._path, self.offset, rest, min(size, MOST), True, is_cut=True)
+            block = Block(self._path, self.offset, rest, min(size, MAX_CHUNK), True, is_cut=True)
             self.blocks.append(block)
 
     def _skip_damage(self) -> bool:
@@ -421,14 +433,14 @@ class _Heads:
         return True
 
     def _read_places(self) -> list[int]:
-        """Return where the chunks begin after their index, and where the summary does."""
+        """Return the offsets of chunks by their index, and last that of the summary; empty without one."""
         end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
         if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
             return []
         start = int.from_bytes(end[HEAD.size : HEAD.size + 8], 'little')
         if not 0 < start < self._size:
             return []
-        data, at, places = os.pread(self._file, _MOST_SUMMARY, start), 0, []
+        data, at, places = os.pread(self._file, _MAX_SUMMARY, start), 0, []
         while at + _INDEXED <= len(data):
             kind, length = HEAD.unpack_from(data, at)
             if kind == Opcode.CHUNK_INDEX:
@@ -436,9 +448,16 @@ class _Heads:
             at += HEAD.size + length
         return [*sorted(place for place in places if place < start), start]
 
-    def _add_to_block(self, kind: int, offset: int, length: int, begin: bytes) -> None:
-        """Put a record of the data into a block: the last one, if it may join that."""
-        self.strange += kind == 0
+    def _add_record(self, kind: int, offset: int, length: int, begin: bytes) -> None:
+        """Add a record of the data section to the last block, or begin a new block with it.
+
+        Args:
+            kind: Its opcode.
+            offset: Where it begins [bytes].
+            length: How long it is [bytes].
+            begin: Its first bytes.
+        """
+        self.empty_count += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
         last = self.blocks[-1] if self.blocks else None
         if last is not None and offset != last.offset + last.length + last.index_length:
@@ -448,7 +467,7 @@ class _Heads:
             last.channels = (last.channels or 0) | 1 << channel
             last.index_length += length
             self.indexed[channel] += int.from_bytes(begin[11:15], 'little') // 16
-        elif kind in _BARE and last is not None and not last.is_chunk and last.length < _RUN:
+        elif kind in _BARE and last is not None and not last.is_chunk and last.length < _MAX_RUN:
             last.length += length
             last.size = last.length
         elif kind == Opcode.CHUNK:
@@ -460,9 +479,9 @@ class _Heads:
         elif kind in _BARE:
             self.blocks.append(Block(self._path, offset, length, length, False))
 
-    def _take_summary(self, kind: int, offset: int, length: int) -> None:
-        """Take a record of the summary, whose definitions may be in a damaged chunk only."""
-        if length > _LONGEST or kind not in (*_BARE, Opcode.STATISTICS):
+    def _keep_summary_record(self, kind: int, offset: int, length: int) -> None:
+        """Keep a definition or the statistics of the summary; ignore other and oversized records."""
+        if length > _MAX_RECORD or kind not in (*_BARE, Opcode.STATISTICS):
             return
         record = os.pread(self._file, length, offset)
         if kind != Opcode.STATISTICS:
@@ -472,25 +491,25 @@ class _Heads:
             self.statistics = Statistics.read(ReadDataStream(BytesIO(record[HEAD.size :])))
 
     @property
-    def is_sound(self) -> bool:
+    def has_sound_summary(self) -> bool:
         """Whether the footer says the same of the summary as the records, with its checksum.
 
         The summary of a file that holds what no recorder of chunks writes is not used.
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False
-        if self.behind or self._has_bare or self.strange or self.holes:
+        if self.behind or self._has_bare or self.empty_count or self.holes:
             return False
         footer = Footer.read(ReadDataStream(BytesIO(self._footer[HEAD.size :])))
         length = self.offset - len(MAGIC) - 4 - self._summary_start
-        if footer.summary_start != self._summary_start or not 0 < length <= _MOST_SUMMARY:
+        if footer.summary_start != self._summary_start or not 0 < length <= _MAX_SUMMARY:
             return False
         data = os.pread(self._file, length, self._summary_start)
         return not footer.summary_crc or zlib.crc32(data) == footer.summary_crc
 
 
 def scan_file(path: Path, findings: Findings) -> McapFile:
-    """Find out what a file holds, and what is wrong with it.
+    """Read what a file holds: by its summary, or where that cannot be trusted, by all its records.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.
@@ -505,10 +524,10 @@ def scan_file(path: Path, findings: Findings) -> McapFile:
                     f"bag file '{path}' is not an MCAP recording: it begins with bytes {begin.hex(' ')}"
                 )
             size = os.fstat(number).st_size
-            heads = _Heads(number, path, size)
-            heads.walk()
+            heads = _RecordHeads(number, path, size)
+            heads.read_heads()
             scanned = McapFile(path, size, findings)
-            if not (heads.is_sound and scanned.take_summary(heads)):
+            if not (heads.has_sound_summary and scanned.read_summary(heads)):
                 scanned = McapFile(path, size, findings)
                 scanned.read_all(heads)
     except OSError as error:

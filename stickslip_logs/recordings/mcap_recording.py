@@ -19,7 +19,7 @@ from mcap.records import Channel
 
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
-from stickslip_logs.recordings.log_times import question_of_unit
+from stickslip_logs.recordings.log_times import ask_for_time_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
 from stickslip_logs.recordings.mcap_file import DATED, FilePass, McapFile
 from stickslip_logs.recordings.mcap_times import BlockTimes, CourseOfBlocks
@@ -149,7 +149,7 @@ class Pass:
         about its times.
         """
         file, late = job.way.file, 0
-        for piece, groups in job.way.groups(job.block):
+        for piece, groups in job.way.read_groups(job.block):
             chosen: Chosen = []
             for key, rows in groups:
                 channel = file.channels.get(key)
@@ -174,11 +174,11 @@ class Pass:
                 ' says: they were not used'
             )
 
-    def compare(self) -> None:
+    def compare_counts(self) -> None:
         """Report what a summary counts otherwise, when all was read."""
         for way in self._ways:
             if way.file.is_stated:
-                way.file.compare(way.file.counts, way.counts, self._channel_keys(way.file))
+                way.file.compare_counts(way.file.counts, way.counts, self._channel_keys(way.file))
 
 
 def _in_order(parts: Sequence[Columns]) -> Columns:
@@ -232,11 +232,11 @@ class McapReading(MessageReading):
         max_count = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
         for time, _, *arrays in self._pass.stretches(self._make_columns, max_count, max_count):
             yield time, *arrays
-        self._pass.compare()
+        self._pass.compare_counts()
 
     def _make_reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
         """Return what reads the messages of a channel, or the reason why nothing can."""
-        schema, problem = file.schemas.get(channel.schema_id), file.problem(channel)
+        schema, problem = file.schemas.get(channel.schema_id), file.find_problem(channel)
         if schema is None or problem:
             return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
         return wanted.reader(schema)
@@ -258,7 +258,7 @@ class McapReading(MessageReading):
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers, stamps = reader.read(piece.data, piece.offset[rows], piece.size[rows], own_times)
-            job.way.spend(job.block, _ROW * rows.size)
+            job.way.charge(job.block, _ROW * rows.size)
             topic[rows] = number
             for column, row in zip(values, numbers, strict=False):
                 column[rows] = row
@@ -294,7 +294,7 @@ class McapRecording(Recording):
         self.start_ns = min(starts, default=None)
         self.end_ns = max(ends, default=self.start_ns)
         max_count = max((topic.count for topic in self.topics.values()), default=0)
-        if question := question_of_unit(self.start_ns, self.end_ns, max_count):
+        if question := ask_for_time_unit(self.start_ns, self.end_ns, max_count):
             findings.note(question)
         self._times = BlockTimes(files, self.least_ns)
 
@@ -358,8 +358,8 @@ def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
     topics: dict[str, list[TopicInfo]] = {}
     for file in files:
         for key, channel in file.channels.items():
-            kind, encoding = file.type_of(channel), channel.message_encoding
-            info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.problem(channel))
+            kind, encoding = file.find_type(channel), channel.message_encoding
+            info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.find_problem(channel))
             topics.setdefault(channel.topic, []).append(info)
     return {name: _join_members(topics[name]) for name in sorted(topics)}
 

@@ -12,7 +12,15 @@ from mcap.opcode import Opcode
 
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.files import open_file
-from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece, load, walk
+from stickslip_logs.recordings.mcap_chunks import (
+    HEAD,
+    PAYLOAD,
+    Block,
+    DamagedBlock,
+    Piece,
+    load_block,
+    walk_records,
+)
 from stickslip_logs.recordings.mcap_file import McapFile
 from stickslip_logs.time_order import MAX_TIME_NS, TimeCourse, TimeOrder
 
@@ -140,7 +148,7 @@ class BlockTimes:
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
             with contextlib.suppress(DamagedBlock):
-                for piece in walk(load(block)):
+                for piece in walk_records(load_block(block)):
                     parts.append(_rows_of(file, piece, numbers))
                     if piece.channel.size * _SPARSE_BYTES < piece.end - begin:
                         self._sparse_bytes += piece.end - begin

@@ -34,7 +34,7 @@ from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
 from stickslip_logs.fields import NAMES, ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_logs.files import read_file
-from stickslip_logs.recordings.mcap_chunks import view
+from stickslip_logs.recordings.mcap_chunks import view_numbers
 from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
@@ -115,7 +115,7 @@ _TIME = (Field('sec', 'uint32'), Field('nanosec', 'uint32'))
 
 
 def parse_schema(name: str, data: bytes) -> Definitions:
-    """Parse a concatenated message definition to the fields of every type by short name.
+    """Parse a concatenated ``ros2msg`` definition; return the fields of each type by its short name.
 
     Raises:
         SchemaError: A line is not a field, or a type is used but not defined.
@@ -145,7 +145,7 @@ def parse_schema(name: str, data: bytes) -> Definitions:
 
 
 def _strip_comments(text: str) -> list[str]:
-    """Return the lines of a definition that say something."""
+    """Return the lines of a definition without comments, blanks around them, and empty lines."""
     lines = (line.partition('#')[0].strip() for line in text.splitlines())
     return [line for line in lines if line]
 
@@ -157,6 +157,7 @@ def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
 
 
 def _parse_field(line: str, package: str) -> Field:
+    """Parse the line of a field; raise a SchemaError where it is none, or its array is too long."""
     type_text, *rest = line.split()
     match = _TYPE.fullmatch(type_text)
     if match is None or not rest:
@@ -172,8 +173,8 @@ def _parse_field(line: str, package: str) -> Field:
     return Field(rest[0], base, array, max_length if number and not match['bound'] else None, max_length)
 
 
-def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
-    """Follow a path through the definition of a type to the primitive at its end.
+def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
+    """Return the primitive type, such as ``float64``, of the number at a path in a type.
 
     Raises:
         SchemaError: The path does not lead to a number.
@@ -188,7 +189,7 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
             raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
         member = members[step]
         if member.array:
-            _check_element(member, steps, members)
+            _take_element(member, steps, members)
         elif steps and not isinstance(steps[0], str):
             raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
         current = member.base
@@ -201,8 +202,17 @@ def number_at(definitions: Definitions, root: str, path: FieldPath) -> str:
     return current
 
 
-def _check_element(member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]) -> None:
-    """Take the index of an array's element, or its name, off a path."""
+def _take_element(member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]) -> None:
+    """Remove the next step of a path, which has to choose an element of an array field.
+
+    Args:
+        member: The array field.
+        steps: The rest of the path; changed.
+        members: The fields beside it, by name.
+
+    Raises:
+        SchemaError: There is no such step, or no such element.
+    """
     index = steps.pop(0) if steps else None
     name, text = member.name, member.text
     if isinstance(index, ByName):
@@ -233,9 +243,9 @@ Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
 
 
 def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPath]) -> Layout | None:
-    """Compile the layout of a type for the numbers at some paths.
+    """Return where the numbers at some paths lie in messages of a type.
 
-    None is returned for a type whose messages must be decoded one by one.
+    None where the messages must be decoded one by one.
     """
     if any(isinstance(step, ByName) for path in paths for step in path):
         return None
@@ -301,14 +311,14 @@ def _gather_numbers(
     sound = np.ones(len(base), np.bool_)
 
     def fetch(code: str, place: int | IntArray) -> NDArray[Any]:
-        numbers = view(data, order + code)
+        numbers = view_numbers(data, order + code)
         np.logical_and(sound, place + numbers.itemsize <= size, out=sound)
         spot = base + place
         numbers_there: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
         return numbers_there
 
     tokens, targets = layout
-    found: dict[tuple[int, int], NDArray[Any]] = {}
+    gathered_by_target: dict[tuple[int, int], NDArray[Any]] = {}
     place: int | IntArray = 0
     for number, (code, count) in enumerate(tokens):
         # A byte that is neither 0 nor 1 is still a bool, but not one numpy can hold.
@@ -320,23 +330,24 @@ def _gather_numbers(
             place = place + 4
         begin = _align_place(place, width)
         for target in targets:
-            if target[0] == number and target not in found:
+            if target[0] == number and target not in gathered_by_target:
                 sound &= target[1] < length
                 values = fetch(stored, begin + target[1] * width)
-                found[target] = values != 0 if code == '?' else values
+                gathered_by_target[target] = values != 0 if code == '?' else values
         end = begin + length * width
         # Nothing is aligned for the items of a sequence that has none.
         place = np.where(length > 0, end, place) if count is None else end
     sound &= place <= size
-    return [found[target] for target in targets], sound
+    return [gathered_by_target[target] for target in targets], sound
 
 
 def _align_place(place: int | IntArray, size: int) -> int | IntArray:
+    """Return the next multiple of a size at or behind a byte, or behind each of some."""
     return (place + size - 1) // size * size if size > 1 else place
 
 
 def _find_decoder(schema: Schema) -> Callable[[bytes], Any]:
-    """Return the decoder of mcap-ros2-support; raise a SchemaError where it takes no such definition."""
+    """Return the function that decodes one message; raise a SchemaError for a definition it refuses."""
     try:
         # The parser prints what it raises.
         with _SILENCE, contextlib.redirect_stderr(io.StringIO()):
@@ -378,7 +389,12 @@ class TopicNumbers:
     def series(
         self, times: tuple[IntArray, IntArray, IntArray], values: FloatArray
     ) -> Iterator[tuple[Request, Series]]:
-        """Yield the series of each request: log times [ns], stamps [ns] and sequence, and its numbers."""
+        """Yield each request and its series, without the messages that lack an element chosen by name.
+
+        Args:
+            times: Log times [ns], stamps [ns] and sequence numbers, shape (n,) each.
+            values: What :meth:`FieldReader.read` gives, shape (width, n).
+        """
         count = len(self.requests)
         for row, requests in enumerate(self.requests.values()):
             own, numbers = times, values[row]
@@ -388,14 +404,19 @@ class TopicNumbers:
             series = Series(*own, numbers, ())
             yield from ((request, series) for request in requests)
 
-    def note_foreign(self, row: int, names: Iterable[str]) -> None:
-        """Count a message that is not for a number, and remember the elements that it names."""
+    def count_foreign(self, row: int, names: Iterable[str]) -> None:
+        """Count a message that lacks the element, chosen by name, of a path; keep some of the names it has.
+
+        Args:
+            row: The number of the path.
+            names: The names of the elements of the message.
+        """
         self.foreign[row] += 1
         if len(self.names) < _MAX_NAMES:
             self.names.update(names)
 
     def reader(self, schema: Schema) -> FieldReader | BagError:
-        """Return what reads the messages of a schema, or why nothing can."""
+        """Return the cached reader of messages of a schema, or the error where they cannot be read."""
         key = schema.name, schema.data
         if key not in self._readers:
             try:
@@ -405,7 +426,7 @@ class TopicNumbers:
         return self._readers[key]
 
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
-        """Yield each request with what was wrong with its messages."""
+        """Yield each request with the faults of its messages so far; an empty tuple where there are none."""
         for row, requests in enumerate(self.requests.values()):
             element = f"the element of field '{requests[0].field}'"
             short = f'lack {element}'
@@ -430,12 +451,12 @@ class FieldReader:
 
     def __init__(self, wanted: TopicNumbers, schema: Schema) -> None:
         self._wanted, self._paths = wanted, tuple(wanted.requests)
-        self._parse_fields = [NumberField(path) for path in self._paths]
+        self._fields = [NumberField(path) for path in self._paths]
         self._undecoded = f'cannot be decoded as {schema.name}'
         try:
             definitions = parse_schema(schema.name, schema.data)
             self._check_fields(wanted.topic, schema.name, definitions)
-            self._stamped = _has_header(definitions, schema.name)
+            self._stamped = _begins_with_header(definitions, schema.name)
             self._decode = _find_decoder(schema)
         except SchemaError as error:
             raise BagError(f"topic '{wanted.topic}' ({schema.name}) cannot be read: {error}") from None
@@ -443,9 +464,10 @@ class FieldReader:
         self._layout = compile_layout(definitions, schema.name, paths)
 
     def _check_fields(self, topic: str, type_name: str, definitions: Definitions) -> None:
+        """Raise a BagError for the first wanted path that does not lead to a number."""
         for path in self._paths:
             try:
-                number_at(definitions, type_name, path)
+                find_primitive(definitions, type_name, path)
             except SchemaError as error:
                 steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
                 raise BagError(
@@ -471,7 +493,7 @@ class FieldReader:
         if len(rows) < count:
             faults[self._undecoded] += count - len(rows)
         # The two bytes of the representation: zero, and zero or one for plain CDR.
-        kind = view(data, '<u2')[offset[rows]]
+        kind = view_numbers(data, '<u2')[offset[rows]]
         for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
             if (mine := rows[kind == code]).size:
                 # As a rule all, which are not copied.
@@ -498,7 +520,20 @@ class FieldReader:
         size: IntArray,
         order: str,
     ) -> IntArray:
-        """Fill in messages in one byte order; which of them have to be decoded one by one."""
+        """Write the numbers and stamps of messages in one byte order into two arrays.
+
+        Args:
+            values: Takes the numbers, shape (k, n).
+            stamp_ns: Takes the stamps that are not zero, shape (n,) [ns].
+            rows: The messages among the n.
+            data: What they lie in.
+            offset: Where each of them begins in it.
+            size: How long each is [bytes].
+            order: Their byte order, as numpy writes it.
+
+        Returns:
+            The indexes among the n of those that have to be decoded one by one.
+        """
         if self._layout is None:
             return np.arange(len(stamp_ns))[rows]
         gathered, sound = _gather_numbers(
@@ -513,19 +548,19 @@ class FieldReader:
         return np.arange(len(stamp_ns))[rows][~sound] if not sound.all() else np.empty(0, np.int64)
 
     def _decode_alone(self, data: bytes, place: int, values: FloatArray, stamp_ns: IntArray) -> None:
-        """Fill in a message that is decoded by itself."""
+        """Decode one message, and write its numbers and stamp into column ``place``; count what fails."""
         values[:, place] = math.nan
         try:
             message = self._decode(data)
         except _DECODE_ERRORS:
             self._wanted.reasons[self._undecoded] += 1
             return
-        for row, field_config in enumerate(self._parse_fields):
+        for row, field_config in enumerate(self._fields):
             try:
                 values[row, place] = field_config.read(message)
             except NoSuchElementError as error:
-                values[len(self._parse_fields) + row, place] = 1.0
-                self._wanted.note_foreign(row, error.names)
+                values[len(self._fields) + row, place] = 1.0
+                self._wanted.count_foreign(row, error.names)
             except LookupError:
                 self._wanted.short[row] += 1
         if self._stamped:
@@ -533,12 +568,13 @@ class FieldReader:
             stamp_ns[place] = stamp.sec * _SECOND + stamp.nanosec or stamp_ns[place]
 
 
-def _has_header(definitions: Definitions, root: str) -> bool:
+def _begins_with_header(definitions: Definitions, root: str) -> bool:
+    """Return whether a type begins with a ``std_msgs/Header`` whose stamp has two whole numbers."""
     first = definitions[short_name(root)][:1]
     if [(member.name, member.text) for member in first] != [('header', 'std_msgs/Header')]:
         return False
     try:
-        return all(number_at(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
+        return all(find_primitive(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
     except SchemaError:
         return False
 
@@ -552,7 +588,7 @@ class MessageReading(ABC):
 
     @abstractmethod
     def _read_stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Stretches of n messages: log times [ns], numbers of topics, stamps [ns], values, shape (k, n)."""
+        """Yield log times [ns], topics by number, stamps [ns], shape (n,), and values, shape (k, n)."""
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series, without faults, of one stretch of time after the other.
@@ -571,6 +607,7 @@ class MessageReading(ABC):
     def _make_series(
         self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
     ) -> dict[Request, Series]:
+        """Return the series of a stretch, whose arrays are those of :meth:`_read_stretches`."""
         result: dict[Request, Series] = {}
         is_unstamped = np.array_equal(log_time_ns, stamp_ns)
         for number, topic_numbers in enumerate(self._wanted):
@@ -593,15 +630,15 @@ _RULE = '=' * 80
 def definition_of(kind: str) -> str | None:
     """Return the ``ros2msg`` text of a type with all that it uses; None where it is not known."""
     parts: dict[str, str] = {}
-    if not _collect_types(short_name(kind), parts):
+    if not _collect_texts(short_name(kind), parts):
         return None
     first, *referred = parts.items()
     return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in referred)
 
 
-def _collect_types(name: str, parts: dict[str, str]) -> bool:
-    """Take up a type and those that it uses; whether all are known."""
-    text = _built_in().get(name) or _read_definition(name)
+def _collect_texts(name: str, parts: dict[str, str]) -> bool:
+    """Add the texts of a type and of those that it uses; return False where one is not known."""
+    text = _load_built_in().get(name) or _read_installed_type(name)
     if text is None:
         return False
     parts[name] = text
@@ -609,17 +646,18 @@ def _collect_types(name: str, parts: dict[str, str]) -> bool:
         bases = [member.base for member in _parse_fields(_strip_comments(text), name)]
     except SchemaError:
         return False
-    return all('/' not in base or base in parts or _collect_types(short_name(base), parts) for base in bases)
+    return all('/' not in base or base in parts or _collect_texts(short_name(base), parts) for base in bases)
 
 
 @cache
-def _built_in() -> dict[str, str]:
+def _load_built_in() -> dict[str, str]:
+    """Return the texts of the types that this package brings, by short name."""
     _, *parts = re.split(r'^MSG: (.*)\n', _BUILT_IN.read_text('utf-8'), flags=re.MULTILINE)
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def _read_definition(name: str) -> str | None:
-    """Return the definition among the packages of ROS 2."""
+def _read_installed_type(name: str) -> str | None:
+    """Return the text of a type from the packages of a sourced ROS 2; None where it is not there."""
     if not re.fullmatch(r'\w+/\w+', name):
         return None
     package, short_name = name.split('/')

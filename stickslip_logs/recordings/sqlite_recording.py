@@ -40,15 +40,17 @@ from stickslip_logs.recordings.recording import (
 from stickslip_logs.time_order import MAX_TIME_NS, Sorter, TimeOrder
 
 MAGIC = b'SQLite format 3\0'
-# Messages that are read together, and the largest one that is unpacked [bytes].
-_BATCH, _MOST_MESSAGE = 1 << 15, 128 << 20
+# Messages that are read at a time.
+_BATCH = 1 << 15
+# The largest message that is unpacked [bytes], as the largest chunk of an MCAP.
+_MAX_MESSAGE_BYTES = 128 << 20
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
 # A place in the recording is the number of a file above the rowid in it, as far as that is none that
 # damage made: 32,768 files of 2.8e14 messages.
 _ROWID_BITS = 48
-# Behind a damaged page reading goes on: the first step over it, in messages, and how many of them.
-_SKIP, _MOST_SKIPS = 64, 40
+# Behind a damaged page reading goes on: the first step over it [row ids] doubles up to so many times.
+_FIRST_SKIP, _MAX_SKIPS = 64, 40
 Rows = list[tuple[Any, ...]]
 
 
@@ -71,15 +73,16 @@ class SqliteRecording(Recording):
         self._texts: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
         self._types: dict[str, tuple[str, str]] = {}
-        self._order, self._read_numbers = TimeOrder(), dict[str, int]()
+        self._order, self._topic_numbers = TimeOrder(), dict[str, int]()
         for number, file in enumerate(files):
             self._scan_database(number, file)
         whole = self._order.course()
         self.start_ns, self.end_ns = whole.start_ns, whole.end_ns
-        self._topics = {name: self._topic_info(name, *self._types[name]) for name in sorted(self._types)}
+        self._topics = {name: self._describe_topic(name, *self._types[name]) for name in sorted(self._types)}
         self._message_count = self._counts.total()
 
-    def _topic_info(self, name: str, kind: str, encoding: str) -> TopicInfo:
+    def _describe_topic(self, name: str, kind: str, encoding: str) -> TopicInfo:
+        """Describe a topic; keep the definition of its type where only this computer has it."""
         text = self._texts.get(kind) or definition_of(kind)
         problem = ''
         if encoding != 'cdr':
@@ -100,18 +103,18 @@ class SqliteRecording(Recording):
             BagError: The file cannot be read.
         """
         try:
-            uri = f'{self._recovered_file(file).absolute().as_uri()}?mode=ro&immutable=1'
+            uri = f'{self._apply_journal(file).absolute().as_uri()}?mode=ro&immutable=1'
             with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
                 if sys.version_info >= (3, 11):
                     # What a damaged length asks for is not taken.
-                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE)
+                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_MESSAGE_BYTES)
                 database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 yield database
         except (*_ERRORS, OSError, ValueError) as error:
-            raise BagError(_refusal(file, str(error))) from None
+            raise BagError(_refuse_database(file, str(error))) from None
 
-    def _recovered_file(self, file: Path) -> Path:
-        """Return the file, or its copy with what a crash has left in its journal."""
+    def _apply_journal(self, file: Path) -> Path:
+        """Return the file; with a journal beside it, a copy into which the journal was played back."""
         ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
         if not any(end.is_file() and end.stat().st_size for end in ends):
             return file
@@ -129,7 +132,7 @@ class SqliteRecording(Recording):
         return copy
 
     def _scan_database(self, number: int, file: Path) -> None:
-        """Take the topics, definitions, counts and times of a file."""
+        """Add the topics, definitions, message counts and times of a file to those of the recording."""
         with self._open_read_only(file) as database:
             names: dict[int, str] = {}
             for key, *row in database.execute('SELECT id, name, type, serialization_format FROM topics'):
@@ -151,22 +154,29 @@ class SqliteRecording(Recording):
     def _count_messages(
         self, number: int, file: Path, database: sqlite3.Connection, names: Mapping[int, str]
     ) -> None:
-        """Count the messages of a file, and take their times for the judgement of their order."""
+        """Add the messages of a file to the counts and to the order of time.
+
+        Args:
+            number: The number of the file in the recording.
+            file: The file.
+            database: A connection to it.
+            names: The topics by their id in it.
+        """
         counts = Counter[Any]()
         sources = {
-            key: self._read_numbers.setdefault(name, len(self._read_numbers)) for key, name in names.items()
+            key: self._topic_numbers.setdefault(name, len(self._topic_numbers)) for key, name in names.items()
         }
-        for rows in self._rows(file, database, 'timestamp, topic_id'):
+        for rows in self._iterate_rows(file, database, 'timestamp, topic_id'):
             counts.update(key for _, _, key in rows)
             # Time 0 is that of a clock that was not set.
-            known = [
+            timed = [
                 (time, sources[key], rowid)
                 for rowid, time, key in rows
                 if time and _is_time(time) and key in names
             ]
-            if known:
-                time_ns, source, rowids = np.array(known, np.int64).T
-                self._order.add(time_ns, source, _places(number, rowids))
+            if timed:
+                time_ns, source, rowids = np.array(timed, np.int64).T
+                self._order.add(time_ns, source, _join_places(number, rowids))
         for key, count in counts.items():
             if key in names:
                 self._counts[names[key]] += count
@@ -176,28 +186,28 @@ class SqliteRecording(Recording):
                     ' defined nowhere, were not read'
                 )
 
-    def _rows(
+    def _iterate_rows(
         self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
     ) -> Iterator[Rows]:
-        """Yield some columns behind the id in batches, in the order of writing; report damaged pages.
+        """Yield batches of rows of the messages in the order of writing: row id, then some columns.
 
-        The ids are looked for behind a damaged page in growing steps.
+        Damaged pages are reported; reading goes on behind them, at ids in growing steps.
         """
-        begin, step, skips = -(1 << 63), _SKIP, 0
-        while begin < 1 << 63 and skips <= _MOST_SKIPS:
+        begin, step, skips = -(1 << 63), _FIRST_SKIP, 0
+        while begin < 1 << 63 and skips <= _MAX_SKIPS:
             batch: Rows = []
             try:
-                found = database.execute(
+                cursor = database.execute(
                     f'SELECT rowid, {columns} FROM messages NOT INDEXED'
                     f' WHERE rowid >= ? AND {where} ORDER BY rowid',
                     (begin,),
                 )
                 while True:
                     # What comes before an error stays in the batch.
-                    batch.extend(islice(found, _BATCH))
+                    batch.extend(islice(cursor, _BATCH))
                     if not batch:
                         return
-                    begin, step = batch[-1][0] + 1, _SKIP
+                    begin, step = batch[-1][0] + 1, _FIRST_SKIP
                     yield batch
                     batch = []
             except _ERRORS as error:
@@ -206,7 +216,7 @@ class SqliteRecording(Recording):
                     ' damaged pages were not read'
                 )
             if batch:
-                begin, step = batch[-1][0] + 1, _SKIP
+                begin, step = batch[-1][0] + 1, _FIRST_SKIP
                 yield batch
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 
@@ -225,21 +235,21 @@ class SqliteRecording(Recording):
                     yield Message(names[number].name, names[number].type, time_ns, data)
 
     def batches(self, topics: Sequence[str]) -> Iterator[Columns]:
-        """Yield messages of some topics in order of time: times [ns], numbers of topics, and data."""
+        """Yield messages in order of time: log times [ns], topics by their number in ``topics``, and data."""
         # A topic without messages has no number.
-        sources = np.array([self._read_numbers.get(topic, -1) for topic in topics], np.int64)
+        sources = np.array([self._topic_numbers.get(topic, -1) for topic in topics], np.int64)
         course = self._order.course(sources.tolist())
         sorter = Sorter(course.wait_ns)
-        for time_ns, topic, data, place in self._written(topics):
+        for time_ns, topic, data, place in self._iterate_written(topics):
             yield from sorter.add((course.follow(time_ns, sources[topic], place), topic, data))
         yield from sorter.rest()
         for text in course.notes('the messages are', 'of the recorder'):
             self._findings.note(text)
 
-    def _written(self, topics: Sequence[str]) -> Iterator[Columns]:
-        """Yield the same and their places, in the order in which they were written."""
-        numbers, odd = {topic: number for number, topic in enumerate(topics)}, 0
-        unpack = self._unpacker()
+    def _iterate_written(self, topics: Sequence[str]) -> Iterator[Columns]:
+        """Yield messages as written: log times [ns], topics by number, data, and places in the recording."""
+        numbers, unread = {topic: number for number, topic in enumerate(topics)}, 0
+        unpack = self._choose_unpacker()
         for file_number, file in enumerate(self.files):
             with self._open_read_only(file) as database:
                 ids = {
@@ -250,7 +260,7 @@ class SqliteRecording(Recording):
                 if not ids:
                     continue
                 where = f'topic_id IN ({",".join(map(str, ids))})'
-                for rows in self._rows(file, database, 'timestamp, topic_id, data', where):
+                for rows in self._iterate_rows(file, database, 'timestamp, topic_id, data', where):
                     sound = [
                         (time_ns, ids[key], plain, rowid)
                         for rowid, time_ns, key, data in rows
@@ -258,22 +268,22 @@ class SqliteRecording(Recording):
                         and isinstance(data, bytes)
                         and (plain := unpack(data)) is not None
                     ]
-                    odd += len(rows) - len(sound)
+                    unread += len(rows) - len(sound)
                     if sound:
                         *columns, rowids = _make_columns(sound)
-                        yield *columns, _places(file_number, rowids)
-        if odd:
-            self._findings.lose(f'{plural(odd, "message")} without time or data were not read')
+                        yield *columns, _join_places(file_number, rowids)
+        if unread:
+            self._findings.lose(f'{plural(unread, "message")} without time or data were not read')
 
-    def _unpacker(self) -> Callable[[bytes], bytes | None]:
-        """Return what yields a message, or nothing for a damaged one."""
+    def _choose_unpacker(self) -> Callable[[bytes], bytes | None]:
+        """Return a function that unpacks the data of a message; it returns None for a damaged one."""
         if not self._is_packed:
             return lambda data: data
         decompress = zstandard.ZstdDecompressor().decompress
 
         def unpack(data: bytes) -> bytes | None:
             try:
-                return decompress(data, max_output_size=_MOST_MESSAGE)
+                return decompress(data, max_output_size=_MAX_MESSAGE_BYTES)
             except zstandard.ZstdError:
                 return None
 
@@ -286,10 +296,11 @@ class SqliteRecording(Recording):
 
 
 def _is_time(value: Any) -> bool:
+    """Return whether a value of a database can be a log time [ns]."""
     return isinstance(value, int) and 0 <= value <= MAX_TIME_NS
 
 
-def _places(file: int, rowid: IntArray) -> IntArray:
+def _join_places(file: int, rowid: IntArray) -> IntArray:
     """Return the places of messages, which rise through the files of a recording, shape (n,)."""
     return (file << _ROWID_BITS) + rowid.clip(0, (1 << _ROWID_BITS) - 1)
 
@@ -323,6 +334,7 @@ class SqliteReading(MessageReading):
             self._readers.append(reader)
 
     def _read_stretches(self) -> Iterator[Columns]:
+        """Yield log times [ns], topics by number, stamps [ns], shape (n,), and values, shape (k, n)."""
         topics = [item.topic for item in self._wanted]
         total, done = sum(self._recording.topics[topic].count for topic in topics), 0
         for times, topic, messages in self._recording.batches(topics):
@@ -332,6 +344,7 @@ class SqliteReading(MessageReading):
                 self._progress(done, max(total, done))
 
     def _read_numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
+        """Return log times [ns], topics by number, stamps [ns] and values of encoded messages."""
         size = np.fromiter(map(len, messages), np.int64, len(messages))
         offset, data = np.cumsum(size) - size, b''.join(messages)
         stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
@@ -342,8 +355,13 @@ class SqliteReading(MessageReading):
         return times, topic, stamps, values
 
 
-def _refusal(file: Path, problem: str) -> str:
-    """Return why a database cannot be read: it is damaged, or no recording but another one."""
+def _refuse_database(file: Path, problem: str) -> str:
+    """Return the sentence on a database that cannot be read.
+
+    Args:
+        file: The database.
+        problem: What SQLite says; a missing table of topics means that it is no recording.
+    """
     if problem == 'no such table: topics':
         uri = f'{file.absolute().as_uri()}?mode=ro&immutable=1'
         with contextlib.suppress(*_ERRORS), contextlib.closing(sqlite3.connect(uri, uri=True)) as database:

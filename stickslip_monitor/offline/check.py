@@ -153,7 +153,7 @@ def check_recording(
             sink.take(Stretch(end_ns, samples))
 
     end_ns: int | None = None
-    for part in times.of(reading):
+    for part in times.corrected(reading):
         span.extend(part.values(), times.replaced)
         if end_ns is None:
             for sink in sinks:

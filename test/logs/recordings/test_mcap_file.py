@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from fuzz.files import DEFINITIONS, START, Piece, channel, file, message, raw
 from fuzz.mutants import records_of
-from stickslip_logs.recordings.mcap_chunks import decompress, walk
+from stickslip_logs.recordings.mcap_chunks import decompress, walk_records
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording, Request
 
@@ -184,7 +184,7 @@ def test_many_messages_of_one_length_end_at_what_is_odd(odd: bytes) -> None:
     ]
     found = [
         (channel, time, data[begin : begin + size])
-        for piece in walk(data)
+        for piece in walk_records(data)
         for channel, time, begin, size in zip(
             piece.channel.tolist(),
             piece.log_time_ns.tolist(),

@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import Writer
 from shared import CONFIG, START
 
-from stickslip_logs.recordings.log_times import question_of_unit
+from stickslip_logs.recordings.log_times import ask_for_time_unit
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
@@ -154,8 +154,8 @@ def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path) -> None:
 )
 def test_dates_in_another_unit_are_asked_about(factor: int, unit: str) -> None:
     start, end = START // factor, (START + 300 * SECOND) // factor
-    assert f'are they in {unit}' in question_of_unit(start, end, 3000)
-    assert question_of_unit(START, START + 300 * SECOND, 3000) == ''
+    assert f'are they in {unit}' in ask_for_time_unit(start, end, 3000)
+    assert ask_for_time_unit(START, START + 300 * SECOND, 3000) == ''
 
 
 def _checked(folder: Path, log_times: Any) -> CheckReport:
