@@ -52,7 +52,7 @@ _FRAMES = {
 # Of a heading without brackets one of its words is its unit only where it can be nothing else.
 _CLEAR = ('rpm', 'kn', 'hz')
 # 'kn' in small letters is knots, 'N' is north, and 'tf' may be a sensor, but in the heading of a force.
-_FORCES = {'load', 'force', 'thrust', 'kraft', 'last'}
+FORCE_WORDS = {'load', 'force', 'thrust', 'kraft', 'last'}
 _BRACKETED = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?', re.DOTALL)
 _NUMBER = re.compile(r'[+\-\u2212]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
 _GROUPED = re.compile(r'[+\-\u2212]?\d{1,3}(?:,\d{3})+(?:\.\d*)?')
@@ -78,7 +78,7 @@ class Heading(NamedTuple):
     @property
     def known_unit(self) -> str | None:
         """The unit as the configuration calls it; None where it has no such unit."""
-        is_force = bool(_FORCES & set(self.name.split()))
+        is_force = bool(FORCE_WORDS & set(self.name.split()))
         is_knots = self.unit == 'kn' and not is_force
         return None if is_knots else unit_of(self.unit or '', 'force' if is_force else '')
 
@@ -123,7 +123,7 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
         return behind
     if '/' in (last := name.rpartition(' ')[2]) and unit_of(last):
         return last
-    is_force = bool(_FORCES & {word.lower() for word in words})
+    is_force = bool(FORCE_WORDS & {word.lower() for word in words})
     if is_force and words[-1] == 'N':
         return 'N'
     forces = [word for word in words if len(word) > 1 and unit_of(word) in names_of('force') and is_force]
@@ -597,7 +597,7 @@ def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
     cells = [row[k] for row in rows[:_MAX_CELLS] if k < len(row) and row[k].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)
-    is_north = suffix.strip() == 'N' and not _FORCES & set(parse_heading(heading).name.split())
+    is_north = suffix.strip() == 'N' and not FORCE_WORDS & set(parse_heading(heading).name.split())
     return '' if is_north or count <= 0.5 * len(cells) else suffix
 
 

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 
 GAUGES = {item.name: (item.metric, item.help) for item in record_fields.BEARING if item.metric}
-"""Of each number of an operating point its metric, without the prefix, and what it means."""
+"""Of each number of a bearing its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'
 _UP = 'Whether the monitor, every bearing and its list of alarms send data (1) or not (0).'
 _TO_REACH = 'Speed that the bearing needs by the order of its text, negative astern.'
@@ -102,7 +102,9 @@ def _bearing_metrics(records: _Known) -> Iterator[Metric]:
     """Yield the state of the bearings that there are data of."""
     for key, (name, text) in GAUGES.items():
         none = WITHOUT_CYCLE.get(key)
-        values = [(n, none if r[key] is None and r['regime'] else r[key]) for n, r in records]
+        # The record of a monitor of another version may lack a field.
+        numbers = [(names, record.get(key), record['regime']) for names, record in records]
+        values = [(names, none if n is None and regime else n) for names, n, regime in numbers]
         yield _make_metric(name, text, _BEARING, values)
     orders = [((*n, r['order']), r['speed_to_reach']) for n, r in records if r['order'] is not None]
     yield _make_metric('speed_to_reach_rpm', _TO_REACH, [*_BEARING, 'order'], orders)

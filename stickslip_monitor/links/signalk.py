@@ -148,7 +148,7 @@ def _read_number(value: object) -> float:
         return math.nan
 
 
-VALUES = {item.path: (item.name, item.path_unit, item.help) for item in record_fields.NUMBERS if item.path}
+VALUES = {item.path: (item.name, item.path_unit, item.help) for item in record_fields.BEARING if item.path}
 """Of each value its name in the record of a bearing, its unit, and what it is."""
 REGIME = 'regime'
 MONITOR = 'monitor'

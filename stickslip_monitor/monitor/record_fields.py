@@ -26,7 +26,7 @@ class RecordField(NamedTuple):
     path: str = ''  # last part of its path of Signal K
     path_unit: str = ''  # its unit there
     shown: tuple[tuple[str, str], ...] = ()  # titles and units in the table of assess
-    topic: str = ''  # message type of a topic of its own
+    topic: str = ''  # message type of a topic of its own; only what an assessment has can have one
     needs: str = (
         ''  # what of a bearing has to be configured for a topic and a diagnostic key: BELIEF or LEVEL
     )

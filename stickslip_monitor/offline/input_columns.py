@@ -11,7 +11,7 @@ from typing import Any
 
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording, listed
-from stickslip_logs.tables.dialect import parse_heading, unit_of
+from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
 from stickslip_logs.units import UNITS, affine_conversion, find_unit
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.parameters import (
@@ -37,7 +37,8 @@ _HEADINGS = {
         *('speed', 'rpm', 'shaftrpm', 'revolutions', 'revolution', 'revs', 'n', 'drehzahl', 'wellendrehzahl'),
         *('propellerdrehzahl', 'rotational', 'rotation', 'shaft', 'propeller', 'welle'),
     },
-    'load': {'load', 'force', 'f', 'bearing', 'brg', 'lagerkraft', 'lagerlast', 'last', 'kraft'},
+    # The thrust is not a load of a stern bearing.
+    'load': FORCE_WORDS - {'thrust'} | {'f', 'bearing', 'brg', 'lagerkraft', 'lagerlast'},
 }
 _BESIDE = {
     *('prop', 'lager', 'sensor', 'measured', 'actual', 'value'),

@@ -12,6 +12,7 @@ from sending import configured, feed
 from shared import SCHEMAS, complaints
 
 from stickslip_monitor import Monitor
+from stickslip_monitor.monitor.assessment import Assessments
 from stickslip_monitor.monitor.bearing_records import (
     BearingState,
     bearing_record,
@@ -98,6 +99,12 @@ def test_no_two_fields_are_published_under_one_name() -> None:
         forms = [getattr(item, form) for item in BEARING if getattr(item, form)]
         assert len(forms) == len(set(forms))
     assert {item.name for item in NUMBERS} < {item.name for item in BEARING} & {item.name for item in WARNING}
+
+
+def test_a_topic_is_of_what_an_assessment_or_a_level_has() -> None:
+    """Topics are written from the assessments of many points at once, which have no other fields."""
+    without = [item.name for item in BEARING if item.topic and not hasattr(Assessments, item.name)]
+    assert without == ['measured'], 'leave out the topic, or make it a number of an operating point'
 
 
 def values_of(monitor: Monitor) -> dict[str, str]:
