@@ -165,7 +165,7 @@ def _decode_object(line: str) -> Any:
 
 
 def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> list[Row]:
-    """Return the numbers of a delta as rows.
+    """Return the numbers of a delta as rows, null as the word; other values are passed over.
 
     Args:
         delta: The delta.
@@ -205,7 +205,7 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
 def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of messages as canboat's ``analyzer -json`` writes them, as rows.
 
-    None for a damaged line, an empty row for one without a message.
+    None for a damaged line, an empty row for one without a message; other fields are passed over.
     """
     first = dict[str, str]()
     for line in lines:

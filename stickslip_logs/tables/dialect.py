@@ -216,7 +216,7 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
 
 
 def _remedy_for_format(path: Path, lines: Sequence[str]) -> str:
-    """Return what format lines have that is not read, and what converts it; empty for what may be a table."""
+    """Return a clause on the format of lines that is not read, and what converts it; empty for any other."""
     if ''.join(lines).lstrip().startswith('{'):
         return f'is JSON: write it as CSV; {_jq_command(path, lines) or f"a package of ISO 19848 with {_JQ}"}'
     forms = {
@@ -275,7 +275,7 @@ def _table_dialect(
     """
     width = usual_width(rows)
     decimal = _decimal_sign(path, [row for row in rows if len(row) == width], delimiter)
-    first = _first_data(rows, decimal, width)
+    first = _find_first_row(rows, decimal, width)
     if first is None:
         raise BagError(
             f"log '{path}' has no line with a time and a number: write them as CSV, one time in each line"
@@ -377,7 +377,7 @@ def find_delimiter(lines: Sequence[str]) -> str:
 def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
     """Return the row of headings above the first numbers of rows; an empty list where there is none."""
     decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
-    first = _first_data(rows, decimal, width)
+    first = _find_first_row(rows, decimal, width)
     return _find_headings(rows[:first], width)[0] if first else []
 
 
@@ -428,8 +428,8 @@ def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
     return cells[numbers[0]] if numbers and are_all else ''
 
 
-def _first_data(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
-    """Return the place of the first row of a table below its headings and a preamble; None without one.
+def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
+    """Return the place of the first row of numbers below headings and a preamble; None where no row has any.
 
     Args:
         rows: The rows of the head of a file.
@@ -536,9 +536,10 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
 
 
 def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
-    """Return headings that repeat for each signal, the first of its values by the name in a row above.
+    """Return headings; where they repeat for each signal, that of its value is the name in a row above.
 
-    As of trends, ``Time;Value;Time;Value`` below ``rpm;;load;``: each signal has one cell there.
+    So ``Time;Value;Time;Value`` of a trend, below ``rpm;;load;``, becomes ``Time;rpm;Time;load``. Others stay
+    as they are.
     """
     width = len(names)
     period = next((p for p in range(2, width) if width % p == 0 and [*names[p:]] == [*names[:-p]]), 0)

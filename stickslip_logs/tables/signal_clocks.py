@@ -127,7 +127,7 @@ def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequen
 def _is_apart(table: TableColumns, main: Clock, other: Clock) -> bool:
     """Return whether the times of another clock differ from those of the main one, by more than a zone.
 
-    It has to have times, and to change half as often.
+    It has to have times, and to change half as often; where no row has both, they do differ.
     """
     rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > max(*main.columns, *other.columns)]
     (main_ns, is_main), (other_ns, is_other) = _read_rows(main, rows), _read_rows(other, rows)

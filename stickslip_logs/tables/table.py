@@ -201,7 +201,7 @@ class TextTable(NumberTable):
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
         remarks = of_encoding if self._dialect.encoding == 'cp1252' else ()
-        self.remarks = (*_notes_on(self.clocks, self.names), *self._dialect.remarks, *remarks)
+        self.remarks = (*_remarks_on(self.clocks, self.names), *self._dialect.remarks, *remarks)
         losses = [f'the file is cut or damaged: {extent.problem}'] if extent.problem else []
         if extent.zeros and not self._dialect.encoding.startswith('utf-16'):
             losses.append(f'the file has {plural(extent.zeros, "zero byte")}, which are no text')
@@ -222,7 +222,7 @@ class TextTable(NumberTable):
         return list(rows.values())
 
     def numbers(self, cells: Cells) -> Numbers:
-        """Return the numbers of cells, all at once where all are numbers."""
+        """Return the numbers of cells; NaN for a word and for an empty cell."""
         joined, decimal = '\n'.join(cells), self._dialect.decimal
         fast = cells
         if decimal == ',' and '.' not in joined:
@@ -301,8 +301,8 @@ class TextTable(NumberTable):
             yield batch, lost
 
 
-def _notes_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
-    """Return the remarks of the clocks of a table, and one on which columns each of several is of.
+def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
+    """Return the remarks of the clocks of a table, and where these are several one on their columns.
 
     Args:
         clocks: The clocks.
@@ -354,7 +354,10 @@ class _TextReading:
         self._shown = self._foreign_heading = ''
 
     def read_batch(self, batch: list[list[str]]) -> Iterator[Rows]:
-        """Yield the rows of a batch, for each clock once, parted where the order of the columns changes."""
+        """Yield the rows of a batch, once for each clock, parted where headings change the order of columns.
+
+        Cells of rows without a time are emptied, and what is not used is counted.
+        """
         while batch:
             if self._places is None:
                 at = next((k for k, row in enumerate(batch) if self._is_heading(row)), len(batch))
@@ -501,10 +504,10 @@ class ParquetTable(NumberTable):
             self.clocks = share_columns(columns, main, more_clocks)
         else:
             self.clocks = find_clocks(path, columns)
-        self.remarks = tuple(_notes_on(self.clocks, self.names))
+        self.remarks = tuple(_remarks_on(self.clocks, self.names))
 
     def numbers(self, cells: Any) -> Numbers:
-        """Return the numbers of cells of numbers, or of texts."""
+        """Return the numbers of cells of numbers, or of texts; NaN for a word and what is not finite."""
         is_there = np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
         try:
             value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)

@@ -159,7 +159,7 @@ def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator
 
     Args:
         path: The file.
-        encoding: Of its text.
+        encoding: The encoding of its text.
         is_plain: Whether it has no zero bytes and no marks around lines, which are taken away.
     """
     with opened(path) as raw:

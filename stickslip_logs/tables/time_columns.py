@@ -318,9 +318,9 @@ def _read_digits(read: ReadTimes, columns: Sequence[Cells]) -> Times:
 
 
 def _are_digits_of_day(cells: Cells) -> bool:
-    """Return whether cells are hours, minutes and seconds, as 060059 before 060100.
+    """Return whether cells are digits of hours, minutes and seconds, as 060059 before 060100.
 
-    Their steps are then more alike as times than as numbers.
+    All three or more have five or six digits, and their steps are more alike as times than as numbers.
     """
     if len(cells) < 3 or not all(map(_DIGITS_OF_DAY.fullmatch, cells)):
         return False

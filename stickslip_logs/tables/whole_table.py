@@ -43,8 +43,8 @@ def read_table(
         path: The file, packed or not.
         max_bytes: The largest size that is read [bytes].
         error: The type of the error that is raised for a file that cannot be read, is larger, or is damaged.
-        is_heading: Whether some cells are headings of such a table; else they are those above the numbers, or
-            in the first line.
+        is_heading: Tells cells that are headings of such a table. Where none are, those above the numbers are
+            taken, or the first line that is no comment.
 
     Returns:
         The rows, the headings first, and what separates their cells.
@@ -86,8 +86,8 @@ def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], b
 
     Args:
         rows: The rows of the file.
-        is_heading: Whether some cells are such headings; else those above the numbers are, or the first row
-            that is no comment.
+        is_heading: Tells cells that are headings. Where none are, those above the numbers are taken, or the
+            first row that is no comment.
     """
     for k, row in enumerate(rows):
         if is_heading(_without_mark(row.cells)):
