@@ -38,19 +38,19 @@ WAYS: Mapping[str, Callable[[Path, Path], object]] = {
 
 
 def declared(command: str) -> Sequence[FileOption]:
-    """What the options of a command name."""
+    """Return the files that the options of a command name."""
     parser = argparse.ArgumentParser()
     import_module(cli.module_of(command)).add_arguments(parser)
     return parser.get_default('files') or ()
 
 
 def outputs_of(command: str) -> dict[str, Sequence[str]]:
-    """The endings of what a command writes."""
+    """Return the endings of what a command writes, by option."""
     return {file.dest: list(file.marks) for file in declared(command) if file.marks is not None}
 
 
 def inputs_of(command: str) -> list[str]:
-    """What a command reads."""
+    """Return the options by which a command reads files."""
     return [file.dest for file in declared(command) if file.is_read]
 
 
@@ -62,7 +62,7 @@ def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
 
 
 def refuse_outputs_that_are_inputs(command: str, way: str, folder: Path) -> None:
-    """An output of a command that is an input in some way is refused."""
+    """Check that an output of a command that is an input in some way is refused."""
     files, number = declared(command), 0
     sources = inputs_of(command)
     for output, suffixes in outputs_of(command).items():
@@ -103,7 +103,7 @@ def write_files_of_a_user(path: Path) -> None:
 
 
 def refuse_line(line: str, text: str, folder: Path, stickslip: Stickslip) -> None:
-    """A line is refused in one sentence that has a text, and nothing is written."""
+    """Check that a line is refused in one sentence that has a text, and that nothing is written."""
     before = sorted(folder.iterdir())
     done = stickslip(*shlex.split(line))
     told = done.err
@@ -165,7 +165,7 @@ def show_on_40_columns(arguments: Sequence[str], folder: Path, monkeypatch: pyte
 
 
 def _read(terminal: int) -> Iterator[bytes]:
-    """What comes until the program has ended."""
+    """Yield what a terminal shows until the program has ended."""
     with os.fdopen(terminal, 'rb', buffering=0) as file:
         try:
             while data := file.read(65536):
@@ -175,7 +175,7 @@ def _read(terminal: int) -> Iterator[bytes]:
 
 
 def show_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A per cent sign in a help text is a format of argparse, and fails when it is shown."""
+    """Show the help of a command: a per cent sign in it is a format of argparse, and fails when shown."""
     with pytest.raises(SystemExit) as stop:
         cli.main([command, '--help'])
     assert stop.value.code == 0

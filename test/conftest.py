@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture
 def stickslip(capsys: pytest.CaptureFixture[str]) -> Any:
-    """Runs a command in this process."""
+    """Return what runs a command in this process."""
 
     from shared import Done
 

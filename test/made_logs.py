@@ -25,7 +25,7 @@ uint32 nanosec
 
 
 def record(path: Path, columns: Mapping[str, tuple[Any, Any]]) -> Path:
-    """A recording of Float64s: log times [ns] and values of each topic."""
+    """Write a recording of Float64s: log times [ns] and values of each topic."""
     with BagWriter(path) as writer:
         for topic in columns:
             writer.add_topic(topic, 'std_msgs/msg/Float64')

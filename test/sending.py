@@ -49,7 +49,7 @@ class Message(NamedTuple):
 
 
 def number_at(number: Number, time: float) -> float:
-    """The number at a time [s]."""
+    """Return a number at a time [s]."""
     return number(time) if callable(number) else number
 
 
@@ -101,7 +101,7 @@ def points(rpm: Any, load: Any, at: Any = 1.0, start_ns: int = 0) -> Stream:
 def configured(
     name: str = 'aft', base: Any = None, *, is_live: bool = False, **changes: Any
 ) -> MonitorConfig:
-    """The reference bearing, or another, with some parameters (a double underscore is a dot)."""
+    """Build the reference bearing, or another, with some parameters (a double underscore is a dot)."""
     own = {key.replace('__', '.'): value for key, value in changes.items()}
     values = REFERENCE | (base or {}) | own
     named = {f'{name}.{k}': v for k, v in values.items()}
@@ -120,7 +120,7 @@ def _standing(bearing: str, condition: Condition) -> Standing:
 def change(
     time_ns: int, before: Condition, after: Condition, *, onset: bool = False, bearing: str = 'aft'
 ) -> Event:
-    """A change of condition of a bearing without an operating point; its text is the new condition's."""
+    """Make a change of condition of a bearing without an operating point."""
     return Event(time_ns, before, _standing(bearing, after), {}, f'{bearing}: {after.sentence}', onset)
 
 
@@ -211,7 +211,7 @@ class Ship(Sink):
         return f'it is now {self.path}.damaged'
 
     def take(self, name: str, place: int, value: float, stamp_ns: int | None = None) -> Any:
-        """A number comes, stamped now or at another time."""
+        """Give the session a number, stamped now or at another time [ns]."""
         now = self.now
         at_ns = now.time_ns if stamp_ns is None else stamp_ns
         return self.session.take(name, place, at_ns, value, now)
@@ -237,7 +237,7 @@ class Ship(Sink):
         return self.look()
 
     def look(self) -> dict[str, Any]:
-        """The record of the first bearing."""
+        """Return the record of the first bearing."""
         self.session.show(self.now)
         return bearing_record(self.standing[0])
 
@@ -247,6 +247,6 @@ class Ship(Sink):
         return self.session.act(ActionRequest(action, 'Ada', name if kind else None, kind))
 
     def states(self) -> dict[str, str]:
-        """The states of the alarms that are not normal."""
+        """Return the states of the alarms that are not normal."""
         alarms = self.published[-1]['alarms']
         return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}

@@ -62,7 +62,7 @@ DEADLINE = 60.0
 
 
 class Done(NamedTuple):
-    """What a command left: its exit code, and what it printed."""
+    """The result of a command: its exit code, and what it printed."""
 
     code: int
     out: str
@@ -90,10 +90,10 @@ def until(
     return value
 
 
-async def comes(
+async def wait_until(
     condition: Callable[[], Any], what: Callable[[], Any] = lambda: '', deadline: float = DEADLINE
 ) -> None:
-    """The same on a loop that goes on meanwhile."""
+    """Wait until a condition holds, on a loop that goes on meanwhile."""
     end = time.monotonic() + deadline
     while not condition():
         assert time.monotonic() < end, what()
@@ -160,7 +160,7 @@ class Bus:
         self.beats: list[str] = []
 
     def links(self, bearing: str) -> dict[str, Any]:
-        """The section of the configuration for it."""
+        """Return the section of the configuration for it."""
         return {
             'nmea.listen': f'udp://127.0.0.1:{self.port}',
             'nmea.alerts': f'udp://127.0.0.1:{self.display.getsockname()[1]}',
@@ -187,7 +187,7 @@ class Bus:
                 self.beats.append(fields[1])
 
     def sails(self, rpm: str, condition: Callable[[], Any]) -> Callable[[], Any]:
-        """A condition to wait for while the ship sails."""
+        """Return a condition to wait for that sends speed and load whenever it is asked."""
 
         def look() -> Any:
             self.say(f'RCRPM,S,1,{rpm},30.0,A', 'IIXDR,N,1000,N,AFT')
@@ -206,20 +206,20 @@ def png_size(path: Path) -> tuple[int, int]:
 
 
 def contrast(one: str, other: str) -> float:
-    """The ratio of WCAG 2 between two colours: 4.5 for text, 3 for graphics."""
+    """Return the ratio of WCAG 2 between two colours: 4.5 for text, 3 for graphics."""
     high, low = sorted((luminance(one), luminance(other)), reverse=True)
     return (high + 0.05) / (low + 0.05)
 
 
 def luminance(colour: str) -> float:
-    """The relative luminance of WCAG 2 of a colour written #rrggbb."""
+    """Return the relative luminance of WCAG 2 of a colour written #rrggbb."""
     parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
     red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
-def wrong(schema: dict[str, Any], value: Any, path: str = '') -> Iterator[str]:
-    """Where a document breaks a schema, or has a field that the schema does not tell of."""
+def schema_errors(schema: dict[str, Any], value: Any, path: str = '') -> Iterator[str]:
+    """Yield where a document breaks a schema, or has a field that the schema lacks."""
     if 'const' in schema and value != schema['const']:
         yield f'{path} = {value!r}'
     if 'enum' in schema and value not in schema['enum']:
@@ -230,17 +230,17 @@ def wrong(schema: dict[str, Any], value: Any, path: str = '') -> Iterator[str]:
         yield f'{path} is a {type(value).__name__}'
     if isinstance(value, list):
         for item in value:
-            yield from wrong(schema.get('items', {}), item, f'{path}[]')
+            yield from schema_errors(schema.get('items', {}), item, f'{path}[]')
     if isinstance(value, dict):
         own, more = schema.get('properties'), schema.get('additionalProperties', {})
         yield from (f'{path} lacks {name}' for name in schema.get('required', ()) if name not in value)
         for name, item in value.items():
             if own is not None and name not in own:
                 yield f'{path} has {name}'
-            yield from wrong((own or {}).get(name, more), item, f'{path}.{name}')
+            yield from schema_errors((own or {}).get(name, more), item, f'{path}.{name}')
 
 
 def complaints(name: str, document: Any) -> list[str]:
-    """What is wrong with a document by an installed schema."""
+    """Return what an installed schema finds wrong with a document."""
     schema = json.loads((SCHEMAS / f'{name}.json').read_text('utf-8'))
-    return list(wrong(schema, json.loads(json.dumps(document, allow_nan=False))))
+    return list(schema_errors(schema, json.loads(json.dumps(document, allow_nan=False))))

@@ -35,7 +35,7 @@ APPENDED = {
 
 
 def lines_of(page: Path) -> list[str]:
-    """The command lines of a page's code blocks, continued lines joined, without comments."""
+    """Return the command lines of a page's code blocks, continued lines joined, without comments."""
     found, fenced = [], False
     for line in page.read_text('utf-8').replace('\\\n', ' ').splitlines():
         if line.startswith('```'):
@@ -58,8 +58,8 @@ RUN = [
 ]
 
 
-def faults(line: str) -> str:
-    """What is wrong with a line that this test cannot run, or nothing."""
+def find_fault(line: str) -> str:
+    """Return what is wrong with a line that this test cannot run; empty where nothing is."""
     makefile = (ROOT / 'Makefile').read_text('utf-8')
     setup = (ROOT / 'setup.py').read_text('utf-8')
     words = line.replace("'", '').split()
@@ -93,7 +93,7 @@ def test_docs_have_command_lines() -> None:
 
 
 def test_what_is_not_run_here_names_what_exists() -> None:
-    assert [(page, line, fault) for page, line in sorted(LINES) if (fault := faults(line))] == []
+    assert [(page, line, fault) for page, line in sorted(LINES) if (fault := find_fault(line))] == []
 
 
 def test_every_command_line_is_understood(capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,7 +111,7 @@ def test_every_command_line_is_understood(capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.fixture(scope='module')
 def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that looks like the repository to a reader, with files of his own."""
+    """Make a folder that looks like the repository to a reader, with files of his own."""
     folder = tmp_path_factory.mktemp('reader')
     for name in ('launch_configs', 'bags', 'docs', 'scripts'):
         (folder / name).symlink_to(ROOT / name)
@@ -145,7 +145,7 @@ def start(line: str, folder: Path) -> subprocess.Popen[str]:
 
 
 def finish(line: str, folder: Path) -> tuple[int, str]:
-    """The exit code and the output of a command line; a page is left as soon as it is there."""
+    """Return exit code and output of a command line; a page is left as soon as it is there."""
     program = start(line, folder)
     printed = ''
     if ' dashboard ' in line:

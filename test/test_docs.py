@@ -140,8 +140,8 @@ def test_the_readme_says_how_far_averaging_can_be_off() -> None:
 _STANDS_FOR = re.compile(r"/[a-z]\b|\bN messages|\b[TUN]\b|\d+(?:\.\d+)?|\.\.\.|[\[:']")
 
 
-def troubles() -> list[list[str]]:
-    """What is fixed in each sentence of the troubleshooting page, in order."""
+def read_troubles() -> list[list[str]]:
+    """Return the fixed parts of each sentence of the troubleshooting page, in order."""
     page = (DOCS / 'troubleshooting.md').read_text('utf-8')
     cells = [line.split(' | ')[0][2:] for line in page.splitlines() if line.startswith('| ')]
     return [
@@ -151,8 +151,8 @@ def troubles() -> list[list[str]]:
     ]
 
 
-def said_in_code() -> list[str]:
-    """Every text of the program, with a zero where it fills something in."""
+def texts_of_program() -> list[str]:
+    """Return every text of the program, with a zero where it fills something in."""
     texts = []
     for path in (*(ROOT / 'stickslip_monitor').rglob('*.py'), ROOT / 'launch_configs' / 'monitor.launch.py'):
         for node in ast.walk(ast.parse(path.read_text('utf-8'))):
@@ -165,18 +165,18 @@ def said_in_code() -> list[str]:
 
 
 def test_every_sentence_on_troubles_is_one_of_the_program() -> None:
-    texts = [*said_in_code(), *inputs_sentences()]
+    texts = [*texts_of_program(), *input_fault_sentences()]
     # A sentence may be put together from several; its longer parts are somewhere.
     known = [
         any(part in text for part in parts if len(part) >= 15 for text in texts)
         or any(all(part in text for part in parts) for text in texts)
-        for parts in troubles()
+        for parts in read_troubles()
     ]
-    assert [parts for parts, is_known in zip(troubles(), known, strict=True) if not is_known] == []
+    assert [parts for parts, is_known in zip(read_troubles(), known, strict=True) if not is_known] == []
 
 
-def inputs_sentences() -> list[str]:
-    """All that is said of an input that brings nothing, or what is doubtful."""
+def input_fault_sentences() -> list[str]:
+    """Return every sentence on an input that brings nothing, or whose values are doubtful."""
     one, two = Publisher('/a', 'T'), Publisher('/b', 'T')
     facts = InputFacts('/x', 'T', True, (one,))
     found = [
@@ -196,14 +196,14 @@ def inputs_sentences() -> list[str]:
     return [input_fault(each) for each in found]
 
 
-@pytest.mark.parametrize('sentence', inputs_sentences())
+@pytest.mark.parametrize('sentence', input_fault_sentences())
 def test_every_fault_of_an_input_is_on_the_page(sentence: str) -> None:
     assert sentence
-    assert any(re.search('.*'.join(map(re.escape, parts)), sentence) for parts in troubles())
+    assert any(re.search('.*'.join(map(re.escape, parts)), sentence) for parts in read_troubles())
 
 
-def _defined(path: Path) -> set[str]:
-    """The functions and classes of a module, and what a class has, with a dot."""
+def _defined_names(path: Path) -> set[str]:
+    """Return the functions and classes of a module, and what a class has, with a dot."""
     found = set()
     for node in ast.parse(path.read_text('utf-8')).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
@@ -226,7 +226,7 @@ def test_the_walks_lead_through_the_house() -> None:
     assert [
         s
         for s in steps
-        if s[1] not in _defined(ROOT / s[0] if s[0].startswith('stickslip_') else package / s[0])
+        if s[1] not in _defined_names(ROOT / s[0] if s[0].startswith('stickslip_') else package / s[0])
     ] == []
     # What else the page names is there.
     named = re.findall(r'`((?:[a-z_]+/)+[\w.]*|live\.py)`', page)

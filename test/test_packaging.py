@@ -91,7 +91,7 @@ DISTRIBUTIONS: dict[str, tuple[str, str | None]] = {
 
 
 def distributions(name: str) -> tuple[str, str | None]:
-    """What an imported package is called for pip and for rosdep."""
+    """Return the names of an imported package for pip and for rosdep."""
     if name.endswith(('_msgs', '_srvs', '_interfaces')):
         return f'ros-kilted-{name.replace("_", "-")}', name
     return DISTRIBUTIONS.get(name, (name, f'python3-{name}'))
@@ -198,7 +198,7 @@ def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Pat
 
 @pytest.fixture(scope='module')
 def workspace(source: Path) -> Path:
-    """A colcon workspace that holds this package alone, built."""
+    """Build a colcon workspace that holds this package alone."""
     pytest.importorskip('colcon_ros')
     root = source.parents[1]
     start = 'from colcon_core.command import main; raise SystemExit(main())'
@@ -263,7 +263,7 @@ class Given:
 
 @pytest.fixture
 def launch_file(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The launch file over stand-ins: `launch` itself is not on PyPI.
+    """Load the launch file over stand-ins: `launch` itself is not on PyPI.
 
     A machine with a ROS 2 installation has it; the tests must say the same everywhere.
     """

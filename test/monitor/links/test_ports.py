@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from shared import comes
+from shared import wait_until
 
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
@@ -75,7 +75,7 @@ async def test_datagrams_in_with_or_without_an_end_of_line() -> None:
     with udp() as talker:
         talker.sendto(RPM.encode(), ('127.0.0.1', number))
         talker.sendto(f'{RPM}\r\n{RPM}\r\n'.encode(), ('127.0.0.1', number))
-        await comes(lambda: len(end.lines) == 3)
+        await wait_until(lambda: len(end.lines) == 3)
     assert {line.strip() for line in end.lines} == {RPM}
     assert end.states == [True]
 
@@ -85,11 +85,11 @@ async def test_datagrams_out_to_somebody_who_comes_late() -> None:
     end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
     await at_work(end.port)
     end.port.send([RPM])
-    await comes(lambda: False in end.states, lambda: end.reasons)
+    await wait_until(lambda: False in end.states, lambda: end.reasons)
     assert end.reasons[-1] == 'Connection refused'
     with udp(number) as display:
         # That nobody refuses a datagram does not say that somebody takes it.
-        await comes(lambda: end.states == [None, False, None])
+        await wait_until(lambda: end.states == [None, False, None])
         end.port.send([RPM, RPM])
         got: list[bytes] = []
         while len(got) < 2:
@@ -108,21 +108,21 @@ async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     number = free()
     end = End(f'tcp://127.0.0.1:{number}')
     await at_work(end.port)
-    await comes(lambda: end.states == [False])
+    await wait_until(lambda: end.states == [False])
     end.port.send([RPM])  # lost, as there is nobody
     server = await asyncio.start_server(serve, '127.0.0.1', number)
-    await comes(lambda: talkers)
+    await wait_until(lambda: talkers)
     talkers[0].write(b'x' * 5000 + f'\r\n{RPM[:10]}'.encode())
-    await comes(lambda: end.port.stream._rest)
+    await wait_until(lambda: end.port.stream._rest)
     talkers[0].write(f'{RPM[10:]}\r\n'.encode())
-    await comes(lambda: RPM in [line.strip() for line in end.lines])
+    await wait_until(lambda: RPM in [line.strip() for line in end.lines])
     end.port.send([RPM])
-    await comes(lambda: heard == [f'{RPM}\r\n'.encode()])
+    await wait_until(lambda: heard == [f'{RPM}\r\n'.encode()])
     talkers[0].close()
-    await comes(lambda: len(talkers) == 2)
+    await wait_until(lambda: len(talkers) == 2)
     assert end.states == [False, True, False]  # connected again, but silent
     talkers[1].write(f'{RPM}\r\n'.encode())
-    await comes(lambda: end.states == [False, True, False, True])
+    await wait_until(lambda: end.states == [False, True, False, True])
     server.close()
 
 
@@ -131,9 +131,9 @@ async def test_what_the_other_end_does_not_take_is_not_kept() -> None:
     with socket.create_server(('127.0.0.1', 0)) as display:
         end = End(f'tcp://127.0.0.1:{display.getsockname()[1]}', silent=math.inf)
         await at_work(end.port)
-        await comes(lambda: end.states == [True])
+        await wait_until(lambda: end.states == [True])
         end.port.send([RPM * 1000] * 1000)
-        await comes(lambda: end.reasons[-1] == 'the other end takes nothing', lambda: end.reasons)
+        await wait_until(lambda: end.reasons[-1] == 'the other end takes nothing', lambda: end.reasons)
 
 
 async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
@@ -150,16 +150,16 @@ async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> Non
     assert own[2] & (termios.CSTOPB | termios.CRTSCTS | termios.CSIZE) == termios.CS8
     assert own[4:6] == [termios.B38400] * 2
     os.write(ours, f'{RPM}\r\n'.encode())
-    await comes(lambda: end.lines)
+    await wait_until(lambda: end.lines)
     end.port.send([RPM])
     assert os.read(ours, 1000) == f'{RPM}\r\n'.encode()
     device.unlink()
     os.close(theirs)
     os.close(ours)
-    await comes(lambda: end.states == [True, False], lambda: end.reasons)
+    await wait_until(lambda: end.states == [True, False], lambda: end.reasons)
     ours, theirs = pty.openpty()
     device.symlink_to(os.ttyname(theirs))
-    await comes(lambda: os.write(ours, f'{RPM}\r\n'.encode()) and end.states == [True, False, True])
+    await wait_until(lambda: os.write(ours, f'{RPM}\r\n'.encode()) and end.states == [True, False, True])
     os.close(theirs)
     os.close(ours)
 
@@ -169,7 +169,7 @@ async def test_silence_is_a_fault_where_lines_are_expected() -> None:
     sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
     await at_work(listens.port)
     await at_work(sends.port)
-    await comes(lambda: listens.states == [False])
+    await wait_until(lambda: listens.states == [False])
     assert listens.reasons[-1] == 'no data for 0.1 s'
     assert sends.states == [None]  # nobody answers a datagram
 
@@ -290,15 +290,15 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
     client.take_alarms({'time': 0, 'changes': [], 'alarms': lost})
     client.tick(True)
     client.tick(True)
-    await comes(lambda: len(display.got) == 4)
+    await wait_until(lambda: len(display.got) == 4)
     assert [line[3:6] for line in display.got] == [b'ALF', b'ALF', b'ALC', b'HBT']
     display.say(RPM)
     for command in 'SAO':
         display.say(sentence(f'BNACN,060130.00,,10005,1,{command},C'))
-    await comes(lambda: len(display.got) == 5, lambda: (display.got, requests))
+    await wait_until(lambda: len(display.got) == 5, lambda: (display.got, requests))
     assert display.got[4][3:6] == b'ARC'
     await client.finish()
-    await comes(lambda: len(display.got) == 6)
+    await wait_until(lambda: len(display.got) == 6)
     assert display.got[5].startswith(b'$IIHBT,60.0,V,1')
     running.cancel()
     assert samples == [('aft', 0, 74.6)]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import comes
+from shared import wait_until
 
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
@@ -88,7 +88,7 @@ class Ship:
             self.client.tick(there)
             return condition()
 
-        await comes(passes, lambda: (self.told, self.reasons[-1:]))
+        await wait_until(passes, lambda: (self.told, self.reasons[-1:]))
 
     def kept(self, path: str) -> Any:
         """What the server has of us."""
@@ -238,7 +238,7 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
 
         await ship.until(lambda: said() == words[0], there=False)
         await ship.client.finish()
-        await comes(lambda: (ship.kept(MARGIN), said()) == (None, words[1]))
+        await wait_until(lambda: (ship.kept(MARGIN), said()) == (None, words[1]))
         assert ship.kept(STICK)['state'] == 'alarm'
         assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
 

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import pytest
-from shared import CONFIG, DEADLINE, comes
+from shared import CONFIG, DEADLINE, wait_until
 
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
@@ -131,7 +131,7 @@ class Ship(Sink):
             await asyncio.sleep(0.1)
 
     async def until(self, condition: Callable[[], Any], what: str) -> None:
-        await comes(condition, lambda: (what, self.states, self.links, self.seen))
+        await wait_until(condition, lambda: (what, self.states, self.links, self.seen))
 
     def sounds(self) -> dict[str, Any] | None:
         """The notification that calls for attention aloud and is not acknowledged."""
