@@ -17,7 +17,7 @@ MOST = {
     'stickslip_monitor/drawing': 1,
     'stickslip_monitor/monitor': 20,
     'stickslip_monitor/offline': 5,
-    'stickslip_monitor/physics': 42,
+    'stickslip_monitor/physics': 40,
     'stickslip_lab/accuracy': 1,
     'stickslip_lab/friction': 1,
     'stickslip_lab/scenes': 3,

@@ -41,7 +41,7 @@ from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
 from stickslip_monitor.physics.lubrication import reference_point
-from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, moved
+from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belief, Tolerance, move_boundaries
 
 FLOOR = 0.01
 """Relative error of a boundary's speed that no evidence takes away: the model's own."""
@@ -145,7 +145,7 @@ class Calibration:
         return np.asarray(np.sqrt(np.diag(self._factor_covariance(self.posterior.by_ends))))
 
     def _scale_bearing(self, factors: tuple[float, float]) -> Bearing:
-        return moved(self.reference.bearing, *map(math.exp, factors))
+        return move_boundaries(self.reference.bearing, *map(math.exp, factors))
 
     @cached_property
     def bearing(self) -> Bearing:

@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.vibration_rule import (
 )
 from stickslip_monitor.physics.boundary_table import boundary_at, place_at
 from stickslip_monitor.physics.lubrication import scale_at, viscosity
-from stickslip_monitor.physics.probability import chances, runs_after
+from stickslip_monitor.physics.probability import stick_slip_probabilities, update_running_probability
 from stickslip_monitor.physics.scalar_law import friction_slope
 
 Numbers: TypeAlias = Sequence[float]
@@ -402,8 +402,8 @@ def reach(
         kbm = scale * boundary_at(table[1], c.table_growth[1], place)
         share = kbm / limit if 0.0 < kbm < math.inf and 0.0 < limit < math.inf else 1.0
         lagging = scale_of(s, c, s.load_mean)
-        s.can, s.will = chances(belief, size / lagging, s.load_mean / lagging, share)
-        s.runs = runs_after(s.runs, s.can, s.will)
+        s.can, s.will = stick_slip_probabilities(belief, size / lagging, s.load_mean / lagging, share)
+        s.runs = update_running_probability(s.runs, s.can, s.will)
     if not c.by_chance:
         inside = size < limit
         return limit, size < limit * c.caution_on, size <= limit * c.caution_off, inside, inside

@@ -316,7 +316,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
         in_db=int(in_db),
         damping=bearing.damping,
         per_mass=0.5 / bearing.mass,
-        lean=belief.lean(alarm.runs_probability) if belief and config.alarms_by_chance else 1.0,
+        lean=belief.load_factor(alarm.runs_probability) if belief and config.alarms_by_chance else 1.0,
         onset_growth=alarm.onset_growth,
         look_ahead=alarm.look_ahead_ns * 1e-9,
         caution_on=margin,

@@ -60,7 +60,7 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 def amplitude_at(x: FloatArray, speed: FloatArray) -> FloatArray:
-    """Velocity amplitude of amplitude coordinates [m/s]."""
+    """Return the velocity amplitudes of amplitude coordinates ``x`` at speeds [m/s]."""
     beyond = np.maximum(x - 1.0, 0.0) * _QUARTER
     return np.where(x <= 1.0, speed * x, speed / np.cos(beyond))
 
@@ -77,7 +77,16 @@ def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatAr
 def golden_maximum(
     height: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Golden-section maximum on each ``[left, right]``: place and height."""
+    """Find the maximum on each ``[left, right]`` by golden section.
+
+    Args:
+        height: Function of places, shape (n,).
+        left: Begins, shape (n,).
+        right: Ends, shape (n,).
+
+    Returns:
+        Places and heights, each of shape (n,).
+    """
     low, high = left.copy(), right.copy()
     inner, outer = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     f_inner, f_outer = height(inner), height(outer)
@@ -95,13 +104,17 @@ def golden_maximum(
 def peaks(
     law: FrictionLaw, speed: FloatArray, left: FloatArray, right: FloatArray, sign: FloatArray | float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Maximum of ``sign * rho`` on each ``[left, right]``: place and ``rho`` there."""
+    """Find the maximum of ``sign * rho`` on each ``[left, right]`` of the amplitude coordinate.
+
+    Returns:
+        The places and ``rho`` there, without the sign [s/m], each of shape (n,).
+    """
     place, height = golden_maximum(lambda x: sign * slope_surface(law, x, speed), left, right)
     return place, sign * height
 
 
 def surface_rows(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """``rho`` on the amplitude grid for each speed, shape (n, len(GRID))."""
+    """Evaluate ``rho`` on the amplitude grid at speeds, shape (n, len(GRID)) [s/m]."""
     rows = np.empty((speed.size, GRID.size))
     for start in range(0, speed.size, _SPEEDS):
         part = speed[start : start + _SPEEDS]
@@ -124,6 +137,7 @@ def highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return :func:`highest` of one block of speeds, before rounding is taken out."""
     n, m = speed.size, _BELOW.size
     rows = slope_surface(law, np.tile(_BELOW, n), np.repeat(speed, m)).reshape(n, m)
     best = np.argmax(rows, axis=1)
@@ -223,7 +237,7 @@ def cusp_curve(law: FrictionLaw) -> FloatArray:
 
 
 def _off_line(speeds: FloatArray, peak: FloatArray) -> FloatArray:
-    """Return how far each inner point of a curve lies from the line between its neighbours."""
+    """Return how far each inner point of a curve lies from the line between its neighbours (n - 2,)."""
     share = (speeds[1:-1] - speeds[:-2]) / (speeds[2:] - speeds[:-2])
     off: FloatArray = np.abs(peak[1:-1] - peak[:-2] - share * (peak[2:] - peak[:-2]))
     return off
@@ -292,7 +306,12 @@ def _steepest_mean(law: FrictionLaw, speed: FloatArray) -> FloatArray:
 
 
 def _table_speeds(law: FrictionLaw, whole: int) -> FloatArray:
-    """Speeds from zero to far past the last breakpoint; between all of up to so ``whole`` many."""
+    """Return speeds from zero to far past the last breakpoint, each second one midway between two others.
+
+    Args:
+        law: The law.
+        whole: Up to so many breakpoints all are used, of more a part.
+    """
     panels = min(len(speed_scales(law)), _PANELS)
     most = _PANELS if len(speed_scales(law)) > whole else None
     per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
@@ -329,12 +348,12 @@ def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray
 
 
 def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """Return the averaged negative slope at the sliding limit, ``rho`` at ``a = V`` [s/m]."""
+    """Return ``rho`` at the sliding limit ``a = V`` [s/m], shape of ``speed``."""
     return slope_surface(law, np.ones_like(speed), speed)
 
 
 def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:
-    """Index of the last height that exceeds ``q``; -1 where none does."""
+    """Return the index of the last height that exceeds each ``q``; -1 where none does."""
     from_right = np.maximum.accumulate(heights[::-1])[::-1]
     return np.searchsorted(-from_right, -q, side='left') - 1
 
@@ -388,7 +407,14 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
 
 
 def _height(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
-    """Return the highest ``rho`` at speeds [s/m], of known kinds and about amplitude coordinates."""
+    """Return the highest ``rho`` of speeds between two of the curve [s/m], shape (n,).
+
+    Args:
+        law: The law.
+        speed: Shape (n,) [m/s].
+        near: Amplitude coordinates about which a peak of kind ``_NEAR`` is looked for, shape (n,).
+        kind: What the highest is, ``_STEADY`` to ``_ANYWHERE``, shape (n,).
+    """
     height = np.empty(speed.size)
     steady, cusp, beside, other = (np.flatnonzero(kind == each) for each in range(4))
     height[steady] = -law.slope(speed[steady])
@@ -405,14 +431,21 @@ def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
-    """Return where ``-mu'(V) > q``; there may be several such ranges of speed."""
+    """Return where steady sliding is unstable, ``-mu'(V) > q``; there may be several such ranges of speed."""
     return -law.slope(speed) > q
 
 
 def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
     """Return where a stable stick-slip cycle exists; there may be several such ranges of speed.
 
-    Wherever the highest ``rho`` exceeds ``q``: with growing amplitude it falls below every ``q``.
+    It does wherever the highest ``rho`` exceeds ``q``: with growing amplitude ``rho`` falls below every
+    ``q``. Read from :func:`peak_curve` where that leaves no doubt, else evaluated.
+
+    Args:
+        law: The law.
+        speed: Shape (n,) [m/s].
+        q: ``c/N``, shape (n,) [s/m].
+        fold: Averaged fold at each, shape (n,) [m/s].
     """
     result = (speed > 0.0) & (speed < fold)
     if not result.any():
@@ -438,12 +471,12 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
 
 
 def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Velocity amplitude of the largest stable cycle [m/s], ``nan`` for none."""
+    """Return the velocity amplitude of the largest stable cycle [m/s], shape (n,); ``nan`` for none."""
     return _one_cycle(law, speed, q, smallest=False)
 
 
 def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
-    """Velocity amplitude of the smallest unstable cycle [m/s] about a stable equilibrium.
+    """Return the velocity amplitude of the smallest unstable cycle about stable sliding [m/s], shape (n,).
 
     ``nan`` where steady sliding is not stable or no cycle surrounds it.
     """
@@ -453,34 +486,44 @@ def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, loa
 
 
 def _one_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, *, smallest: bool) -> FloatArray:
-    """Velocity amplitude of the smallest unstable cycle, or of the largest stable one [m/s]."""
+    """Return the velocity amplitude of the smallest unstable cycle, or of the largest stable one [m/s].
+
+    Shape (n,); ``nan`` for none.
+    """
     found = _brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
     point, left, *_, sign = found
     order = np.lexsort([left if smallest else -left, point])
     wanted = order[(sign[order] < 0.0) == smallest]
     chosen = found[:, wanted[np.unique(point[wanted], return_index=True)[1]]]
     result = np.full(speed.shape, np.nan)
-    result[chosen[0].astype(np.intp)] = _polished(law, speed, q, chosen)
+    result[chosen[0].astype(np.intp)] = _polish_roots(law, speed, q, chosen)
     return result
 
 
 def cycles(
     law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
+    """Return the velocity amplitudes of all cycles and their stability.
 
     Returns:
-        Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, w) with the
-        ``w`` of the point that has most.
+        Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle
+        or padding; both of shape (n, w) with the ``w`` of the point that has most.
     """
     q = damping_per_load(damping, load)
     found = _brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
     point, stable = found[0].astype(np.intp), (found[-1] > 0.0).astype(float)
-    return _pad(speed.size, point, _polished(law, speed, q, found), stable)
+    return _pad(speed.size, point, _polish_roots(law, speed, q, found), stable)
 
 
-def _polished(law: FrictionLaw, speed: FloatArray, q: FloatArray, found: FloatArray) -> FloatArray:
-    """Velocity amplitudes of the roots in brackets, as of :func:`_brackets` [m/s]."""
+def _polish_roots(law: FrictionLaw, speed: FloatArray, q: FloatArray, found: FloatArray) -> FloatArray:
+    """Return the velocity amplitudes of the roots in brackets, shape (m,) [m/s].
+
+    Args:
+        law: The law.
+        speed: Of the points, shape (n,) [m/s].
+        q: ``c/N`` of the points, shape (n,) [s/m].
+        found: As of :func:`_brackets`, shape (6, m).
+    """
 
     def excess(x: FloatArray, v: FloatArray, level: FloatArray) -> FloatArray:
         return slope_surface(law, x, v) - level
@@ -509,7 +552,10 @@ def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _grid_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> list[FloatArray]:
-    """Return the stretches of the amplitude grid with a root, those that hide two cut at the turn."""
+    """Return the stretches of the amplitude grid that hold a root, as of :func:`_brackets`.
+
+    One that hides two roots between grid points is cut at the turn of ``rho`` into two.
+    """
     above, (p, c) = _excess(law, speed, q)
     point, column = np.nonzero((above[:, :-1] > 0.0) != (above[:, 1:] > 0.0))
     before, after = above[point, column], above[point, column + 1]
@@ -534,9 +580,12 @@ def _grid_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> list[F
 def _excess(
     law: FrictionLaw, speed: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, tuple[IndexArray, IndexArray]]:
-    """``rho - q`` on the amplitude grid, and where a turn next to a grid point may reach ``q``.
+    """Return ``rho - q`` on the amplitude grid, and where a turn between grid points may reach ``q``.
 
-    From the law's table where that leaves no doubt about the sign, else from the average itself.
+    Read from the law's table where that leaves no doubt about the sign, else evaluated.
+
+    Returns:
+        Shape (n, len(GRID)); and the points and the middle columns of the turns, shape (m,) each.
     """
     above, doubt = _lines(law, speed)
     above -= q[:, None]
@@ -550,10 +599,10 @@ def _excess(
 
 
 def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``rho`` on the amplitude grid by lines between the speeds of the table.
+    """Interpolate ``rho`` on the amplitude grid between the speeds of the law's table.
 
     Returns:
-        It and how far it may be off, ``inf`` beyond the table or without one; both of shape (n, len(GRID)).
+        ``rho`` and how far it may be off, ``inf`` beyond the table or without one; shape (n, len(GRID)) each.
     """
     if not speed_scales(law):
         return np.zeros((speed.size, GRID.size)), np.full((speed.size, GRID.size), np.inf)
@@ -568,7 +617,10 @@ def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _bent(above: FloatArray, doubt: FloatArray) -> BoolArray:
-    """Triples of grid points on one side of ``q`` whose parabola may reach it."""
+    """Return where three neighbours lie on one side of ``q`` and a parabola through them may reach it.
+
+    Shape (n, len(GRID) - 2), by the first of the three.
+    """
     left, here, right = above[:, :-2], above[:, 1:-1], above[:, 2:]
     side = (left > 0.0) == (right > 0.0)
     side &= (left > 0.0) == (here > 0.0)
@@ -579,7 +631,18 @@ def _bent(above: FloatArray, doubt: FloatArray) -> BoolArray:
 def _turns(
     law: FrictionLaw, speed: FloatArray, above: FloatArray, p: IndexArray, c: IndexArray
 ) -> tuple[IndexArray, IndexArray]:
-    """Return the triples that turn towards ``q``, by point and middle column."""
+    """Keep the triples of grid points at which ``rho`` turns towards ``q``.
+
+    Args:
+        law: The law.
+        speed: Of the points, shape (n,) [m/s].
+        above: ``rho - q``, shape (n, len(GRID)).
+        p: Point of each triple.
+        c: First column of each.
+
+    Returns:
+        Points and middle columns. A cusp at the sliding limit is no turn: it is a grid point itself.
+    """
     left, here, right = (above[p, c + k] for k in range(3))
     side = np.sign(here)
     towards = (side * left > side * here) & (side * right > side * here)

@@ -198,12 +198,12 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
         below, above = (_relative_shift(_fold_of_values(shifted), nominal) for shifted in changed)
         if below or above:
             shifts.append(FoldShift(item.name, item.spread, below, above))
-    shifts.append(_of_load_exponent(values, nominal))
+    shifts.append(_load_exponent_shift(values, nominal))
     return sorted(shifts, key=lambda effect: -effect.largest)
 
 
-def _of_load_exponent(values: Sequence[Estimate], nominal: float) -> FoldShift:
-    """Return what the exponent of the load does if friction was measured at another load: 1 in place of 0."""
+def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShift:
+    """Return the shift of the fold if friction was measured at another load: ``g`` 1 in place of 0."""
     bearing, load = bearing_of(values), next(item.value for item in values if item.name == 'load')
     ends = []
     for factor in (ELSEWHERE, 1.0 / ELSEWHERE):

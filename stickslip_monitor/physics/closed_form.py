@@ -122,7 +122,7 @@ def speed_for_decline(decrement: FloatArray) -> FloatArray:
 
 
 def _beyond_limit(theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
-    """Balance ``S/Delta - kappa alpha/2`` at ``alpha = v / cos(theta)``.
+    """Return ``S/Delta - kappa alpha/2`` at ``alpha = v/cos(theta)``; > 0 where a vibration grows.
 
     ``S/Delta = exp(-v) I1(alpha)
     - (2/pi) integral_0^theta (cosh(alpha cos t - v) + r) cos t dt``; the angle removes the
@@ -182,7 +182,7 @@ def _total_fall(law: Stribeck) -> float:
 
 
 def _hopf_number(law: Stribeck, q: FloatArray) -> FloatArray:
-    """``-ln kappa``: ``beta V`` of the Hopf speed; ``nan`` where there is none."""
+    """Return ``beta V`` of the Hopf speed, ``-ln kappa``; ``nan`` where steady sliding is always stable."""
     fall = _total_fall(law)
     if fall <= 0.0:
         return np.full_like(q, np.nan)
@@ -196,7 +196,15 @@ def hopf_speed(law: Stribeck, q: FloatArray) -> FloatArray:
 
 
 def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Hopf and fold speed, with ``2 I1e(v)/v = kappa`` [m/s]; ``nan`` and ``inf`` as for Hopf."""
+    """Return Hopf and fold speed [m/s], the fold from ``2 I1e(v)/v = kappa``.
+
+    Args:
+        law: Stribeck's law.
+        q: ``c/N``, shape (n,) [s/m].
+
+    Returns:
+        Two arrays of shape (n,): ``nan`` where there is no boundary, ``inf`` where it has no end.
+    """
     number = _hopf_number(law, q)
     fold = speed_for_decline(np.minimum(number, _MOST_DECLINE))
     return number / law.decay, np.where(number < np.inf, fold, number) / law.decay
@@ -239,7 +247,13 @@ def is_unstable(law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArra
 
 
 def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Velocity amplitude of the stable cycle [m/s], for speeds below the fold speed."""
+    """Return the velocity amplitude of the stable cycle [m/s]; only for speeds below the fold speed.
+
+    Args:
+        law: Stribeck's law.
+        speed: Shape (n,) [m/s].
+        q: ``c/N``, shape (n,) [s/m].
+    """
     v = np.clip(law.decay * speed, _TINY, _HUGE)
     kappa = (q + law.viscous) / _total_fall(law)
     alpha = amplitude_of_cycle(v, kappa, law.kinetic / (law.static - law.kinetic))
@@ -247,7 +261,7 @@ def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatAr
 
 
 def threshold_amplitude(law: Stribeck, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
-    """Velocity amplitude of the unstable cycle [m/s], for speeds between Hopf and fold."""
+    """Return the velocity amplitude of the unstable cycle [m/s]; only for speeds between Hopf and fold."""
     # How far the speed is past the Hopf speed, beta V + ln kappa, is near kappa = 1 so small a
     # difference that the amplitude would be off by 1e-10 with the digits of a double: it is taken
     # in extended precision, where the machine has it.
@@ -260,10 +274,11 @@ def threshold_amplitude(law: Stribeck, speed: FloatArray, damping: float, load: 
 def cycles(
     law: Stribeck, speed: FloatArray, damping: float, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return every cycle's velocity amplitude, ascending and padded with ``nan``, and its stability.
+    """Return the velocity amplitudes of all cycles and their stability.
 
     Returns:
-        Amplitudes [m/s] and stability (1.0 stable, 0.0 unstable), both of shape (n, 2).
+        Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle
+        or padding; both of shape (n, 2).
     """
     q = damping_per_load(damping, load)
     hopf, fold = boundaries(law, q)

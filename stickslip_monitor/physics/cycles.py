@@ -406,7 +406,7 @@ def _find_cycles(
 
 
 def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
-    """Cycles that reach the belt's speed and, without one, the largest that stay slower."""
+    """Find the cycles that reach the belt's speed and, where there is none, the largest that stay slower."""
     cycles = _through_belt(field, weigh)
     rest = np.flatnonzero(cycles.kind == CycleKind.NONE)
     undecided = ~_slides_steadily(field.take(rest))
@@ -448,11 +448,16 @@ def _stick_stroke(field: SlipField) -> FloatArray:
 
 
 def _follow_rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Orbits, FloatArray]:
-    """Slip phases behind the belt and, where the lining overtakes it, ahead of it.
+    """Follow a slip phase behind the belt and, where the lining overtakes the belt, the one ahead of it.
+
+    Args:
+        field: What the linings slip in.
+        start: Displacements at which they fall behind the belt, shape (n,).
+        weigh: Whether the multiplier is wanted.
 
     Returns:
-        Where they end as the lining falls behind the belt again, with the turns behind it, and the
-        displacement at which it overtook the belt; ``nan``: it did not.
+        The orbits, ending as the lining falls behind the belt again, with the turns of the first phase; and
+        the displacement at which it overtook the belt, ``nan`` where it did not, shape (n,).
     """
     one = follow(field, start, np.zeros(start.size), Route(3, _ERROR, contact=True, weigh=weigh))
     stroke, over = _stick_stroke(field), np.full(start.size, np.nan)

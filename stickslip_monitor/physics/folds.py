@@ -146,14 +146,18 @@ class Grazing:
         self.fine = min(max(1e-10 * self.rate, _FINEST), _FINE)
 
     def margin(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
-        """Logarithm of how far slip goes beyond what grazes.
+        """Return the logarithm of the slip amplitude over the amplitude that grazes the belt.
 
-        ``-inf`` where slip comes to rest without turning, ``inf`` where what grazes began at rest.
+        Positive where the lining sticks again after its slip, negative where it does not, 0 at the fold.
 
         Args:
             speed: ``V`` > 0, shape (n,) [m/s].
             load: ``N`` > 0, shape (n,) [N].
-            error: Of a step.
+            error: Error of a step, relative to the speeds [-].
+
+        Returns:
+            Shape (n,); ``-inf`` where slip comes to rest without turning, ``inf`` where the orbit that
+            grazes began at rest.
         """
         n = speed.size
         fields = slip_field(self.bearing, np.tile(speed, 2), np.tile(load, 2))
@@ -182,14 +186,18 @@ class Grazing:
         return result
 
     def _start_on_manifold(self, field: SlipField, ahead: bool) -> FloatArray:
-        """Return where to begin on the slow manifold that draws orbits.
+        """Return where orbits begin on the slow manifold that attracts them.
 
-        Damping draws what slips behind the belt, and back in time a steep fall of friction what
-        grazes, by ``exp`` of the integral of the rate: what comes before enough of that need not be
-        followed.
+        Damping attracts what slips behind the belt; back in time a steep fall of friction attracts what
+        grazes. An attraction of ``exp(_ENOUGH)`` leaves nothing of where an orbit began, so the part
+        before it need not be followed.
+
+        Args:
+            field: What the linings slip in.
+            ahead: Forward in time; else back.
 
         Returns:
-            Displacement and ``z``, 0 where it draws too little, shape (2, n).
+            Displacements and relative speeds ``z``, both 0 where nothing attracts that much, shape (2, n).
         """
         v, slope, mu = (column if ahead else column[::-1] for column in self._course)  # outward
         every, towards = np.arange(field.speed.size), 1.0 if ahead else -1.0
@@ -238,8 +246,11 @@ class Grazing:
         return self.use.hold - float(self.law.coefficient(self.scales[-1])) > _FALLEN * self.drop
 
     @cached_property
-    def _gains(self) -> tuple[FloatArray, FloatArray]:
-        """Speeds ``V``, and what friction below ``V`` may exceed that above it by, up to the next speed."""
+    def _friction_gains(self) -> tuple[FloatArray, FloatArray]:
+        """Return speeds ``V``, shape (m,), and the largest friction below each less the least above it.
+
+        The second is what friction can feed a vibration with up to the next speed, shape (m,) [-].
+        """
         v, _, mu = self._course
         order = np.argsort(np.append(v, self.scales), kind='stable')
         v = np.append(v, self.scales)[order]
@@ -249,8 +260,8 @@ class Grazing:
         return v, np.append(below[1:], below[-1]) - above
 
     @cached_property
-    def _swing(self) -> float:
-        """Speed over load and gain [m/(s N)] that no vibration exceeds.
+    def _max_swing(self) -> float:
+        """The speed that a vibration reaches at most for each newton of load and unit of gain [m/(s N)].
 
         Friction feeds a vibration most if it is highest wherever the lining moves with the belt and
         lowest wherever it moves against it. The lining then swings by ``N gain/(2 k) coth(pi zeta'/2)``
@@ -261,24 +272,39 @@ class Grazing:
         return 0.5 / (self.bearing.momentum * math.tanh(0.5 * half_turn))
 
     def highest_speeds(self, load: FloatArray) -> FloatArray:
-        """Return speeds above which the lining cannot stick at loads, whatever the law, shape (n,) [m/s]."""
-        v, gains = self._gains
-        swing = self._swing * load[:, None] * gains
+        """Return upper bounds of the speeds at which the lining can stick, whatever the law [m/s].
+
+        Args:
+            load: ``N`` > 0, shape (n,) [N].
+
+        Returns:
+            Shape (n,); 0 where friction gains nothing.
+        """
+        v, gains = self._friction_gains
+        swing = self._max_swing * load[:, None] * gains
         last = v.size - 1 - np.argmax((swing >= v)[:, ::-1], axis=1)
         top = swing[np.arange(load.size), last]
         return np.where(last < v.size - 1, np.minimum(top, v[np.minimum(last + 1, v.size - 1)]), top)
 
     def least_loads(self, speed: FloatArray) -> FloatArray:
-        """Return loads below which the lining cannot stick at speeds, shape (n,) [N]."""
-        v, gains = self._gains
+        """Return lower bounds of the loads at which the lining can stick [N].
+
+        Args:
+            speed: ``V`` > 0, shape (n,) [m/s].
+
+        Returns:
+            Shape (n,); ``inf`` where friction falls nowhere about a speed.
+        """
+        v, gains = self._friction_gains
         gain = gains[np.clip(np.searchsorted(v, speed, side='right') - 1, 0, v.size - 1)]
         with np.errstate(divide='ignore'):
-            return np.maximum(speed / (self._swing * gain), self.bearing.damping / self.use.fall)
+            return np.maximum(speed / (self._max_swing * gain), self.bearing.damping / self.use.fall)
 
-    def excess(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
-        """Return the margin or, where what is drawn may fall off at a kink, whether slip meets the belt.
+    def sticking_margin(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
+        """Return :meth:`margin`, or ``inf`` for sticking and ``-inf`` for none where no margin is defined.
 
-        Args as of :meth:`margin`.
+        That is a law in pieces beyond critical damping: an orbit may leave the manifold at a kink, so it is
+        only followed up to its contact with the belt. Arguments as of :meth:`margin`.
         """
         if self.bearing.damping_ratio < 1.0 or not self.use.kinks:
             return self.margin(speed, load, error)
@@ -287,21 +313,19 @@ class Grazing:
             end = follow(slip_field(self.bearing, speed, load), begin, begin, route).end
         return np.where(end == LANDED, np.inf, -np.inf)
 
-    def brackets(
+    def bracket_last_speeds(
         self, load: FloatArray, ratio: float, error: float = _COARSE
     ) -> tuple[FloatArray, FloatArray]:
-        """Bracket the last speed at which the lining sticks.
-
-        The margin is looked at from the highest speed that friction can give downward.
+        """Bracket the last speed at which the lining sticks, by a scan from the highest possible one down.
 
         Args:
             load: ``N`` > 0, shape (n,) [N].
-            ratio: From one speed of the scan to the next; larger where the speeds would be too many.
-            error: Of a step.
+            ratio: Of neighbouring speeds of the scan; larger where more than ``_MAX_SPEEDS`` would be needed.
+            error: Error of a step of the orbits, relative to the speeds [-].
 
         Returns:
-            A speed at which it sticks and the next one of the scan, at which it does not [m/s];
-            ``nan`` where it sticks at none; each of shape (n,).
+            The highest speed of the scan at which the lining sticks and the next higher one, at which it does
+            not [m/s]; both ``nan`` where it sticks at none; each of shape (n,).
         """
         low, high = np.full((2, load.size), np.nan)
         with np.errstate(over='ignore'):
@@ -314,10 +338,10 @@ class Grazing:
         while live.size:
             speed = top[live, None] * ratios[live, None] ** steps
             inner = speed[:, 1:]
-            excess = self.excess(inner.ravel(), np.repeat(load[live], inner.shape[1]), error)
+            excess = self.sticking_margin(inner.ravel(), np.repeat(load[live], inner.shape[1]), error)
             excess = excess.reshape(inner.shape)
             sticks = excess > 0.0
-            peak = self._find_peaks(load[live], inner, excess)
+            peak = self._find_narrow_ranges(load[live], inner, excess)
             for k in np.flatnonzero(sticks.any(axis=1) | np.isfinite(peak)):
                 first = int(np.argmax(sticks[k])) if sticks[k].any() else inner.shape[1] - 1
                 beside = inner[k, first] if sticks[k].any() else 0.0
@@ -329,11 +353,19 @@ class Grazing:
             live = live[np.isnan(low[live]) & (top[live] > slowest[live])]
         return low, high
 
-    def _find_peaks(self, load: FloatArray, speed: FloatArray, excess: FloatArray) -> FloatArray:
-        """Return the highest speed between those of a scan at which the lining sticks; ``nan`` for none.
+    def _find_narrow_ranges(self, load: FloatArray, speed: FloatArray, excess: FloatArray) -> FloatArray:
+        """Return the highest sticking speed that lies between those of a scan [m/s].
 
-        A range of speeds so narrow shows in margins that rise towards it on both sides by more than
-        is missing.
+        A range of speeds narrower than a step of the scan shows in margins that rise towards it on both
+        sides by more than what is missing to 0. Speeds there are tried ``_CLOSER`` times as close together.
+
+        Args:
+            load: Shape (n,) [N].
+            speed: Speeds of the scan, falling, shape (n, m) [m/s].
+            excess: :meth:`sticking_margin` there, shape (n, m).
+
+        Returns:
+            Shape (n,); ``nan`` where there is no such range.
         """
         left, middle, right = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
         with np.errstate(invalid='ignore'):
@@ -345,7 +377,7 @@ class Grazing:
             share = np.linspace(0.0, 1.0, _CLOSER + 1)[1:-1]
             begin, end = speed[row, column + 2], speed[row, column]
             closer = begin[:, None] * (end / begin)[:, None] ** share
-            sticks = self.excess(closer.ravel(), np.repeat(load[row], share.size), _COARSE) > 0.0
+            sticks = self.sticking_margin(closer.ravel(), np.repeat(load[row], share.size), _COARSE) > 0.0
             places = np.where(sticks.reshape(closer.shape), closer, np.nan)
             for k, place in zip(row, np.fmax.reduce(places, axis=1), strict=True):
                 out[k] = np.fmax(out[k], place)
@@ -354,15 +386,18 @@ class Grazing:
     def loads(
         self, speed: FloatArray, close: float, max_load: float, rough: FloatArray | None = None
     ) -> FloatArray:
-        """Return the least loads that graze at speeds [N], ``nan`` for none.
+        """Return the least loads at which slip grazes the belt at speeds [N].
 
-        The search goes from the least load that can give such a speed upward.
+        The search goes upward from the least load at which the lining can stick at all.
 
         Args:
             speed: ``V`` > 0, shape (n,) [m/s].
-            close: Error in ``ln N``.
-            max_load: The largest load of interest [N].
-            rough: Speeds and such loads of a rough scan, ``inf`` for none, shape (2, m).
+            close: Error allowed in ``ln N``.
+            max_load: Where the search ends [N].
+            rough: Speeds and the loads of a rough scan, ``inf`` for none, to begin at; shape (2, m).
+
+        Returns:
+            Shape (n,); ``nan`` where no load up to ``max_load`` grazes.
         """
         n = speed.size
         with np.errstate(divide='ignore'):
@@ -380,7 +415,16 @@ class Grazing:
         )
 
     def loads_from(self, speed: FloatArray, guess: FloatArray, close: float) -> FloatArray:
-        """Return the loads that graze at speeds, from guesses that are right to 1e-3 [N]."""
+        """Return the loads that graze at speeds [N], from guesses that are right to 1e-3.
+
+        Args:
+            speed: ``V`` > 0, shape (n,) [m/s].
+            guess: Loads to begin at, shape (n,) [N].
+            close: Error allowed in ``ln N``.
+
+        Returns:
+            Shape (n,); ``nan`` where the search does not end.
+        """
         x, n = np.log(guess), speed.size
         endless, log_max = np.full(n, np.inf), float(np.max(x, initial=0.0)) + _FARTHEST
         search = _Search(x, np.full(n, self.rate), -endless, endless, log_max)
@@ -389,15 +433,23 @@ class Grazing:
         )
 
     def speeds(self, load: FloatArray, close: float) -> FloatArray:
-        """Return the last speeds at which the lining sticks at loads [m/s]; ``nan`` for none."""
-        low, high = self.brackets(load, _BROKEN_RATIO if self.use.kinks else _SMOOTH_RATIO)
+        """Return the last speeds at which the lining sticks at loads [m/s].
+
+        Args:
+            load: ``N`` > 0, shape (n,) [N].
+            close: Error allowed in ``ln V``.
+
+        Returns:
+            Shape (n,); ``nan`` where it sticks at none.
+        """
+        low, high = self.bracket_last_speeds(load, _BROKEN_RATIO if self.use.kinks else _SMOOTH_RATIO)
         rows = np.flatnonzero(low > 0.0)
         out = np.full(load.size, np.nan)
         x, y, n = np.log(low[rows]), np.log(high[rows]), load[rows]
 
         def margin(x: FloatArray, which: IndexArray, error: float) -> FloatArray:
             # A fold by itself to 1e-12, where a curve is read to 1e-9.
-            return self.excess(np.exp(x), n[which], error if error > self.fine else _FINEST)
+            return self.sticking_margin(np.exp(x), n[which], error if error > self.fine else _FINEST)
 
         every = np.arange(rows.size)
         above, below = (margin(place, every, _COARSE) for place in (x, y))
@@ -412,7 +464,15 @@ class Grazing:
     def _find_zeros(
         self, search: _Search, margin: _Margin, close: float, near: bool = False, coarse: float = _COARSE
     ) -> FloatArray:
-        """Return where margins vanish: by long steps first, then as close as is wanted."""
+        """Return ``exp`` of the places at which margins vanish, shape (n,); ``nan`` for none.
+
+        Args:
+            search: Where they are looked for.
+            margin: Of places (logarithms), their indices and the error of a step.
+            close: Error allowed in a place.
+            near: The guesses are right to 1e-3: skip the search with long steps.
+            coarse: Error of a long step, at most.
+        """
         coarse = min(max(1e-5 * float(np.min(np.abs(search.rate), initial=1.0)), 1e-10), coarse)
         if not near:
             x, rate = _solve_brackets(lambda x, rows: margin(x, rows, coarse), search, _ROUGHLY, 1.0)
@@ -520,7 +580,16 @@ def deciding_fold(bearing: Bearing, load: FloatArray, exact: FloatArray, average
 
 
 def _last_crossing(speed: FloatArray, height: FloatArray, level: FloatArray) -> FloatArray:
-    """Return the last speeds at which a line through heights is at levels; ``nan`` beyond them [m/s]."""
+    """Return the last places at which the polygon through heights falls to levels [m/s].
+
+    Args:
+        speed: Ascending, shape (m,) [m/s].
+        height: At each, shape (m,).
+        level: Shape (n,).
+
+    Returns:
+        Shape (n,); ``nan`` where it is below the level everywhere, or above it at the last speed.
+    """
     above = np.maximum.accumulate(height[::-1])[::-1]
     i = np.searchsorted(-above, -level, side='left') - 1
     k = np.clip(i, 0, speed.size - 2)
@@ -553,7 +622,13 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
 
 
 def _last_speeds(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """Return the last speeds at which the lining sticks with damping [m/s]; ``nan`` for none."""
+    """Return the last speeds at which the lining sticks, of a bearing with damping [m/s].
+
+    The averaged fold where it is exact to 1e-10 (loads barely above the onset, slight forces), else solved.
+
+    Returns:
+        Shape of ``load``; ``nan`` where it sticks at none.
+    """
     grazing, out = Grazing(bearing), np.full(load.size, np.nan)
     slight = np.zeros(load.size, bool)
     if grazing.falls_most_at_rest:
@@ -675,7 +750,11 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
 
 
 def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
-    """Speeds, and the least loads with a cycle under averaging, ``inf`` for none [N]."""
+    """Return the averaged fold as a curve over the speed.
+
+    Returns:
+        Ascending speeds [m/s] and the least load with a cycle at each, ``inf`` for none [N]; shape (m,) each.
+    """
     law = grazing.law
     speed = np.geomspace(1e-3 * grazing.scales[0], 300.0 * grazing.scales[-1], _SCAN)
     if (solver := averaging.averaged(law)) is closed_form:
@@ -689,7 +768,7 @@ def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
 
 
 def _curve_range(grazing: Grazing) -> FoldRange | None:
-    """Return the loads and speeds of a curve by a rough scan of both; ``None`` for no cycle at all."""
+    """Choose the loads and speeds of a curve by a rough scan of both; ``None`` if no load has a cycle."""
     bearing, law, breaks = grazing.bearing, grazing.law, grazing.scales
     least_load = _averaged_curve(grazing)[1]
     lowest = _SLOWEST * breaks[0]
@@ -718,7 +797,7 @@ def _curve_range(grazing: Grazing) -> FoldRange | None:
     scan = (_RANGE_RATIO, _COARSE_IN_PIECES) if in_pieces else (_SMOOTH_RATIO, _COARSE)
     if in_pieces and bearing.damping_ratio < _SLIGHTLY_DAMPED and grazing.ends_low:
         loads = loads[-1:]  # the largest load has the highest fold
-    folds = grazing.brackets(loads, *scan)[1]
+    folds = grazing.bracket_last_speeds(loads, *scan)[1]
     highest = max(float(np.fmax.reduce(folds)), last)
     high = _BELOW_HIGHEST * highest if grazing.rises else highest
     low = lowest
@@ -731,7 +810,12 @@ def _curve_range(grazing: Grazing) -> FoldRange | None:
 
 
 def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatArray]:
-    """Return the curve of a smooth law as Chebyshev's series in the place, as long as it takes."""
+    """Solve the exact curve of a smooth law by a Chebyshev series as long as it takes.
+
+    Returns:
+        Speeds and loads, shape (2, m), and ``ln N`` and exact fold of larger loads, shape (2, k): the fields
+        ``exact`` and ``larger`` of :class:`FoldCurve`.
+    """
     series, curve_range = _fit_series(grazing, span)
     share = (np.arange(_READ + 1) / _READ) ** 1.5
     exact = np.polynomial.chebyshev.chebval(2.0 * share - 1.0, series)
@@ -749,9 +833,15 @@ def _smooth_curve(grazing: Grazing, span: FoldRange) -> tuple[FloatArray, FloatA
 
 
 def _fit_series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[FloatArray, FoldRange]:
-    """Chebyshev's series of the logarithm of the loads that graze, and the speeds where it holds.
+    """Fit a Chebyshev series to the logarithm of the loads that graze, over shares of the range.
 
-    These end where a motion is damped so much that it does not turn.
+    Args:
+        grazing: The bearing's grazing.
+        span: The range of speeds to begin with.
+        cuts: How often the range may be cut at the first speed whose orbit does not turn.
+
+    Returns:
+        The coefficients, ``[inf]`` where orbits turn nowhere, and the range of speeds for which they hold.
     """
     count, solved, series = _FEWEST, np.zeros(0), np.zeros(0)
     while True:
@@ -775,7 +865,11 @@ def _fit_series(grazing: Grazing, span: FoldRange, cuts: int = _CUTS) -> tuple[F
 
 
 def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
-    """Return speeds and loads of a law in pieces: the ratio to averaging is solved at some and joined."""
+    """Solve the exact curve of a law in pieces at some speeds, and join its ratio to averaging.
+
+    Returns:
+        Speeds [m/s] and loads [N], ``inf`` for none, shape (2, m): the field ``exact`` of :class:`FoldCurve`.
+    """
     place = np.arange(_BROKEN + 1) / _BROKEN
     speed = span.places(place)
     slope = averaging.averaged(grazing.law).cusp_slope(grazing.law, speed)
@@ -793,7 +887,12 @@ def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
 
 
 def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
-    """Return the curve over the load of a law in pieces beyond critical damping, unknown where it jumps."""
+    """Solve the exact fold over the load of a law in pieces beyond critical damping.
+
+    Returns:
+        ``ln N`` and the fold [m/s], ``nan`` before a jump, shape (2, m): the field ``larger`` of
+        :class:`FoldCurve`.
+    """
     x = np.linspace(math.log(span.onset), math.log(span.top), _CONTACTS)
     fold = _last_speeds(grazing.bearing, np.exp(x))
     with np.errstate(all='ignore'):
@@ -815,17 +914,16 @@ def _chebyshev_series(values: FloatArray) -> FloatArray:
 
 
 def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:
-    """Return the last speeds at which a load is enough for a cycle.
+    """Return the last speeds at which a load is enough for a cycle [m/s].
 
     Args:
-        curve: Ascending speeds [m/s], and the load from which there is a cycle at each, or ``inf`` [N],
+        curve: Ascending speeds [m/s], and the least load with a cycle at each, ``inf`` for none [N],
             shape (2, m).
         load: Shape (n,) [N].
-        smooth: Whether a spline joins the curve, or monotone cubics.
+        smooth: A cubic spline joins the points of the curve; else monotone cubics.
 
     Returns:
-        ``nan`` where no speed has a cycle; beyond the curve in proportion to the load, shape (n,)
-        [m/s].
+        Shape (n,); ``nan`` where no speed has a cycle. Beyond the last point in proportion to the load.
     """
     speed = curve[0]
     with np.errstate(all='ignore'):
@@ -846,10 +944,10 @@ def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray
 
 
 def _curve_slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
-    """Return the slopes at a curve's points, each finite stretch by itself.
+    """Return the slopes of the interpolant at a curve's points, shape (n,).
 
-    A spline's where it is smooth, else a monotone curve's; 0 at points that are not finite and in stretches
-    of up to three.
+    Each stretch of finite points is joined by itself: by a spline where ``smooth``, else by monotone cubics.
+    0 at points that are not finite and in stretches of up to three.
     """
     slope = np.zeros(x.size)
     join = spline_slopes if smooth else monotone_slopes
@@ -864,6 +962,14 @@ def _curve_slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
 def _missing_part(
     t: FloatArray, part: FloatArray, rise: FloatArray, begin: FloatArray, end: FloatArray
 ) -> FloatArray:
-    """Return how far a cubic on [0, 1] with a rise and two slopes is below a level."""
+    """Return how far a Hermite cubic on [0, 1] lies below a level at ``t``.
+
+    Args:
+        t: Places, shape (n,).
+        part: The level less the value at 0.
+        rise: The value at 1 less that at 0.
+        begin: Slope at 0.
+        end: Slope at 1.
+    """
     square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
     return part - t * (begin + t * (square + t * cube))

@@ -128,6 +128,7 @@ class Tabulated:
 
 
 def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
+    """Return the monotone cubics between points as ``scipy.interpolate.PPoly.c``, shape (4, n - 1)."""
     speed, values = np.array(v), np.array(mu)
     with np.errstate(all='ignore'):
         cubics = hermite_cubics(speed, values, monotone_slopes(speed, values))
@@ -137,6 +138,15 @@ def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
 
 
 def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
+    """Return the numbers of a column as a tuple.
+
+    Args:
+        name: The column's, for messages.
+        values: What the configuration has.
+
+    Raises:
+        PhysicsError: They are not a list of finite numbers.
+    """
     column = tuple(float(value) for value in np.atleast_1d(np.asarray(values, dtype=float)))
     for index, value in enumerate(column):
         require_finite(f'friction table {name}[{index}]', value)

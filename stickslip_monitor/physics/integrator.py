@@ -142,7 +142,7 @@ class Motion:
         return np.equal(self.phase, Phase.STICK)
 
     def scaled(self, scale: float) -> Motion:
-        """Return the motion with all speeds and displacements multiplied."""
+        """Return a copy of the motion with speeds and displacements multiplied by ``scale``; times stay."""
         return replace(
             self,
             displacement=self.displacement * scale,
@@ -196,6 +196,7 @@ class Drive:
 
 
 def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
+    """Raise ``PhysicsError`` where the arrays of a drive break the rules of :class:`Drive`."""
     if time.ndim != 1 or time.shape != speed.shape or time.shape != load.shape:
         raise PhysicsError(
             f'drive has times of shape {time.shape}, speeds of {speed.shape} and loads of'
@@ -326,6 +327,7 @@ def is_compiled(compiled: bool | None) -> bool:
 
 
 def _check_times(times: FloatArray, drive: Drive) -> None:
+    """Raise ``PhysicsError`` where sample times fall or lie outside the drive."""
     if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) < 0.0):
         raise PhysicsError('times must be one row of finite numbers that do not fall')
     if times.size and (times[0] < drive.start or times[-1] > drive.end):
@@ -346,9 +348,10 @@ def _make_body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -
 
 
 def _starting_phase(law: LawInUse, body: march.Body, lines: march.Lines, state: MotionState) -> Phase:
+    """Return the phase in which the motion begins: sticking, or the side of the belt on which it slips."""
     if state.phase is not None:
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
     medium = march.medium_at(law, body, lines, 0, 0.0, 1.0)
-    return Phase(march.phase_at_rest(law, medium, body.omega * state.displacement, 0))
+    return Phase(march.phase_after_contact(law, medium, body.omega * state.displacement, 0))

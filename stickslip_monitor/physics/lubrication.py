@@ -103,7 +103,7 @@ class Lubrication:
         require_positive('viscosity_ratio', self.viscosity_ratio)
 
     def ratio_at(self, temperature: Any) -> Any:
-        """``eta(T)/eta(T0)`` at a temperature of the water [C]; that of now where it is ``None``."""
+        """Return ``eta(T)/eta(T0)`` of a temperature [C]; of ``None`` that of the temperature in use."""
         if temperature is None:
             return self.viscosity_ratio
         return viscosity(temperature, self.water_salinity) / viscosity(self.temperature, self.salinity)
@@ -114,7 +114,12 @@ class Lubrication:
         return replace(self, viscosity_ratio=ratio, water_temperature=float(temperature))
 
     def scale(self, load: Any, temperature: Any = None) -> Any:
-        """``s`` at loads [N] and temperatures [C], the one of now by default; numbers or arrays."""
+        """Return ``s = (N/N0)^g eta(T0)/eta(T)`` [-], the factor of speeds and amplitudes.
+
+        Args:
+            load: Loads [N]: a number or an array.
+            temperature: Of the water [C]; ``None`` for the temperature in use.
+        """
         if isinstance(load, float) and not isinstance(temperature, np.ndarray):
             return scale_at(self.load, self.load_exponent, float(self.ratio_at(temperature)), load)
         n = np.asarray(load, dtype=float)
@@ -124,7 +129,14 @@ class Lubrication:
 
 
 def scale_at(at_load: float, exponent: float, viscosity_ratio: float, load: float) -> float:
-    """``s`` of one load [N], as :meth:`Lubrication.scale`; without a load that of ``N0``."""
+    """Return ``s`` of one load, as :meth:`Lubrication.scale`.
+
+    Args:
+        at_load: ``N0`` [N].
+        exponent: ``g``.
+        viscosity_ratio: ``eta(T)/eta(T0)``.
+        load: Load [N]; one that is not positive counts as ``N0``.
+    """
     if exponent == 0.0 or not load > 0.0:
         return 1.0 / viscosity_ratio
     scale: float = (load / at_load) ** exponent / viscosity_ratio
@@ -143,7 +155,7 @@ _Bearing = TypeVar('_Bearing', bound=Lubricated)
 
 
 def as_measured(bearing: _Bearing) -> _Bearing:
-    """Return the bearing whose friction is as measured at any load and temperature."""
+    """Return the bearing without lubrication: its friction is as measured at any load and temperature."""
     if bearing.lubrication is None:
         return bearing
     own: Any = bearing
@@ -157,7 +169,7 @@ def _without_lubrication(bearing: Any) -> Any:
 
 
 def gives_speed(function: _Function) -> _Function:
-    """Let ``function(bearing, load)``, a boundary [m/s], follow the lubrication."""
+    """Decorate ``function(bearing, load)``, a boundary [m/s], so that it follows the lubrication."""
 
     @wraps(function)
     def scaled(bearing: Lubricated, load: ArrayLike, *args: Any, **kwargs: Any) -> Any:
@@ -169,7 +181,13 @@ def gives_speed(function: _Function) -> _Function:
 
 
 def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: Any) -> Any:
-    """Return a boundary [m/s] at loads [N], of its function for friction as measured."""
+    """Return a boundary [m/s] at loads [N] with lubrication: ``s V_b(N/s)``.
+
+    Args:
+        bearing: The bearing.
+        boundary: ``V_b`` [m/s] of a load [N], for friction as measured.
+        load: Loads [N].
+    """
     if bearing.lubrication is None:
         return boundary(load)
     s = bearing.lubrication.scale(load)
@@ -178,10 +196,12 @@ def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: A
 
 
 def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Function]:
-    """Let ``function(bearing, speed, load)`` follow the lubrication.
+    """Return a decorator that lets ``function(bearing, speed, load)`` follow the lubrication.
+
+    The function is asked at the reference point ``(V/s, N/s)``.
 
     Args:
-        rescale: Makes the result at a point of that at its reference point, and of ``s``.
+        rescale: ``(result, s)`` to the result at the point itself.
     """
 
     def decorate(function: _Function) -> _Function:
@@ -200,7 +220,14 @@ def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Func
 def reference_point(
     bearing: Lubricated, speed: Any, load: Any, temperature: Any = None
 ) -> tuple[Any, Any, Any]:
-    """``V/s``, ``N/s`` and ``s`` at speeds [m/s], loads [N] and temperatures [C], by default that of now."""
+    """Return ``V/s``, ``N/s`` and ``s`` of points; without lubrication the point itself and 1.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speeds [m/s].
+        load: Loads [N].
+        temperature: Of the water [C]; ``None`` for the temperature in use.
+    """
     if bearing.lubrication is None:
         return speed, load, 1.0
     s = bearing.lubrication.scale(load if np.ndim(load) else float(load), temperature)
@@ -209,7 +236,7 @@ def reference_point(
 
 
 def gives_load(function: _Function) -> _Function:
-    """Let ``function(bearing, speed)``, the load of a boundary [N], follow the lubrication."""
+    """Decorate ``function(bearing, speed)``, a boundary's load [N], so that it follows the lubrication."""
 
     @wraps(function)
     def scaled(bearing: Lubricated, speed: ArrayLike) -> Any:

@@ -160,10 +160,15 @@ def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, sid
     return Medium(1.0, force, body.damping, offset, 0.0, speed, force_rate, offset_rate, rise)
 
 
-def dips(begin: SlipState, end: SlipState, h: float) -> bool:
+def may_meet_belt(begin: SlipState, end: SlipState, h: float) -> bool:
     """Return whether ``z``, convex where it turns, may have been below 0 within a step.
 
-    It stays above its tangents at both ends.
+    It stays above its tangents at both ends: only where these meet below 0 it may.
+
+    Args:
+        begin: State before the step.
+        end: State after it.
+        h: Length of the step in units of ``1/omega``.
     """
     if not begin.rate < 0.0 < end.rate:
         return False
@@ -222,7 +227,7 @@ def slip_advance(
     if state.z < 0.0:
         length, state = cut_step(law_numbers, medium, begin, length, RELATIVE_SPEED, 0.0)
         return Advance(length, CONTACT, state, 0.0)
-    if dips(begin, state, length):
+    if may_meet_belt(begin, state, length):
         s, lowest = cut_step(law_numbers, medium, begin, length, RATE, 0.0)
         if lowest.z < 0.0:
             s, lowest = cut_step(law_numbers, medium, begin, s, RELATIVE_SPEED, 0.0)
@@ -242,9 +247,16 @@ def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
 
 
 def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: float) -> Advance:
-    """Take one step of sticking, up to the release in it.
+    """Take one step of sticking, up to the release if it comes within the step.
 
-    The friction needed less what the belt can hold, on each side a parabola of the time.
+    The friction needed, less what the belt can hold, is a parabola of the time on each side.
+
+    Args:
+        law: The law.
+        medium: What the lining is in as the step begins.
+        e: Displacement as the step begins.
+        stalled: How many steps in a row have had no length.
+        left: The longest that the step may be, in units of ``1/omega``.
     """
     length, event = left, NOTHING
     if stalled > _STALLED:
@@ -267,7 +279,7 @@ def stuck(medium: Medium, t: float) -> SlipState:
 
 
 def first_excess(value: float, rate: float, turn: float) -> float:
-    """Return the time >= 0 behind which ``value + rate t + turn t^2/2`` is positive first; else ``inf``.
+    """Return the first time >= 0 after which ``value + rate t + turn t^2/2`` is positive; ``inf`` for never.
 
     >>> first_excess(-6.0, 1.0, 2.0), first_excess(0.0, -1.0, 1.0), first_excess(0.0, 0.0, 0.0)
     (2.0, 2.0, inf)
@@ -279,10 +291,16 @@ def first_excess(value: float, rate: float, turn: float) -> float:
     return -2.0 * rate / turn if turn > 0.0 else math.inf
 
 
-def phase_at_rest(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
-    """Return 0 where friction holds at contact, else the sign of the slip that begins.
+def phase_after_contact(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
+    """Return the phase of a lining that has met the belt: 0 sticks, 1 slips behind it, -1 ahead of it.
 
-    It is never the sign of the slip that ended.
+    It sticks where friction can hold it; it never goes on on the side from which it came.
+
+    Args:
+        law: The law.
+        medium: What the lining is in.
+        e: Displacement at the contact.
+        sign: The side of the slip that ended.
     """
     need = friction_needed(medium, e)
     limit = law.hold * max(medium.force, 0.0) + rounding_of(law, medium, e)
@@ -296,15 +314,18 @@ def phase_at_rest(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
 def write_samples(
     law_numbers: Any, omega: float, step: Whole, samples: MotionSamples, cursor: int, end: float
 ) -> int:
-    """Write the samples up to the end of a step; the number of those written in all.
+    """Write the samples that lie within a step to ``samples``.
 
     Args:
         law_numbers: The law, as :attr:`.LawInUse.own`.
         omega: Natural frequency [rad/s].
         step: The step.
-        samples: The samples.
-        cursor: How many are written.
+        samples: The samples, written.
+        cursor: How many are written already.
         end: Where the piece of the inputs ends with the step [s], else infinity.
+
+    Returns:
+        How many are written in all.
     """
     medium, side = step.medium, 1.0 if step.phase >= 0 else -1.0
     while cursor < len(samples.times) and samples.times[cursor] <= end:
@@ -326,10 +347,10 @@ def write_samples(
     return cursor
 
 
-def about_place(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
-    """Count displacements of the medium from where the lining is, so that they keep digits.
+def recenter_medium(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
+    """Return the medium with displacements counted from where the lining is, so that they keep digits.
 
-    Where it is released at the limit, what is missing to it or beyond it is rounding.
+    Where it is released at the limit, what is missing to the limit or beyond it is rounding and is left out.
     """
     speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
     offset += e
@@ -341,7 +362,9 @@ def about_place(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
 def march(
     law: LawInUse, body: Body, lines: Lines, now: Now, samples: MotionSamples, log: TransitionLog
 ) -> tuple[int, int, float, float, float, float, int, float, int, int, int, int, int]:
-    """Follow the motion to the end of the inputs; may be called again when the log is full.
+    """Follow the motion to the end of the inputs, or until ``log`` is full; then it may be called again.
+
+    Writes ``samples`` and ``log``.
 
     Returns:
         The fields of :class:`Now` as a plain tuple. Compiled code makes a named one by a call of Python,
@@ -364,7 +387,7 @@ def march(
             step = stick_advance(law, medium, e, stalled, left * omega)
         else:
             slips += 1
-            medium = about_place(law, medium, side * e, side * z)
+            medium = recenter_medium(law, medium, side * e, side * z)
             begin = SlipState(0.0, side * z, acceleration(law.own, medium, 0.0, side * z))
             step = slip_advance(law, body, medium, begin, trial, left * omega)
         h, event, after, trial = step
@@ -390,7 +413,7 @@ def march(
                 phase = 0
             else:
                 medium_here = medium_at(law, body, lines, piece, time, 1.0)
-                phase = phase_at_rest(law, medium_here, omega * x, phase)
+                phase = phase_after_contact(law, medium_here, omega * x, phase)
             log.time[events], log.phase[events] = base + (time + rest), phase
             events += 1
     return status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled

@@ -130,7 +130,7 @@ class SlipField:
 
 
 def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipField:
-    """Return what linings slip in behind the belt, seen from breakaway.
+    """Return the medium in which linings slip behind the belt, with displacements counted from breakaway.
 
     Args:
         bearing: The bearing.
@@ -191,7 +191,14 @@ class _Effort:
 def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbits:
     """Follow orbits from displacements and relative speeds to their ends.
 
-    They run as they stand until :data:`PATIENCE` is used up, and compiled from then on.
+    The same loop runs interpreted until this process has taken :data:`PATIENCE` steps, which it counts,
+    and compiled from then on where numba is installed.
+
+    Args:
+        field: What the linings slip in.
+        e: Displacements from breakaway in units of ``V/omega``, shape (n,).
+        z: Speeds relative to the belt in units of ``V``, shape (n,).
+        route: How they are followed; its ``last`` and ``direction`` may be of shape (n,).
     """
     n, scalar = e.size, scalar_law(field.law)
     columns = field.speed, field.force, field.offset, field.origin, e, z, route.last, route.direction
@@ -227,7 +234,7 @@ def follow_each(
     route: Route,
     out: Sequence[MutableSequence[float]],
 ) -> None:
-    """Follow one orbit after the other and write how each ended.
+    """Follow one orbit after the other; each row of ``out`` receives the result of :func:`follow_one`.
 
     Args:
         law_numbers: The law, as :attr:`.LawInUse.own`.
@@ -236,8 +243,8 @@ def follow_each(
         drift: As of :class:`SlipField`.
         rows: Of each orbit speed, force, offset, origin, displacement, relative speed, last turn
             and direction.
-        route: What is the same for all.
-        out: Of each orbit end, time, place, two turns, divergence and the number of steps.
+        route: The same for all, without ``last`` and ``direction``.
+        out: Written: of each orbit end, time, place, two turns, divergence and the number of steps.
     """
     for k in range(len(rows)):
         row, to = rows[k], out[k]
@@ -256,12 +263,14 @@ def follow_one(
         law_numbers: The law, as :attr:`.LawInUse.own`.
         kinks: Its kinks [m/s].
         medium: What it slips in.
-        e: Displacement.
-        z: Relative speed.
+        e: Displacement from breakaway in units of ``V/omega``.
+        z: Speed relative to the belt in units of ``V``.
         route: How it is followed.
 
     Returns:
-        How it ended, when, where, its first two turns, the divergence, and the steps it took.
+        The end (``TURNED``, ``LANDED``, ``MISSED``, ``RESTED``, ``LEFT``, or ``EXHAUSTED`` when the steps are
+        used up); time and place there, ``nan`` unless it turned or landed; the first two turning points,
+        ``nan`` for none; the integral of the divergence, 0 unless asked for; the number of steps.
     """
     drift = medium.drift
     state, rest = SlipState(e, z, acceleration(law_numbers, medium, e, z)), 0.0
@@ -326,7 +335,12 @@ def _motion_energy(e: float, z: float) -> float:
 def _find_landing(
     law_numbers: Any, medium: Medium, begin: SlipState, length: float, after: SlipState
 ) -> tuple[int, float, SlipState]:
-    """Return whether a step meets the belt or passes the place that could hold, and where it ends then."""
+    """Find where a step touches the belt, or passes the last place at which a stick could hold.
+
+    Returns:
+        ``LANDED``, ``MISSED``, or ``EXHAUSTED`` for neither; the length of the step up to there and the
+        state there, both as given for neither.
+    """
     hold, end = -medium.offset, EXHAUSTED
     if medium.drift > 0.0 and after.e > hold:
         if begin.e > hold:
@@ -340,9 +354,17 @@ def _find_landing(
 
 
 def _fading_end(medium: Medium, direction: float, begun: float, now: float, z: float) -> int:
-    """Return ``RESTED`` for a motion that has faded, ``LEFT`` for one that has left for good back in time.
+    """Decide whether a motion has ended without a turn.
 
-    Else ``EXHAUSTED``: it goes on. ``begun`` and ``now`` are energies.
+    Args:
+        medium: What it slips in.
+        direction: 1 forward in time, -1 back.
+        begun: Its energy at the begin.
+        now: Its energy now.
+        z: Its relative speed now.
+
+    Returns:
+        ``RESTED`` where it has faded, ``LEFT`` where back in time it has gone for good, else ``EXHAUSTED``.
     """
     if now < _SETTLED * begun:
         return RESTED

@@ -129,14 +129,19 @@ def _least_coefficient(law: FrictionLaw) -> float:
     return float(getattr(law, 'kinetic', min(getattr(law, 'values', (0.0,)))))
 
 
-def moved(bearing: Bearing, speeds: float, loads: float) -> Bearing:
-    """Another bearing: its boundaries are ``speeds V_b(loads N)`` of this one's ``V_b(N)``.
+def move_boundaries(bearing: Bearing, speeds: float, loads: float) -> Bearing:
+    """Return a bearing whose boundaries are ``speeds * V_b(loads * N)`` where this one's are ``V_b(N)``.
 
-    Its damping and its kinetic coefficient are the same; the fall of friction changes, and the
-    speeds at which it falls.
+    Its damping and its kinetic coefficient are the same; the fall of friction and the speeds at which
+    it falls change.
+
+    Args:
+        bearing: The bearing.
+        speeds: Factor > 0 of the boundaries' speeds.
+        loads: Factor > 0 of the load.
 
     Raises:
-        PhysicsError: The law is none of a configuration's.
+        PhysicsError: The law is not one that a configuration can name.
     """
     law, by = bearing.friction, speeds * loads
     kinetic = _least_coefficient(law)
@@ -190,10 +195,13 @@ class Belief:
         covariance = tolerance.covariance(bearing.friction)
         return cls(bearing, covariance, tolerance.of_speed, tolerance.load)
 
-    def lean(self, p: float) -> float:
-        """Factor of a load that takes the middle to where it starts with the probability ``p``.
+    def load_factor(self, p: float) -> float:
+        """Return the factor by which to multiply a load so that the boundary has the probability ``p`` there.
 
-        To first order, where the load of the boundary grows as the speed; 1 for ``p = 0.5``.
+        To first order, for a boundary whose load grows in proportion to the speed; 1 for ``p = 0.5``.
+
+        Args:
+            p: Probability that a boundary lies above the point; clipped to 1e-9 from 0 and 1.
         """
         (r, covariance_rq), (_, q) = self._total
         spread = math.sqrt(max(r + 2.0 * covariance_rq + q, 0.0))
@@ -202,11 +210,17 @@ class Belief:
     def probabilities(self, speed: ArrayLike, load: ArrayLike, share: ArrayLike = 1.0) -> tuple[Any, Any]:
         """Return the probabilities that a stick-slip cycle exists, and that it starts by itself.
 
-        Of surface speeds [m/s] and loads [N]; ``share`` is that of the averaged fold in the one
-        that counts, at most 1. Inputs broadcast.
+        Args:
+            speed: Surface speed, of either sign [m/s].
+            load: Load [N].
+            share: The fold that decides over the averaged fold, at most 1; all three broadcast.
+
+        Returns:
+            Two floats, or two arrays of the broadcast shape; ``nan`` at rest or where an input is not finite,
+            0 without a load.
         """
         if isinstance(speed, float) and isinstance(load, float) and isinstance(share, float):
-            return chances(self._numbers, abs(speed), load, share)
+            return stick_slip_probabilities(self._numbers, abs(speed), load, share)
         shape, (v, n, part) = flatten(speed, load, share)
         points, out = np.column_stack([np.abs(v), n, part]), np.empty((v.size, 2))
         _point_loop(fill_chances, v.size)(self.table, points, out)
@@ -221,6 +235,16 @@ class Belief:
         return self._boundary_quantile(HOPF, load, p)
 
     def _boundary_quantile(self, which: int, load: ArrayLike, p: float) -> Any:
+        """Return the ``p`` quantile of a boundary's speed at loads [m/s]; 0 where there is none.
+
+        Args:
+            which: :data:`FOLD` or :data:`HOPF`.
+            load: Load [N].
+            p: Probability that the boundary lies below the speed, between 0 and 1.
+
+        Raises:
+            PhysicsError: ``p`` is not between 0 and 1.
+        """
         if not 0.0 < p < 1.0:
             raise PhysicsError(f'p = {p:g} must be between 0 and 1')
         z = float(ndtri(p))
@@ -232,9 +256,15 @@ class Belief:
         return restore(out, shape)
 
     def fold_margins(self, speed: ArrayLike, load: ArrayLike) -> tuple[Any, Any]:
-        """5 % and 95 % quantile of the fold margin ``V/V_F - 1``; inputs broadcast.
+        """Return the 5 % and the 95 % quantile of the fold margin ``V/V_F - 1``; inputs broadcast.
 
-        ``inf`` where that share of the belief has no fold, ``nan`` without a probability.
+        Args:
+            speed: Surface speed, of either sign [m/s].
+            load: Load [N].
+
+        Returns:
+            Two results of the broadcast shape; ``inf`` where that quantile of the fold is no speed,
+            ``nan`` at rest or where an input is not finite.
         """
         shape, (v, n) = flatten(speed, load)
         is_known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)
@@ -249,30 +279,39 @@ class Belief:
     @property
     def _total(self) -> FloatArray:
         """The covariance with what is uncertain of the measured speed and load."""
-        return np.asarray(self.covariance) + np.diag([self.speed**2, 0.0]) + self._of_load
+        return np.asarray(self.covariance) + np.diag([self.speed**2, 0.0]) + self._load_covariance
 
     @property
-    def _of_load(self) -> FloatArray:
-        """Return the covariance of the measured load, which moves a reference point in speed and load."""
+    def _load_covariance(self) -> FloatArray:
+        """The covariance of ``(ln r, ln q)`` that the error of the measured load adds, shape (2, 2).
+
+        Where friction depends on the load, an error of the load moves the reference point in both.
+        """
         lubrication = self.bearing.lubrication
         g = 0.0 if lubrication is None else lubrication.load_exponent
         return self.load**2 * np.outer([g, 1.0 - g], [g, 1.0 - g])
 
     def _make_table(self) -> FloatArray:
+        """Tabulate both boundaries at ``_COUNT`` speeds: a flat array after a head of ``_TABLE`` numbers."""
         ln_v = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _COUNT)
         (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
         log_loads = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
         parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *log_loads])]
         folds, hopfs = (
-            _log_load(of, as_measured(self.bearing), ln_v)
+            _log_boundary_load(of, as_measured(self.bearing), ln_v)
             for of in (averaging.fold_load, averaging.hopf_load)
         )
-        way = self._along_fold(ln_v, folds) if self.calibrated else _along_speeds(self._total)
-        parts += [_rows_of(self._total, way, ln_v, load).ravel() for load in (folds, hopfs)]
+        nodes = self._nodes_along_fold(ln_v, folds) if self.calibrated else _nodes_along_speeds(self._total)
+        parts += [_boundary_rows(self._total, nodes, ln_v, load).ravel() for load in (folds, hopfs)]
         return np.concatenate(parts)
 
-    def _along_fold(self, ln_v: FloatArray, folds: FloatArray) -> _Way:
-        """Factors that leave the fold in the middle of the loads where it is."""
+    def _nodes_along_fold(self, ln_v: FloatArray, folds: FloatArray) -> _Nodes:
+        """Return nodes whose factors leave the fold in the middle of the known loads where it is.
+
+        Args:
+            ln_v: Rising ``ln V``, shape (m,).
+            folds: ``ln N`` of the fold at each, shape (m,).
+        """
         (r, covariance_rq), (_, q) = self.covariance
         middle = 0.5 * (math.log(self.loads[0]) + math.log(self.loads[1]))
         log_q = _NODES_AT * math.sqrt(q)
@@ -288,12 +327,22 @@ class Belief:
         reach = _REACH * math.sqrt(r)
         log_r = np.clip(mean * log_q + near[1] - fold(middle + log_q), -reach, reach)
         rest = max(of_u - mean * with_q, 0.0)
-        of_load = self._of_load
-        return _Way(log_r, log_q, rest + self.speed**2 + of_load[0, 0], of_load[1, 1])
+        of_load = self._load_covariance
+        return _Nodes(log_r, log_q, rest + self.speed**2 + of_load[0, 0], of_load[1, 1])
 
 
-def _log_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> FloatArray:
-    """``ln N`` from which on a boundary lies above a speed; at rising speeds, shape (n,)."""
+def _log_boundary_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> FloatArray:
+    """Return ``ln N`` from which on a boundary lies above each speed, shape of ``ln_v``.
+
+    Args:
+        of: ``averaging.fold_load`` or ``averaging.hopf_load``.
+        bearing: The bearing.
+        ln_v: Rising ``ln V``, shape (m,).
+
+    Returns:
+        Rising; ``_NOWHERE`` where no load has the boundary there. Of a law that falls again, what lies
+        below its highest boundary counts as inside.
+    """
     with np.errstate(all='ignore'):
         load = np.log(np.asarray(of(bearing, np.exp(ln_v)), float))
     load = np.where(np.isnan(load), _NOWHERE, np.clip(load, -_NOWHERE, _NOWHERE))
@@ -303,7 +352,7 @@ def _log_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArray) -> Flo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Way:
+class _Nodes:
     """Nodes of ``(ln r, ln q)``, and the variance of each beside them."""
 
     log_r: FloatArray  # shape (nodes,)
@@ -312,26 +361,40 @@ class _Way:
     of_q: float
 
 
-def _along_speeds(total: FloatArray) -> _Way:
-    """Nodes of ``ln r``, with the mean of ``ln q`` at each."""
+def _nodes_along_speeds(total: FloatArray) -> _Nodes:
+    """Return nodes of ``ln r``, each with the mean of ``ln q`` given ``ln r``.
+
+    Args:
+        total: Covariance of ``(ln r, ln q)``, shape (2, 2).
+    """
     (r, covariance_rq), (_, q) = total
     mean = covariance_rq / r if r > 0.0 else 0.0
     log_r = _NODES_AT * math.sqrt(r)
-    return _Way(log_r, mean * log_r, 0.0, max(q - mean * covariance_rq, 0.0))
+    return _Nodes(log_r, mean * log_r, 0.0, max(q - mean * covariance_rq, 0.0))
 
 
-def _rows_of(total: FloatArray, way: _Way, ln_v: FloatArray, load: FloatArray) -> FloatArray:
-    """Tabulate the rows of one boundary, shape (speeds, :data:`_PER_BOUNDARY`)."""
+def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: FloatArray) -> FloatArray:
+    """Tabulate one boundary: load, width and corrections of the probit at each speed.
+
+    Args:
+        total: Covariance of ``(ln r, ln q)``, shape (2, 2).
+        nodes: The nodes of the sum.
+        ln_v: Rising ``ln V``, shape (m,).
+        load: ``ln N`` of the boundary at each, shape (m,).
+
+    Returns:
+        Shape (m, :data:`_PER_BOUNDARY`).
+    """
     (r, covariance_rq), (_, q) = total
     slope = np.gradient(load, ln_v)
     width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * covariance_rq + q, _LEAST**2))
     columns = np.arange(-_WIDEST, _WIDEST + 1.0)
     log_load = load[:, None] + width[:, None] * columns
     # At each node the load of the boundary, its slope, and what the node's kernel spreads it.
-    at = ln_v[:, None] - way.log_r
-    load_there, steep = np.interp(at, ln_v, load) - way.log_q, np.interp(at, ln_v, slope)
+    at = ln_v[:, None] - nodes.log_r
+    load_there, steep = np.interp(at, ln_v, load) - nodes.log_q, np.interp(at, ln_v, slope)
     kernel = np.gradient(load_there, _NODES_AT, axis=1) * _KERNEL
-    spread = np.sqrt(way.of_q + steep**2 * way.of_r + kernel**2 + _LEAST**2)
+    spread = np.sqrt(nodes.of_q + steep**2 * nodes.of_r + kernel**2 + _LEAST**2)
     p = np.zeros(log_load.shape)
     for k, share in enumerate(_NODE_WEIGHTS):
         p += share * ndtr((log_load - load_there[:, k : k + 1]) / spread[:, k : k + 1])
@@ -340,7 +403,7 @@ def _rows_of(total: FloatArray, way: _Way, ln_v: FloatArray, load: FloatArray) -
 
 
 def _point_loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
-    """Return a loop over points as it stands, or compiled where there are many."""
+    """Return the loop itself, or for many points and with numba its compiled form."""
     if size < _MANY_POINTS or not jit.has_compiler():
         return plain
     from stickslip_monitor.physics import probability  # this module
@@ -349,10 +412,13 @@ def _point_loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
 
 
 def probit(table: Sequence[float], which: int, log_speed: float, log_load: float) -> float:
-    """``z`` with ``P = Phi(z)``: whether a boundary lies above a speed [ln m/s] at a load [ln N].
+    """Return ``z`` with ``P = Phi(z)``, the probability that a boundary lies above a speed at a load.
 
-    ``table`` is :attr:`Belief.table`, or the same as a list; ``which`` :data:`FOLD` or
-    :data:`HOPF`.
+    Args:
+        table: :attr:`Belief.table`, or the same as a list.
+        which: :data:`FOLD` or :data:`HOPF`.
+        log_speed: ``ln V``; outside the table its first or last speed counts.
+        log_load: ``ln N``; outside the known loads ``z`` is nearer to 0.
     """
     rows = int(table[_ROWS])
     place = min(max((log_speed - table[_FIRST]) * table[_PER_ROW], 0.0), rows - 1.000001)
@@ -380,9 +446,13 @@ def probit(table: Sequence[float], which: int, log_speed: float, log_load: float
 
 
 def boundary_speed(table: Sequence[float], which: int, load: float, z: float) -> float:
-    """Return the speed of a boundary that ``Phi(z)`` of the belief lies below [m/s]; 0 for none.
+    """Return the speed that a boundary lies below with the probability ``Phi(z)`` [m/s]; 0 for none.
 
-    Args as of :func:`probit`; the load is in N.
+    Args:
+        table: :attr:`Belief.table`, or the same as a list.
+        which: :data:`FOLD` or :data:`HOPF`.
+        load: Load [N]; not above 0 there is no boundary.
+        z: Probit of the wanted quantile.
     """
     if not load > 0.0:
         return 0.0
@@ -400,17 +470,19 @@ def boundary_speed(table: Sequence[float], which: int, load: float, z: float) ->
     return math.exp(0.5 * (low + high))
 
 
-def chances(table: Sequence[float], speed: float, load: float, share: float) -> tuple[float, float]:
-    """Return the probabilities that stick-slip can happen, and that it starts by itself.
+def stick_slip_probabilities(
+    table: Sequence[float], speed: float, load: float, share: float
+) -> tuple[float, float]:
+    """Return the probabilities that stick-slip can go on, and that it starts by itself, at one point.
 
     Args:
         table: :attr:`Belief.table`, or the same as a list.
         speed: Magnitude of the surface speed [m/s].
         load: Load [N].
-        share: Of the averaged fold in the one that counts, at most 1.
+        share: The fold that decides over the averaged fold, at most 1.
 
     Returns:
-        Both ``nan`` at rest or where an input is not finite; 0 without a load.
+        Both ``nan`` at rest or where an input is not finite; both 0 without a load.
     """
     if not (0.0 < speed < math.inf and math.isfinite(load)):
         return math.nan, math.nan
@@ -425,21 +497,24 @@ def _normal_cdf(z: float) -> float:
     return 0.5 * math.erfc(-z * math.sqrt(0.5))
 
 
-def runs_after(before: float, can: float, will: float) -> float:
-    """Return the probability that stick-slip runs, with the memory of the bistable range.
+def update_running_probability(before: float, can: float, will: float) -> float:
+    """Return the probability that stick-slip runs now, with the memory of the bistable range.
 
-    Whoever starts at a probability ``will`` and ends at ``can`` runs with
-    ``min(max(before, will), can)`` afterwards, if the points of the belief pass their boundaries
-    in one order. ``nan`` changes nothing.
+    ``min(max(before, will), can)``, if all possible bearings pass their boundaries in one order.
+
+    Args:
+        before: That of the last point.
+        can: Probability that stick-slip can go on here; ``nan`` changes nothing.
+        will: Probability that it starts by itself here; ``nan`` changes nothing.
     """
     after = before if math.isnan(will) else max(before, will)
     return after if math.isnan(can) else min(after, can)
 
 
 def fill_chances(table: Any, points: Any, out: Any) -> None:
-    """:func:`chances` of rows of speed, load and share, shape (n, 3); ``out`` is (n, 2)."""
+    """:func:`stick_slip_probabilities` of rows of speed, load and share, shape (n, 3); ``out`` is (n, 2)."""
     for k in range(points.shape[0]):
-        out[k, 0], out[k, 1] = chances(table, points[k, 0], points[k, 1], points[k, 2])
+        out[k, 0], out[k, 1] = stick_slip_probabilities(table, points[k, 0], points[k, 1], points[k, 2])
 
 
 def fill_speeds(table: Any, which: int, load: Any, z: float, out: Any) -> None:

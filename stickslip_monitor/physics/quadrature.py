@@ -31,7 +31,7 @@ _STRETCHES = 400_000
 
 
 def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray | float) -> FloatArray:
-    """Phase ``t`` in [0, pi] at which ``V - a cos t`` passes a level; clipped to the ends.
+    """Return the phase ``t`` in [0, pi] at which ``V - a cos t`` passes a level; clipped to the ends.
 
     The half-angle form keeps full precision at grazing, where ``arccos`` loses half its digits.
 
@@ -55,9 +55,11 @@ def _levels(law: FrictionLaw) -> FloatArray:
 def _panels(
     law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
 ) -> tuple[FloatArray, FloatArray, IndexArray]:
-    """Smooth stretches of the half cycles that have any width: start, width and element.
+    """Return the stretches of the half cycles within which the law is smooth.
 
-    In the order of elements, and of t within one; each of shape (stretches,).
+    Returns:
+        Start and width of each [rad] and the element it belongs to, in the order of elements and of ``t``;
+        only those with a width; shape (stretches,) each.
     """
     levels = _levels(law)
     first = np.searchsorted(levels, speed - amplitude, side='right')
@@ -93,17 +95,25 @@ def friction_harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
     level = law.coefficient(v)
     most = max(1, _STRETCHES // _levels(law).size)
     parts = [slice(first, first + most) for first in range(0, max(v.size, 1), most)]
-    varying = np.concatenate([_varying(law, v[part], a[part], level[part]) for part in parts])
+    varying = np.concatenate([_varying_harmonic(law, v[part], a[part], level[part]) for part in parts])
     # The average of the constant part has a closed form.
     reach = np.maximum(a, v)
     sine = np.sqrt(((reach - v) / reach) * (1.0 + v / reach))
     return np.asarray(varying - (2.0 / np.pi) * level * sine).reshape(speed.shape)
 
 
-def _varying(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, level: FloatArray) -> FloatArray:
-    """Average friction less its constant part, that of steady sliding.
+def _varying_harmonic(
+    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, level: FloatArray
+) -> FloatArray:
+    """Return ``S`` of friction less that of steady sliding, which leaves no rounding noise.
 
-    Taken out, that leaves no rounding noise that would pass for cycles where friction is flat.
+    That noise would pass for cycles where friction is flat.
+
+    Args:
+        law: The law.
+        speed: ``V`` >= 0, shape (n,) [m/s].
+        amplitude: ``a`` > 0, shape (n,) [m/s].
+        level: ``mu(V)``, shape (n,).
     """
     begin, extent, element = _panels(law, speed, amplitude)
     # Between its points a table is a cubic, where another law may fall by orders of magnitude.

@@ -279,11 +279,11 @@ def cut_step(
 
 
 def until_kink(law_numbers: Any, kinks: Sequence[float], medium: Medium, state: SlipState, h: float) -> float:
-    """Length of a step, cut where the relative speed comes to a kink of the law.
+    """Return the length of a step, shortened to where the relative speed comes to a kink of the law.
 
-    A step over one is refused where the jump of the law's second derivative matters. Kinks so
-    close together that many fall into a step are left to that: each jump is small, and if it
-    matters the next step is short enough to be cut. The speed is foreseen to second order,
+    A step over a kink is refused where the jump of the law's second derivative matters. Where kinks are
+    so close that many fall into a step it is not shortened: each jump is small, and if it
+    matters the next step is short enough. The speed is foreseen to second order,
     and a little beyond the kink does no harm.
     """
     count = len(kinks)
@@ -326,7 +326,12 @@ def time_to_rise(rate: float, turn: float, gap: float) -> float:
 
 
 def next_length(h: float, error: float, allowed: float) -> float:
-    """Length of the step after one of length ``h``, or in its place if that was too long.
+    """Return the length of the next step, or of the same step again if its error was too large.
+
+    Args:
+        h: Length of the step taken.
+        error: Its error.
+        allowed: The error allowed.
 
     >>> next_length(0.5, 0.0, 1e-9)
     1.0

@@ -159,8 +159,8 @@ def test_growth_leans_to_the_share_that_is_asked_for() -> None:
     # is exp(-0.1 z) times that of the middle, z = -1.2815515655 the standard normal's quantile.
     belief = configured(tolerance__damping=0.1).bearing('aft').belief
     assert belief is not None
-    assert belief.lean(0.1) == pytest.approx(math.exp(0.1 * 1.2815515655), rel=1e-9)
-    assert belief.lean(0.5) == 1.0
+    assert belief.load_factor(0.1) == pytest.approx(math.exp(0.1 * 1.2815515655), rel=1e-9)
+    assert belief.load_factor(0.5) == 1.0
 
 
 def test_the_fold_that_decides_has_the_probability() -> None:

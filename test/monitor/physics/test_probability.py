@@ -14,7 +14,12 @@ from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.closed_form import decline
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.probability import Belief, Tolerance, moved, runs_after
+from stickslip_monitor.physics.probability import (
+    Belief,
+    Tolerance,
+    move_boundaries,
+    update_running_probability,
+)
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 RPM = BEARING.speed.factor('rpm')
@@ -107,7 +112,7 @@ def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> No
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
 def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionLaw) -> None:
     bearing = replace(BEARING, friction=law)
-    other = moved(bearing, 1.2, 0.8)
+    other = move_boundaries(bearing, 1.2, 0.8)
     for of in (fold_speed, hopf_speed):
         assert of(other, 1500.0) == pytest.approx(1.2 * of(bearing, 1200.0), rel=1e-6)
     assert other.damping == bearing.damping
@@ -193,7 +198,7 @@ def test_memory_is_that_of_an_ordered_ensemble() -> None:
     on = share < 0.3
     runs = 0.3
     for c, w in zip(can, will, strict=True):
-        runs = runs_after(runs, c, w)
+        runs = update_running_probability(runs, c, w)
         if c == c:
             on = (on | (share < w)) & (share < c)
         assert runs == pytest.approx(on.mean(), abs=3e-4)
