@@ -18,8 +18,8 @@ class LogColumn:
     """A column of a table, or the rows of a name in a table of one value a line.
 
     Attributes:
-        heading: What it is called.
-        place: Of the column that holds its numbers.
+        heading: Its heading.
+        place: The number of the column that holds its numbers.
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
         is_other: Whether another sender of a bus was the first to send a number of this name.
@@ -36,7 +36,7 @@ class LogColumn:
 
     @property
     def has_unit(self) -> bool:
-        """Whether it says a unit, be it a known one or another."""
+        """Whether its heading names a unit, known or not."""
         return self.unit is not None or bool(parse_heading(self.heading).unit)
 
 
@@ -58,7 +58,7 @@ class SourceColumn:
     timeout: float | None = None
 
     def sent(self, values: FloatArray) -> FloatArray:
-        """Return what the sensor would have sent, of numbers in the column."""
+        """Return numbers of the column as the sensor would have sent them; those in ``kept`` unchanged."""
         if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
             return values
         with np.errstate(over='ignore'):  # infinite is no value either

@@ -17,7 +17,7 @@ from stickslip_logs.tables.text_file import PACKED, ZSTD, unpacked_begin
 
 MCAP, SQLITE, TABLE, UNKNOWN = 'mcap', 'sqlite', 'table', 'unknown'
 """Kinds of content; a table is text with cells or Parquet."""
-# What is often brought and not read, by its first bytes, with the remedy.
+# Formats that are not read, by their first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
     (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV'),
     (
@@ -77,7 +77,7 @@ class Content(NamedTuple):
 
 
 def read_content(path: Path) -> Content:
-    """Read the first bytes of a file, and tell its kind by them.
+    """Return the kind of a file and its first bytes, unpacked where it is packed.
 
     Raises:
         BagError: It cannot be read, or is of a kind that is not read; the text has the remedy.
@@ -98,7 +98,7 @@ def read_content(path: Path) -> Content:
 
 
 def read_begin(path: Path) -> bytes:
-    """Read the first bytes of a file.
+    """Return the first 4096 bytes of a file, packed as they are.
 
     Raises:
         BagError: It cannot be read, or is of a kind that is not; the text has the remedy.
@@ -122,7 +122,7 @@ def read_begin(path: Path) -> bytes:
 
 
 def _remedy_for_text(begin: bytes) -> str:
-    """Return the name and the remedy of a text of a format that is not read; empty for another text."""
+    """Return what a text is, and how to convert it, if it is of a format that is not read; else empty."""
     if dump := _SQL_DUMP.search(begin[:_DUMP_LOOK]):
         program = dump[1] or b''
         load, write = _LOADERS.get(program, _OTHER_LOADER)
@@ -175,12 +175,15 @@ def recording_name_of(name: str) -> str:
 
 
 def compose_letters(name: str) -> str:
-    """Return a name with composed letters: systems differ in how they keep one name."""
+    """Return a name in the normal form NFC: systems differ in how they store accents."""
     return unicodedata.normalize('NFC', name)
 
 
 def find_stored_path(path: Path) -> Path:
-    """Return the path of a file or folder whose name is kept with other letters of the same look."""
+    """Return the path under which a file or folder is stored, whose name may be in another normal form.
+
+    The path itself where there is none.
+    """
     try:
         if path.exists():
             return path
@@ -191,6 +194,6 @@ def find_stored_path(path: Path) -> Path:
 
 
 def natural_sort_key(name: str) -> list[tuple[int, str]]:
-    """Sort key that puts file 10 after file 9."""
+    """Return a sort key that puts file 10 after file 9."""
     parts = re.split(r'(\d+)', name)
     return [(int(part), '') if part.isdecimal() else (-1, part) for part in parts]

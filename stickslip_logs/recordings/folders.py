@@ -81,7 +81,7 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
     """
     bags: dict[Path, Path] = {}
     for path in map(find_stored_path, map(Path, paths)):
-        for bag in _find_within(path) or [path]:
+        for bag in _find_in_folder(path) or [path]:
             bags.setdefault(Path(os.path.realpath(bag)), bag)
     return list(bags.values())
 
@@ -112,8 +112,8 @@ def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
     return f'{plural(len(listed), "file")} not checked (name one to check it, or to see why not): {named}'
 
 
-def _find_within(path: Path) -> list[Path]:
-    """Return the recordings below a folder, or else its logs; a file as it is."""
+def _find_in_folder(path: Path) -> list[Path]:
+    """Return the recordings below a folder, or its logs where it has none; a list of the path for a file."""
     # Path.is_dir raises where a link leads through a folder that is closed.
     if not os.path.isdir(path):  # noqa: PTH112
         return [path]
@@ -129,7 +129,12 @@ def _find_within(path: Path) -> list[Path]:
 
 
 def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
-    """Yield each folder below one with the names of its files; note the folders that cannot be read."""
+    """Yield a folder and each below it, with the names of its files; hidden ones are left out.
+
+    Args:
+        folder: The folder; nothing is yielded for a file.
+        closed: Takes the folders that cannot be read.
+    """
     for where, folders, files in os.walk(folder, onerror=lambda error: closed.append(Path(error.filename))):
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
@@ -145,7 +150,7 @@ def _is_file_or_link(path: Path) -> bool:
 
 
 def _kind_of(path: Path) -> str:
-    """Return whether a file is a recording, a log, excluded from a check, or something else."""
+    """Return 'recording', 'log', 'excluded' (no data) or 'other', by the name of a file or its content."""
     if has_recording_name(path.name):
         return _RECORDING
     if has_table_name(path.name):
@@ -163,6 +168,7 @@ def _kind_of(path: Path) -> str:
     maxsize=1 << 16
 )  # what is checked and what is left out are asked for one after the other
 def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
+    """Return the kind of a file by its first bytes, and of a text by whether it has times and numbers."""
     del size, changed_ns  # they tell a file from one that had its name before
     try:
         kind, begin = read_content(path)
@@ -189,7 +195,7 @@ def _holds_numbers(begin: bytes) -> bool:
 
 
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:
-    """Return the folder, if its files are parts of one recording, or else each of its files."""
+    """Return the recordings that files are: their folder where they are parts of one, else each of them."""
     if has_metadata:
         return [folder]
     stems = {recording_name_of(name) for name in names}
@@ -199,7 +205,7 @@ def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> l
 
 
 def _are_parts(folder: Path, names: Sequence[str]) -> bool:
-    """Return whether numbered files follow on in time, as far as that can be known."""
+    """Return whether files that are numbered alike are consecutive in time; True where that is not known."""
     try:
         files = [folder / name for name in sorted(names, key=natural_sort_key)]
         if any(has_sqlite_name(file.name) or read_begin(file).startswith(ZSTD) for file in files):
@@ -210,7 +216,7 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
 
 
 def are_consecutive(files: Sequence[McapFile]) -> bool:
-    """Return whether the spans of some files are those of parts of one recording."""
+    """Return whether each file begins about where the one before ended: 1 s before to 1 h behind."""
     spans = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(
         -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
@@ -219,7 +225,7 @@ def are_consecutive(files: Sequence[McapFile]) -> bool:
 
 
 def has_other_parts(path: Path) -> bool:
-    """Return whether the folder of a file has others of its name, and nothing that lists them."""
+    """Return whether a numbered file has parts of the same recording beside it, and no metadata."""
     try:
         names = [part.name for part in path.parent.iterdir()]
     except OSError:
@@ -230,10 +236,10 @@ def has_other_parts(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """The files of a folder that are one recording, in order, by its metadata as far as it has some.
+    """Names of the files of one recording in a folder, in order.
 
-    ``count`` is how many messages they should hold, None where nothing tells; ``is_listed``
-    whether metadata say that they are one.
+    ``count`` is the number of their messages by the metadata, None without these; ``is_listed`` is
+    whether metadata list them.
     """
 
     names: tuple[str, ...]
@@ -243,10 +249,12 @@ class Metadata:
 
 
 def folder_files(folder: Path, findings: Findings) -> Metadata:
-    """Find the files of a folder; report what is odd.
+    """Return the files of the recording in a folder, by its metadata or else by their names.
+
+    Reports files that are missing or not read.
 
     Raises:
-        BagError: There are none, or those of several recordings.
+        BagError: There are none, or those of several recordings, or the metadata are of another format.
     """
     try:
         paths = sorted(p for p in folder.iterdir() if has_recording_name(p.name))
@@ -266,15 +274,15 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
             raise BagError(f"folder '{folder}' holds {len(present)} recordings: name one of them")
         kind = '.db3' if has_sqlite_name(present[0]) else '.mcap'
         findings.note(f'{metadata}: its {kind} files were read in the order of their names')
-        _report_gaps(present, findings)
+        _report_missing_numbers(present, findings)
         return Metadata(tuple(present))
-    return _listed_files(folder, metadata, present, findings)
+    return _complete_metadata(folder, metadata, present, findings)
 
 
-def _report_gaps(names: Sequence[str], findings: Findings) -> None:
-    """Report numbers that are lacking between those of files, but not of dates.
+def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
+    """Report numbers that are missing between those of files.
 
-    The first ones may be gone: some recorders keep the newest files only. Hours lack more than they have.
+    Numbers of dates may have gaps, and files before the first may be gone: some recorders keep the newest.
     """
     parts = [part for name in names if (part := NUMBERED_PART.fullmatch(name))]
     numbers = {int(part['number']) for part in parts if not _DATE.search(part[0][: part.end('number')])}
@@ -285,8 +293,11 @@ def _report_gaps(names: Sequence[str], findings: Findings) -> None:
             findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
 
 
-def _listed_files(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:
-    """Return the files that metadata list, and those behind them that bear the same name."""
+def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:
+    """Return the metadata with the files that are there; report listed ones that are missing, and others.
+
+    Files that are not listed are added where they are numbered as parts of the same recording.
+    """
     by_name = {compose_letters(name): name for name in present}
     names = [by_name[name] for name in map(compose_letters, metadata.names) if name in by_name]
     missing = [name for name in metadata.names if compose_letters(name) not in by_name]
@@ -311,10 +322,10 @@ def _listed_files(folder: Path, metadata: Metadata, present: list[str], findings
 
 
 def read_metadata(folder: Path) -> Metadata | str:
-    """Read a rosbag2 folder's metadata.
+    """Read the metadata of a rosbag2 folder.
 
     Returns:
-        What they say, or a sentence saying why they cannot be used.
+        The files they list, or a sentence on why they are not there or cannot be used.
 
     Raises:
         BagError: They describe a recording of a kind this package cannot read.
@@ -347,7 +358,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
 
 
 def _load_yaml(data: bytes) -> Any:
-    """Load YAML without aliases, which rosbag2 does not write, and without deep nesting."""
+    """Load YAML; raise a ValueError for aliases, which rosbag2 does not write, and deep nesting."""
     depth = 0
     for event in yaml.parse(data, _LOADER):
         depth += isinstance(event, yaml.CollectionStartEvent)

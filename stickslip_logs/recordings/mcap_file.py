@@ -36,7 +36,7 @@ from stickslip_logs.recordings.mcap_chunks import (
     walk_records,
 )
 from stickslip_logs.recordings.message_fields import LONGEST_TEXT
-from stickslip_logs.recordings.recording import Cut, Findings, other_encoding
+from stickslip_logs.recordings.recording import Cut, Findings, encoding_problem
 
 DATED = 10**17
 """Times from here on are dates, not seconds since something was switched on [ns]."""
@@ -84,11 +84,11 @@ class McapFile:
         """Return the reason why messages of a channel cannot be decoded; empty where none is known yet."""
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
-            return other_encoding('message', channel.message_encoding, 'cdr')
+            return encoding_problem('message', channel.message_encoding, 'cdr')
         if schema is None:
             return 'no schema'
         if schema.encoding != SchemaEncoding.ROS2:
-            return other_encoding('schema', schema.encoding, 'ros2msg')
+            return encoding_problem('schema', schema.encoding, 'ros2msg')
         return ''
 
     def find_type(self, channel: Channel) -> str:
@@ -187,7 +187,7 @@ class McapFile:
         name = self.path.name
         if heads.empty_count:
             records = plural(heads.empty_count, 'record')
-            self.findings.note(f"file '{name}' has {records} of kind 0, which is none: passed over")
+            self.findings.note(f"file '{name}' has {records} with the invalid opcode 0: skipped")
         if heads.behind:
             self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
         for begin, end in heads.holes:
@@ -242,8 +242,8 @@ class McapFile:
         times = piece.log_time_ns
         if (times < 0).any():
             self.findings.lose(
-                f"file '{self.path.name}': messages with a log time of 2^63 ns or more, which is"
-                ' no time, were not used'
+                f"file '{self.path.name}': messages with an impossible log time"
+                ' (2^63 ns or more) were not used'
             )
         times = times[times >= 0]
         self.has_zero = self.has_zero or not times.all()
@@ -357,7 +357,7 @@ class FilePass:
             self.counts.update({key: rows.size for key, rows in valid})
             yield piece, valid
         if unread:
-            lose(f'{block.place} has {plural(unread, "record")} that cannot be read: passed over')
+            lose(f'{block.place} has {plural(unread, "record")} that cannot be read: skipped')
         if end < len(data) and not block.is_cut:
             rest = plural(len(data) - end, 'byte')
             lose(f'{block.place} has {rest} at its end, no record: not read')

@@ -2,7 +2,7 @@
 """A recording in MCAP: one file, or the files of a rosbag2 folder in order.
 
 The blocks of a recording are taken in the order in which they begin, and what lies before the
-beginning of the next one is put in order and handed on. So memory holds the blocks that overlap
+beginning of the next one is put in order and yielded_ns on. So memory holds the blocks that overlap
 in time and no more: as a rule two. Only a recording whose blocks all span much of it, because it
 was written in no order of time, takes memory in proportion to its length.
 """
@@ -34,18 +34,18 @@ from stickslip_logs.recordings.recording import (
     Scratch,
     TimeSpans,
     TopicInfo,
-    part,
+    select_messages,
 )
 
-# Messages of each topic, and of all, that are handed on at a time: few enough for the caches.
-_OF_TOPIC, _OF_ALL = 1 << 13, 1 << 19
+# Messages of each topic, and of all, that are yielded at a time: few enough for the caches.
+_MAX_OF_TOPIC, _MAX_OF_ALL = 1 << 13, 1 << 19
 
 _LATEST_NS = (1 << 63) - 1
-# What a number takes that is kept until all before it is known [bytes].
-_ROW = 24
-_BEYOND = 'have a log time of 2^63 ns or more, which is no time, and were not used'
-_UNSET = 'have log time 0, as of a clock that was not set, and were not used'
-_REFUSED = 'come behind a definition that does not fit, and were not used'
+# Memory of a number that waits for its turn [bytes].
+_ROW_BYTES = 24
+_BEYOND = 'have an impossible log time (2^63 ns or more) and were not used'
+_UNSET = 'have log time 0 (clock not set?) and were not used'
+_REFUSED = 'follow a contradicting definition and were not used'
 
 Chosen = list[tuple[int, Channel, IntArray]]
 """The number of a topic, one of its channels, and which messages of a piece."""
@@ -57,7 +57,7 @@ class Job:
 
     number: int
     block: Block
-    way: FilePass
+    file_pass: FilePass
     start_ns: int
     end_ns: int
 
@@ -86,10 +86,16 @@ class Pass:
     ) -> None:
         self._progress, self._course = progress, course
         self.numbers = {topic: number for number, topic in enumerate(topics)}
-        self._ways = [FilePass(file) for file in files]
-        blocks = ((block, way) for way in self._ways for block in way.file.blocks)
-        jobs = [Job(k, block, way, *course.span(k, block)) for k, (block, way) in enumerate(blocks)]
-        masks = {way.file.path: sum(1 << key for key in self._channel_keys(way.file)) for way in self._ways}
+        self._file_passes = [FilePass(file) for file in files]
+        blocks = ((block, file_pass) for file_pass in self._file_passes for block in file_pass.file.blocks)
+        jobs = [
+            Job(k, block, file_pass, *course.find_span(k, block))
+            for k, (block, file_pass) in enumerate(blocks)
+        ]
+        masks = {
+            file_pass.file.path: sum(1 << key for key in self._channel_keys(file_pass.file))
+            for file_pass in self._file_passes
+        }
         self._jobs = sorted(
             (
                 job
@@ -101,27 +107,28 @@ class Pass:
         )
 
     def _channel_keys(self, file: McapFile) -> list[int]:
-        """Return the channels of the topics in a file."""
+        """Return the channel ids of the wanted topics in a file."""
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
-    def stretches(self, columns_of: MakeColumns, min_count: int, max_count: int) -> Iterator[Columns]:
-        """Yield all messages in the order of time, then of place, some at a time.
+    def read_sorted(self, columns_of: MakeColumns, min_count: int, max_count: int) -> Iterator[Columns]:
+        """Yield the columns of all messages in the order of time, then of place, some at a time.
 
         Args:
-            columns_of: Makes the columns of a piece's messages.
-            min_count: How many messages wait before some are handed on.
-            max_count: How many of them are handed on at a time.
+            columns_of: Makes the columns of the chosen messages of a piece; log times [ns] come first,
+                then numbers of blocks.
+            min_count: Messages that are collected before some are yielded.
+            max_count: The most that are yielded at a time.
         """
         waiting: list[Columns] = []
-        size, limit, handed = 0, min_count, -1
+        size, limit, yielded_ns = 0, min_count, -1
         # The least number of a block that is still to come.
         numbers = np.array([job.number for job in self._jobs] + [1 << 62])
         rest = np.minimum.accumulate(numbers[::-1])[::-1]
         total, done = sum(job.block.length for job in self._jobs), 0
         for k, job in enumerate(self._jobs):
-            if job.way.is_over:
+            if job.file_pass.is_over:
                 continue
-            block_columns = list(self._read_block(job, columns_of, handed))
+            block_columns = list(self._read_block(job, columns_of, yielded_ns))
             waiting += block_columns
             size += sum(columns[0].size for columns in block_columns)
             done += job.block.length
@@ -129,27 +136,27 @@ class Pass:
                 self._progress(done, total)
             if not waiting or size < limit or k + 1 == len(self._jobs):
                 continue
-            handed = self._jobs[k + 1].start_ns
-            columns = _in_order(waiting)
-            cut = columns[0].searchsorted(handed)
+            yielded_ns = self._jobs[k + 1].start_ns
+            columns = _sort_columns(waiting)
+            cut = columns[0].searchsorted(yielded_ns)
             if not cut and columns[1].max() < rest[k + 1]:
                 # So many of one time: it is split, rather than to wait for more.
-                cut = columns[0].searchsorted(handed, 'right')
-            yield from _split_columns(part(columns, slice(cut)), max_count)
-            waiting = [part(columns, slice(cut, None))]
+                cut = columns[0].searchsorted(yielded_ns, 'right')
+            yield from _split_columns(select_messages(columns, slice(cut)), max_count)
+            waiting = [select_messages(columns, slice(cut, None))]
             size = waiting[0][0].size
             limit = min_count + 2 * size
         if waiting:
-            yield from _split_columns(_in_order(waiting), max_count)
+            yield from _split_columns(_sort_columns(waiting), max_count)
 
-    def _read_block(self, job: Job, columns_of: MakeColumns, handed: int) -> Iterator[Columns]:
-        """Read what can be read of a block.
+    def _read_block(self, job: Job, columns_of: MakeColumns, yielded_ns: int) -> Iterator[Columns]:
+        """Yield the columns of the wanted messages of a block, piece by piece; report what is lost.
 
-        Messages from before a time were handed on [ns], and are left out here: a block may lie
-        about its times.
+        Messages before ``yielded_ns`` [ns] are lost: all of that time was yielded before, as the head of
+        the block says that it begins later.
         """
-        file, late = job.way.file, 0
-        for piece, groups in job.way.read_groups(job.block):
+        file, late = job.file_pass.file, 0
+        for piece, groups in job.file_pass.read_groups(job.block):
             chosen: Chosen = []
             for key, rows in groups:
                 channel = file.channels.get(key)
@@ -161,13 +168,13 @@ class Pass:
                     chosen.append((self.numbers[channel.topic], channel, rows))
             if not chosen:
                 continue
-            piece.log_time_ns = self._course.follow(job.number, file, piece)
+            piece.log_time_ns = self._course.correct_times(job.number, file, piece)
             columns = columns_of(job, piece, chosen)
-            if job.way.is_over:
+            if job.file_pass.is_over:
                 break
-            is_late = columns[0] < handed
+            is_late = columns[0] < yielded_ns
             late += int(np.count_nonzero(is_late))
-            yield part(columns, ~is_late) if is_late.any() else columns
+            yield select_messages(columns, ~is_late) if is_late.any() else columns
         if late:
             file.findings.lose(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
@@ -175,29 +182,31 @@ class Pass:
             )
 
     def compare_counts(self) -> None:
-        """Report what a summary counts otherwise, when all was read."""
-        for way in self._ways:
-            if way.file.is_stated:
-                way.file.compare_counts(way.file.counts, way.counts, self._channel_keys(way.file))
+        """Report where summaries state other counts than were read; to be called when all was read."""
+        for file_pass in self._file_passes:
+            if file_pass.file.is_stated:
+                file_pass.file.compare_counts(
+                    file_pass.file.counts, file_pass.counts, self._channel_keys(file_pass.file)
+                )
 
 
-def _in_order(parts: Sequence[Columns]) -> Columns:
-    """Columns as one, in the order of time, then of blocks, then as they are."""
+def _sort_columns(parts: Sequence[Columns]) -> Columns:
+    """Return columns joined, in the order of time, then of block, then as they are."""
     columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
     time, number = columns[:2]
     later, same = time[1:] > time[:-1], time[1:] == time[:-1]
     if (later | (same & (number[1:] >= number[:-1]))).all():
         return columns
-    return part(columns, np.lexsort((number, time)))
+    return select_messages(columns, np.lexsort((number, time)))
 
 
 def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
-    """Yield some messages at a time; those of one time are split only if they are too many."""
+    """Yield up to ``max_count`` messages at a time; split those of one time only if they are more."""
     while columns[0].size > max_count:
         times = columns[0][:max_count]
         end = int(times.searchsorted(times[-1])) or max_count
-        yield part(columns, slice(end))
-        columns = part(columns, slice(end, None))
+        yield select_messages(columns, slice(end))
+        columns = select_messages(columns, slice(end, None))
     if columns[0].size:
         yield columns
 
@@ -215,7 +224,7 @@ class McapReading(MessageReading):
         super().__init__(wanted)
         self._least = recording.least_ns
         topics = [topic.topic for topic in wanted]
-        self._pass = Pass(recording.contents, recording.judge(topics), topics, progress)
+        self._pass = Pass(recording.contents, recording.judge_order(topics), topics, progress)
         for topic in wanted:
             channels = [
                 self._make_reader(topic, file, channel)
@@ -229,19 +238,24 @@ class McapReading(MessageReading):
                 raise errors[0]
 
     def _read_stretches(self) -> Iterator[Columns]:
-        max_count = min(_OF_TOPIC * len(self._wanted), _OF_ALL)
-        for time, _, *arrays in self._pass.stretches(self._make_columns, max_count, max_count):
+        """Yield log times [ns], topics by number, stamps [ns], shape (n,), and values, shape (k, n)."""
+        max_count = min(_MAX_OF_TOPIC * len(self._wanted), _MAX_OF_ALL)
+        for time, _, *arrays in self._pass.read_sorted(self._make_columns, max_count, max_count):
             yield time, *arrays
         self._pass.compare_counts()
 
     def _make_reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
-        """Return what reads the messages of a channel, or the reason why nothing can."""
+        """Return the reader of messages of a channel, or the error where they cannot be read."""
         schema, problem = file.schemas.get(channel.schema_id), file.find_problem(channel)
         if schema is None or problem:
             return BagError(f"topic '{channel.topic}' cannot be read: {problem}")
         return wanted.reader(schema)
 
     def _make_columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
+        """Return log times [ns], blocks, topics by number, stamps [ns] and values of chosen messages.
+
+        Those without a valid time, or of another definition, are left out and counted as faults.
+        """
         times = stamp = piece.log_time_ns
         topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
         values = np.full((self._width, times.size), np.nan)
@@ -251,14 +265,16 @@ class McapReading(MessageReading):
                 beyond = int((own_times < 0).sum())
                 wanted.reasons[_BEYOND] += beyond
                 wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
-            reader = self._make_reader(wanted, job.way.file, channel)
+            reader = self._make_reader(wanted, job.file_pass.file, channel)
             if isinstance(reader, BagError):
-                job.way.file.findings.lose(f'{job.block.place} has messages of another definition: {reader}')
+                job.file_pass.file.findings.lose(
+                    f'{job.block.place} has messages of another definition: {reader}'
+                )
                 wanted.count += rows.size
                 wanted.reasons[_REFUSED] += rows.size
                 continue
             numbers, stamps = reader.read(piece.data, piece.offset[rows], piece.size[rows], own_times)
-            job.way.charge(job.block, _ROW * rows.size)
+            job.file_pass.charge(job.block, _ROW_BYTES * rows.size)
             topic[rows] = number
             for column, row in zip(values, numbers, strict=False):
                 column[rows] = row
@@ -267,7 +283,7 @@ class McapReading(MessageReading):
                 stamp[rows] = stamps
         is_wanted = (topic >= 0) & (times >= self._least)
         columns = times, block, topic, stamp, values
-        return columns if is_wanted.all() else part(columns, is_wanted)
+        return columns if is_wanted.all() else select_messages(columns, is_wanted)
 
 
 class McapRecording(Recording):
@@ -298,9 +314,9 @@ class McapRecording(Recording):
             findings.note(question)
         self._times = BlockTimes(files, self.least_ns)
 
-    def judge(self, topics: Sequence[str]) -> CourseOfBlocks:
-        """Judge the order of the messages of some topics; note what is odd, and set start and end by it."""
-        course = self._times.course(topics)
+    def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
+        """Judge the order of time of some topics; add its warnings, and correct start and end by it."""
+        course = self._times.judge_order(topics)
         for text in course.notes:
             self._findings.note(text)
         if course.start_ns is not None:
@@ -309,7 +325,7 @@ class McapRecording(Recording):
 
     def definition(self, topic: str) -> str:
         """Return the ``ros2msg`` definition of a topic's messages."""
-        self._find_readable(topic)
+        self._require_readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data
             for file in self.contents
@@ -330,7 +346,9 @@ class McapRecording(Recording):
 
         A block is in memory while its time lasts.
         """
-        names = [(name, self._find_topic(name).type) for name in (self.topics if topics is None else topics)]
+        names = [
+            (name, self._require_topic(name).type) for name in (self.topics if topics is None else topics)
+        ]
         wanted = spans or TimeSpans([(self.least_ns, _LATEST_NS)])
 
         def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
@@ -345,27 +363,27 @@ class McapRecording(Recording):
             return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
 
         topics = [name for name, _ in names]
-        way = Pass(self.contents, self.judge(topics), topics, spans=spans)
+        file_pass = Pass(self.contents, self.judge_order(topics), topics, spans=spans)
         return (
             Message(names[topic][0], names[topic][1], time, data)
-            for columns in way.stretches(encoded, 1, _OF_ALL)
+            for columns in file_pass.read_sorted(encoded, 1, _MAX_OF_ALL)
             for time, _, topic, data in zip(*(column.tolist() for column in columns), strict=True)
         )
 
 
 def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
-    """List the topics of all files, by name."""
+    """Return the topics of all files by name, each name once."""
     topics: dict[str, list[TopicInfo]] = {}
     for file in files:
         for key, channel in file.channels.items():
             kind, encoding = file.find_type(channel), channel.message_encoding
             info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.find_problem(channel))
             topics.setdefault(channel.topic, []).append(info)
-    return {name: _join_members(topics[name]) for name in sorted(topics)}
+    return {name: _join_channels(topics[name]) for name in sorted(topics)}
 
 
-def _join_members(members: Sequence[TopicInfo]) -> TopicInfo:
-    """Return one topic of all that bear its name."""
+def _join_channels(members: Sequence[TopicInfo]) -> TopicInfo:
+    """Return one topic for channels of one name, with their messages added and the first problem."""
     types = list(dict.fromkeys(member.type for member in members))
     problems = [member.problem for member in members if member.problem]
     if len(types) > 1:

@@ -64,12 +64,18 @@ class CourseOfBlocks:
         self.start_ns = course.start_ns if is_corrected else None
         self.end_ns = course.end_ns if is_corrected else None
 
-    def span(self, number: int, block: Block) -> tuple[int, int]:
-        """Return first and last time of the block of a number, as they go on [ns]."""
+    def find_span(self, number: int, block: Block) -> tuple[int, int]:
+        """Return the first and last time of a block by its number [ns], corrected where that is needed."""
         return self._spans.get(number, (block.start_ns, block.end_ns))
 
-    def follow(self, number: int, file: McapFile, piece: Piece) -> IntArray:
-        """Return the times of the messages of a block of a number, as they go on [ns], shape (n,)."""
+    def correct_times(self, number: int, file: McapFile, piece: Piece) -> IntArray:
+        """Return the corrected log times of the messages of a piece [ns], shape (n,).
+
+        Args:
+            number: The number of its block in the recording.
+            file: Its file.
+            piece: The piece.
+        """
         if not self._course.shifts:
             return piece.log_time_ns
         time_ns, is_time = piece.log_time_ns.copy(), _are_times(piece.log_time_ns, self._least_ns)
@@ -89,8 +95,8 @@ class BlockTimes:
     def __init__(self, files: Sequence[McapFile], least_ns: int) -> None:
         self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
 
-    def course(self, topics: Sequence[str]) -> CourseOfBlocks:
-        """Judge the order of the messages of some topics."""
+    def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
+        """Read the times of some topics, by indexes where there are any, and judge their order."""
         numbers = {topic: number for number, topic in enumerate(topics)}
         order, spans = TimeOrder(is_in_blocks=True), dict[int, tuple[int, int]]()
         for number, rows_of_topics in self._iterate_blocks(numbers):
@@ -114,7 +120,7 @@ class BlockTimes:
         return CourseOfBlocks(course, numbers, spans, self._least_ns, is_corrected=is_corrected)
 
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
-        """Yield the number of each block that has messages of some topics with a time, and these."""
+        """Yield the number of each block with timed messages of some topics, and these, topic by topic."""
         number, self._sparse_bytes = -1, 0
         for file in self._files:
             keys = {key: numbers[c.topic] for key, c in file.channels.items() if c.topic in numbers}
@@ -131,7 +137,7 @@ class BlockTimes:
                         yield number, rows
 
     def _drop_untimed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
-        """Yield the messages that have a time."""
+        """Yield the messages with a valid log time; nothing of a topic without any."""
         for topic, time_ns, byte in rows:
             is_time = _are_times(time_ns, self._least_ns)
             if is_time.all():
@@ -140,10 +146,10 @@ class BlockTimes:
                 yield topic, time_ns[is_time], byte[is_time]
 
     def _walk_block(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
-        """Find the messages of a block by walking its records, up to damage in it.
+        """Return the messages of a block by decompressing it, up to damage in it.
 
-        Gives none for a block over the size limit, and stops where the budget of sparse bytes, which this
-        adds to, is spent.
+        An empty list for a block of more than 16 MB. Stops where the budget of sparse bytes, to which this
+        adds, is spent.
         """
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
@@ -160,12 +166,13 @@ class BlockTimes:
 
 
 def _join_spans(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
-    """Return the span of several [ns]."""
+    """Return the earliest start and the latest end of spans [ns]."""
     starts, ends = zip(*spans, strict=True)
     return min(starts), max(ends)
 
 
 def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
+    """Return which log times are valid, shape (n,)."""
     if time_ns.size and least_ns <= time_ns.min() and time_ns.max() <= MAX_TIME_NS:
         return np.ones(time_ns.size, np.bool_)
     result: BoolArray = (time_ns >= least_ns) & (time_ns <= MAX_TIME_NS)
@@ -173,7 +180,15 @@ def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
 
 
 def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
-    """Return the messages of a block after their indexes; None where these cannot be so."""
+    """Return the messages of a block by its indexes, without decompressing it.
+
+    None where there are no indexes, or they cannot be right.
+
+    Args:
+        file: An open file descriptor.
+        block: The block.
+        keys: The number of the topic of each wanted channel id.
+    """
     if not block.is_chunk or not block.index_length:
         return None
     data = os.pread(file, block.index_length, block.offset + block.length)
@@ -206,7 +221,7 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
 
 
 def _rows_of(file: McapFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
-    """Return the messages of a piece of a block; those of other topics have the number -1."""
+    """Return log times, topics by number (-1 for another topic) and bytes of the messages of a piece."""
     keys, which = np.unique(piece.channel, return_inverse=True)
     topics = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
     topic = np.array(topics, np.int64)[which] if topics else _NONE

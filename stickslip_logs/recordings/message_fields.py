@@ -397,11 +397,11 @@ class TopicNumbers:
         """
         count = len(self.requests)
         for row, requests in enumerate(self.requests.values()):
-            own, numbers = times, values[row]
+            row_times, numbers = times, values[row]
             if self.has_foreign and (is_foreign := values[count + row] == 1.0).any():
                 log_time_ns, stamp_ns, sequence = (column[~is_foreign] for column in times)
-                own, numbers = (log_time_ns, stamp_ns, sequence), numbers[~is_foreign]
-            series = Series(*own, numbers, ())
+                row_times, numbers = (log_time_ns, stamp_ns, sequence), numbers[~is_foreign]
+            series = Series(*row_times, numbers, ())
             yield from ((request, series) for request in requests)
 
     def count_foreign(self, row: int, names: Iterable[str]) -> None:

@@ -32,8 +32,8 @@ from stickslip_logs.recordings.sqlite_recording import SqliteRecording
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.text_file import ZSTD, opened
 
-# What a packed file may grow to [bytes]: so much, and so much for each of its own.
-_FREE, _FOR_EACH = 160 << 20, 100
+# What a packed file may grow to [bytes]: this, and so many for each byte of it.
+_FREE_BYTES, _BYTES_FOR_EACH = 160 << 20, 100
 _PIECE = 1 << 20
 
 
@@ -75,7 +75,18 @@ def open_bag(path: str | Path) -> Recording:
 def _open_files(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
-    """Open files of one format, which stay where they are, as a recording."""
+    """Open files of one format as a recording.
+
+    Args:
+        path: What the recording is called by.
+        files: The files, unpacked first where they are packed.
+        packed: 'message' where each message of a database is.
+        findings: Takes the warnings.
+        is_one: Whether it is known that they are parts of one recording.
+
+    Raises:
+        BagError: One cannot be read, or they are not parts of one recording.
+    """
     scratch = Scratch()
     whole = [_unpack_file(file, scratch, findings) for file in files]
     if any(has_sqlite_name(file.name) or read_begin(file).startswith(SQLITE) for file in whole):
@@ -98,7 +109,7 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
     if not read_begin(path).startswith(ZSTD):
         return path
     target = scratch.folder / path.stem
-    max_bytes = _FREE + _FOR_EACH * path.stat().st_size
+    max_bytes = _FREE_BYTES + _BYTES_FOR_EACH * path.stat().st_size
     try:
         with opened(path) as packed, target.open('wb') as file:
             try:
@@ -120,7 +131,7 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
 
 @contextlib.contextmanager
 def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
-    """Provide a recording that is piped as a file, for as long as it is needed.
+    """Copy a piped recording to a temporary file; give its path while the context lasts.
 
     A recording is read by its end, and as a rule twice; on the disk it takes no memory.
 
@@ -144,15 +155,15 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
                     file.write(piece)
                     show('reading standard input', file.tell(), None)
                     # What is no recording may have no end; its reader says what it is.
-                    is_known = is_recorded or file.tell() > _PIECE or _is_known(file, path)
+                    is_known = is_recorded or file.tell() > _PIECE or _is_table_so_far(file, path)
                     piece = stream.read(_PIECE) if is_known else b''
         except OSError as error:
             raise BagError(f"bag '-' cannot be read: {error.strerror or error}") from None
         yield path
 
 
-def _is_known(file: IO[bytes], path: Path) -> bool:
-    """Return whether the head of a file is that of a table."""
+def _is_table_so_far(file: IO[bytes], path: Path) -> bool:
+    """Return whether what was written of a file so far can be opened as a table."""
     file.flush()
     try:
         return isinstance(open_bag(path), TableRecording)

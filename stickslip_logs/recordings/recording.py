@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What crosses the border of the bag layer: plain values, without behaviour."""
+"""The protocol of every recording, what is asked of it, and what it gives."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ Columns = tuple[NDArray[Any], ...]
 """Messages: log times [ns], and what else there is of each: shape (n,) or (k, n)."""
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""
-_MOST_TOLD = 50
+# Warnings that are listed: more say nothing new.
+_MAX_LISTED = 50
 
 
-def part(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
-    """Return some of the messages of columns."""
+def select_messages(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
+    """Return the columns of some messages."""
     return tuple(column[..., rows] for column in columns)
 
 
@@ -45,34 +46,35 @@ class Scratch:
 
 
 class Findings:
-    """Sentences on a recording, each once, and not without end."""
+    """Warnings of a recording, each once; only the first 50 are listed."""
 
     def __init__(self) -> None:
         # Whether each of them costs data.
         self._texts: dict[str, bool] = {}
 
     def note(self, text: str) -> None:
-        """Take up what is odd and costs no data."""
+        """Add a warning that costs no data."""
         self._texts[text] = False
 
     def lose(self, text: str) -> None:
-        """Take up what was not read."""
+        """Add a warning of data that were not read."""
         self._texts[text] = True
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """All of them, and how many were too many."""
+        """All warnings, and last how many are not listed."""
         return _first_texts(list(self._texts))
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """Those that cost data, and how many were too many."""
+        """The warnings of data that were not read, and last how many are not listed."""
         return _first_texts([text for text, is_loss in self._texts.items() if is_loss])
 
 
 def _first_texts(texts: list[str]) -> tuple[str, ...]:
-    more = len(texts) - _MOST_TOLD
-    return (*texts[:_MOST_TOLD], *([f'{more} more findings are not listed'] if more > 0 else []))
+    """Return the first 50 texts, and one on how many more there are."""
+    more = len(texts) - _MAX_LISTED
+    return (*texts[:_MAX_LISTED], *([f'{more} more findings are not listed'] if more > 0 else []))
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +174,7 @@ class TimeSpans:
         return inside
 
     def overlap(self, start_ns: int, end_ns: int) -> bool:
-        """Return whether any of the stretches has an instant of another."""
+        """Return whether a stretch of time shares an instant with any of these [ns]."""
         return any(start <= end_ns and start_ns <= end for start, end in self.spans)
 
 
@@ -235,16 +237,16 @@ class Recording(ABC):
         return (*(cut.text for cut in self.cuts), *self._findings.losses)
 
     def note(self, text: str) -> None:
-        """Take up what was noticed while it was read, and costs no data."""
+        """Add a warning that costs no data."""
         self._findings.note(text)
 
     def lose(self, text: str) -> None:
-        """Take up what was not read, or not used."""
+        """Add a warning of data that were not read or not used."""
         self._findings.lose(text)
 
     @abstractmethod
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
-        """Read numbers of some topics in blocks, one stretch of time after the other.
+        """Return a pass that reads numbers of some topics, one stretch of time after the other.
 
         Raises:
             BagError: A topic is not there or cannot be decoded, a field is not in its type or no
@@ -253,11 +255,11 @@ class Recording(ABC):
         """
 
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
-        """Read a whole recording at once: a series for each request.
+        """Read a whole recording at once; return a series for each request.
 
         What cannot be read is missing, and ``losses`` names it.
         """
-        return joined(self.reading(requests, progress))
+        return read_series(self.reading(requests, progress))
 
     @abstractmethod
     def messages(
@@ -281,33 +283,38 @@ class Recording(ABC):
             BagError: The topic is not there or cannot be decoded.
         """
 
-    def _find_topic(self, name: str) -> TopicInfo:
-        """Return the topic of that name; raise a BagError where there is none."""
+    def _require_topic(self, name: str) -> TopicInfo:
+        """Return the topic of a name; raise a BagError that lists the others where there is none."""
         if name not in self.topics:
             raise BagError(missing_topic(self.topics, name))
         return self.topics[name]
 
-    def _find_readable(self, name: str) -> TopicInfo:
-        """Return the topic of that name; raise a BagError where its messages cannot be decoded."""
-        topic = self._find_topic(name)
+    def _require_readable(self, name: str) -> TopicInfo:
+        """Return the topic of a name; raise a BagError where it is not there or cannot be decoded."""
+        topic = self._require_topic(name)
         if topic.problem:
             raise BagError(f"topic '{name}' ({topic.type}) cannot be read: {topic.problem}")
         return topic
 
     def _group_requests(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
-        """Return the requests by topic and field; raise a BagError for a topic of another type."""
+        """Group requests by topic and field.
+
+        Raises:
+            BagError: A topic is not there, cannot be decoded, or has another type than asked for.
+            FieldError: A field is not a path.
+        """
         by_topic: dict[str, dict[FieldPath, list[Request]]] = {}
         # They may be a set, whose order is by chance.
         for request in sorted(requests, key=lambda item: (item.topic, item.field)):
-            path, topic = parse_field(request.field), self._find_readable(request.topic)
+            path, topic = parse_field(request.field), self._require_readable(request.topic)
             if request.type is not None and short_name(request.type) != short_name(topic.type):
                 raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
             by_topic.setdefault(request.topic, {}).setdefault(path, []).append(request)
         return by_topic
 
 
-def joined(reading: Reading) -> dict[Request, Series]:
-    """Return the series of a whole recording."""
+def read_series(reading: Reading) -> dict[Request, Series]:
+    """Read a pass to its end; return one series for each request."""
     parts = list(reading)
     faults = reading.faults()
 
@@ -330,8 +337,14 @@ def short_name(name: str) -> str:
     return f'{parts[0]}/{parts[-1]}'
 
 
-def other_encoding(of: str, encoding: str, supported: str) -> str:
-    """Return a clause on messages or definitions in another encoding than the known one."""
+def encoding_problem(of: str, encoding: str, supported: str) -> str:
+    """Return a clause on messages or definitions in an encoding that is not supported.
+
+    Args:
+        of: What is encoded: 'message' or 'schema'.
+        encoding: Its encoding.
+        supported: The one that is read.
+    """
     return f"{of} encoding '{encoding}' is not {supported}: export the topic as CSV"
 
 
@@ -346,9 +359,10 @@ def missing_topic(topics: Collection[str], name: str) -> str:
 
 
 def full_name(topic: str, topics: Collection[str]) -> str:
-    """Return the name in a recording of a topic that may be written without its namespace.
+    """Return the name that a topic written without its namespace has in a recording.
 
-    That of a node in the root namespace, or else the only topic of that name in any other.
+    That is in the root namespace, unless only another namespace has a topic of that name. A name that is in
+    the recording, is empty, or begins with a slash or ``~`` is returned as it is.
     """
     if topic in topics or topic.startswith(('/', '~')) or not topic:
         return topic

@@ -35,7 +35,7 @@ from stickslip_logs.recordings.recording import (
     Scratch,
     TimeSpans,
     TopicInfo,
-    other_encoding,
+    encoding_problem,
 )
 from stickslip_logs.time_order import MAX_TIME_NS, Sorter, TimeOrder
 
@@ -86,7 +86,7 @@ class SqliteRecording(Recording):
         text = self._texts.get(kind) or definition_of(kind)
         problem = ''
         if encoding != 'cdr':
-            problem = other_encoding('message', encoding, 'cdr')
+            problem = encoding_problem('message', encoding, 'cdr')
         elif text is None:
             problem = (
                 f'the recording has no definition of {kind}: source the setup file of a ROS 2 that has it'
@@ -222,13 +222,13 @@ class SqliteRecording(Recording):
 
     def definition(self, topic: str) -> str:
         """Return the ``ros2msg`` definition of a topic's messages."""
-        return self._texts[self._find_readable(topic).type]
+        return self._texts[self._require_readable(topic).type]
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
         """Yield messages in the order of time."""
-        names = [self._find_topic(name) for name in (self.topics if topics is None else topics)]
+        names = [self._require_topic(name) for name in (self.topics if topics is None else topics)]
         for columns in self.batches([topic.name for topic in names]):
             for time_ns, number, data in zip(*(column.tolist() for column in columns), strict=True):
                 if spans is None or spans.overlap(time_ns, time_ns):

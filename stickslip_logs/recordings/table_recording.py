@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table of numbers with times as the recording that it stands for.
+"""Presents a table of numbers with times as a recording.
 
-A column stands for the topic of an input: what the sensor would have sent is worked out from the
-unit of the column. What the file does not say is guessed, and told.
+A column stands for the topic of an input: what the sensor would have sent is computed from the
+unit of the column. What the file does not say is guessed, and reported.
 """
 
 from __future__ import annotations
@@ -56,18 +56,19 @@ _NAME = re.compile(
 _NINES = re.compile(r'-?(?=.*9.*9)9+(?:[.,]9+)?(?:[.,]?0*)')
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
-_MOST_WORDS, _MOST_KINDS, _MOST_SHOWN = 6, 200, 20
-# Lines that share a time so coarse [ns], or the only one: their times were rounded away. A value before
+# Words in place of numbers that a message lists, that are counted apart, and letters shown of one.
+_MAX_WORDS, _MAX_KINDS, _MAX_LETTERS = 6, 200, 20
+# More lines of one time, where times are so coarse [ns], have lost their times by rounding; a value before
 # and one behind a change share theirs rightly.
-_MOST_ALIKE, _COARSE_NS = 2, 10 * 10**9
+_MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
 # Of 1973: later times are dates, and no time since a trigger [ns].
 _DATES_FROM_NS = 10**17
-# Numbers that are handed on at a time of a table that was sorted.
+# Rows of a sorted table that are yielded at a time.
 _STRETCH = 1 << 16
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
 # a number has so many.
 _ALL_LINES, _BITS = -1, 62
-# A million lines of two numbers take 40 MB between reading and judgement; more than this are in a file.
+# Numbers that wait in memory until the order is known (40 MB for a million lines of two) [bytes].
 _MAX_KEPT_BYTES = 64 << 20
 
 
@@ -98,15 +99,15 @@ class TableRecording(Recording):
             self._findings.note(text)
         for text in self.table.losses:
             self._findings.lose(text)
-        self._begin_at_zero()
+        self._shift_to_zero()
         self.names = self._long_columns()
         """The columns of names and of values of a table of one value a line, else None."""
         order = TimeOrder()
         for number, clock in enumerate(self.table.clocks):
-            known, times = _drop_untimed(self._ends, clock)
+            timed_rows, times = _drop_untimed(self._ends, clock)
             if times.size:
                 order.add(times, np.full(times.size, number), np.arange(times.size))
-        self._may_lack_names = self._are_names_apart(known)
+        self._may_lack_names = self._may_miss_names(timed_rows)
         course = order.course()
         self.is_unordered = course.is_unordered
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
@@ -117,8 +118,8 @@ class TableRecording(Recording):
         """Numbers that were read, by topic."""
         self.start_ns, self.end_ns = course.start_ns, course.end_ns
 
-    def _begin_at_zero(self) -> None:
-        """Let times that begin before zero, or before 1970, count from the first one."""
+    def _shift_to_zero(self) -> None:
+        """Shift all clocks so that the first time is 0, where times begin before zero, or before 1970."""
         times = np.concatenate([_drop_untimed(self._ends, clock)[1] for clock in self.table.clocks])
         zero_ns = 0
         if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
@@ -127,8 +128,8 @@ class TableRecording(Recording):
             self._findings.note('times begin before 1970, or before zero: counted from the first one')
         self.table.clocks = tuple(counted_from(clock, zero_ns) for clock in self.table.clocks)
 
-    def _are_names_apart(self, rows: Sequence[Cells]) -> bool:
-        """Return whether the names of a long table come one after the other, so that ends lack some."""
+    def _may_miss_names(self, rows: Sequence[Cells]) -> bool:
+        """Return whether head and tail of a long table may lack names, as they come one after the other."""
         if self.names is None:
             return False
         name = self.names[0]
@@ -137,19 +138,19 @@ class TableRecording(Recording):
         return len(head) < 2 or not head >= names - {''}
 
     def _long_columns(self) -> tuple[int, int] | None:
-        """Return the columns of names and of values of a table with one value a line."""
+        """Return the columns of names and of values of a table of one value a line; else None."""
         plain = [parse_heading(name).name for name in self.table.names]
         name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
         value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
         if self.table.names == tuple(f'#{k + 1}' for k in range(len(plain))):
-            name, value = self._words_and_numbers()
+            name, value = self._guess_columns()
         elif {'entity id', 'state'} <= set(plain):
             # As the historian of a home calls them; elsewhere a state is no value.
             value = [plain.index('state')]
         return (name[0], value[0]) if name and len(value) == 1 else None
 
-    def _words_and_numbers(self) -> tuple[list[int], list[int]]:
-        """Columns without headings that are names, each about as often as any, and those of numbers."""
+    def _guess_columns(self) -> tuple[list[int], list[int]]:
+        """Return the columns without headings that may be names (equally frequent texts), and of numbers."""
         rows, words, numbers = self.table.head, list[int](), list[int]()
         for k in set(range(len(self.table.names))) - set(self.table.time_columns):
             cells = Counter(str(row[k]) for row in rows if k < len(row))
@@ -160,6 +161,7 @@ class TableRecording(Recording):
         return words, numbers
 
     def _list_columns(self) -> Iterator[LogColumn]:
+        """Yield each column but those of times; of a long table each name, with the unit of most lines."""
         table = self.table
         if self.names is None:
             for k, heading in enumerate(table.names):
@@ -169,7 +171,7 @@ class TableRecording(Recording):
         name, value = self.names
         place = self.unit_place
         seen: dict[str, Counter[str]] = {}
-        for row in self._all_rows(name):
+        for row in self._rows_of_every_name(name):
             units = seen.setdefault(row[name], Counter())
             units[row[place] if place is not None and len(row) > place else ''] += 1
         for heading_text, units in seen.items():
@@ -185,8 +187,8 @@ class TableRecording(Recording):
         names = enumerate(self.table.names) if self.names is not None else ()
         return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
-    def _status_of(self, column: int) -> int | None:
-        """Return the column that says whether the numbers of another count; None where there is none."""
+    def _find_quality_column(self, column: int) -> int | None:
+        """Return the column of quality marks of a column of numbers; None where there is none."""
         names = self.table.names
         for k, heading in enumerate(names):
             is_beside = k == column + 1 or self.names is not None
@@ -195,19 +197,19 @@ class TableRecording(Recording):
         return None
 
     def quality(self, status: int) -> Callable[[str], bool] | None:
-        """Return what tells the marks of a column by which numbers do not count; None for another column."""
+        """Return a test for marks by which numbers do not count; None for a column without such marks."""
         marks = {str(row[status]) for row in self._ends if len(row) > status}
         return find_quality(self.table.names[status], marks)
 
-    def _all_rows(self, name: int) -> Iterator[Cells]:
-        """Rows that have every name, with one row of each at least."""
+    def _rows_of_every_name(self, name: int) -> Iterator[Cells]:
+        """Yield rows of head and tail, and a row of empty cells for each name that these may lack."""
         yield from (row for row in self._ends if len(row) > name)
         if self._may_lack_names or self.is_unordered:
             blank = [''] * len(self.table.names)
-            yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._all_texts(name))
+            yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._read_texts(name))
 
-    def _all_texts(self, column: int) -> list[str]:
-        """Return each text of a column once."""
+    def _read_texts(self, column: int) -> list[str]:
+        """Read the file for each text of a column; return these once each."""
         blocks = self.table.blocks([column], _ignore_progress, _ignore_progress)
         return list(
             dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
@@ -234,8 +236,9 @@ class TableRecording(Recording):
         }
 
     def _first_value(self, column: LogColumn) -> str:
+        """Return the first cell of a column that is not empty, up to 20 letters; empty without one."""
         rows = self._rows_of(column, self.table.head)[0]
-        return str(rows[0][column.place]).strip()[:_MOST_SHOWN] if rows else ''
+        return str(rows[0][column.place]).strip()[:_MAX_LETTERS] if rows else ''
 
     @property
     def message_count(self) -> int:
@@ -248,9 +251,13 @@ class TableRecording(Recording):
         return self.table.is_sent
 
     def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
-        """Let columns stand for topics."""
+        """Deliver columns as topics from now on; report which of them have quality marks.
+
+        Args:
+            columns: The source of each topic; its ``status`` is found here.
+        """
         self.by_topic = {
-            topic: replace(source, status=self._status_of(source.column.place))
+            topic: replace(source, status=self._find_quality_column(source.column.place))
             for topic, source in columns.items()
         }
         named = {(source.column.heading, source.status): None for source in self.by_topic.values()}
@@ -276,30 +283,30 @@ class TableRecording(Recording):
         return None
 
     def interval(self, column: LogColumn) -> float:
-        """Return the usual time between two numbers of a column [s]."""
+        """Return the median time between numbers of a column in the head [s]; 0 without two times."""
         times = self._rows_of(column, self.table.head)[1]
-        return _usual_gap(np.sort(times) if self.is_unordered else times) * 1e-9
+        return _median_step(np.sort(times) if self.is_unordered else times) * 1e-9
 
     def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
-        """Return the rows that have a number of a column and a time, and the times [ns]."""
+        """Return the rows of a column that have a cell in it and a time, and these times [ns]."""
         keys = self.keys_of(column)
-        most = max([column.place, *(place for place, _ in keys)])
-        own = [
+        last_place = max([column.place, *(place for place, _ in keys)])
+        column_rows = [
             row
             for row in rows
-            if len(row) > most
+            if len(row) > last_place
             and str(row[column.place]).strip()
             and all(is_same_key(row[place], text) for place, text in keys)
         ]
-        return _drop_untimed(own, self.table.clock_of(column.place))
+        return _drop_untimed(column_rows, self.table.clock_of(column.place))
 
     def keys_of(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
-        """Return the rows of a column: those with that text at each of these places; all where empty."""
+        """Return by which cells rows belong to a column: places and texts; empty where all rows do."""
         name = () if self.names is None or column.name is None else ((self.names[0], column.name),)
         return (*name, *column.where)
 
     def chosen(self, column: LogColumn, where: Mapping[str, str]) -> LogColumn:
-        """Return a column of those rows only that have some texts in others.
+        """Return the column restricted to rows with given texts in other columns.
 
         Args:
             column: The column.
@@ -312,27 +319,30 @@ class TableRecording(Recording):
         for heading, text in where.items():
             plain, names = parse_heading(heading).name, list(enumerate(self.table.names))
             same = [k for k, name in names if heading in (name, f'#{k + 1}')]
-            like = same or [k for k, name in names if plain and parse_heading(name).name == plain]
-            if not like:
+            matching = same or [k for k, name in names if plain and parse_heading(name).name == plain]
+            if not matching:
                 near = did_you_mean(heading, self.table.names)
                 raise BagError(f"log '{self.path}' has no column '{heading}' to choose rows by{near}")
-            known = [row[like[0]].strip() for row in self._ends if len(row) > like[0]]
-            if not any(is_same_key(cell, text) for cell in set(known)):
-                known = [cell.strip() for cell in self._all_texts(like[0])]
-            if not any(is_same_key(cell, text) for cell in set(known)):
+            cells = [row[matching[0]].strip() for row in self._ends if len(row) > matching[0]]
+            if not any(is_same_key(cell, text) for cell in set(cells)):
+                cells = [cell.strip() for cell in self._read_texts(matching[0])]
+            if not any(is_same_key(cell, text) for cell in set(cells)):
                 raise BagError(
                     f"log '{self.path}' has no line with '{text}' in column '{heading}': it has"
-                    f' {listed(known)}{did_you_mean(text, known)}'
+                    f' {listed(cells)}{did_you_mean(text, cells)}'
                 )
-            pairs.append((like[0], text))
+            pairs.append((matching[0], text))
         return replace(column, where=tuple(pairs))
 
     def key_of(self, column: LogColumn) -> tuple[str, list[str]] | None:
-        """Return the column by whose texts the rows of a column are of several things, and these; or None."""
+        """Return the heading of the column that tells several things apart, such as shafts, and its texts.
+
+        None where the rows of the column are of one thing, or were sent over a bus.
+        """
         if self.is_sent:
             return None  # one sender is used, as live
         rows, time_ns = self._rows_of(column, self._ends)
-        names, status = self.table.names, self._status_of(column.place)
+        names, status = self.table.names, self._find_quality_column(column.place)
         taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
         taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
         taken |= find_quality_columns(names)
@@ -350,6 +360,7 @@ class TableRecording(Recording):
         return 'float64 data\n'
 
     def _find_column(self, topic: str) -> SourceColumn:
+        """Return the source of a delivered topic, or the column of that heading; else raise a BagError."""
         if topic in self.by_topic:
             return self.by_topic[topic]
         for column in self.all_columns:
@@ -358,7 +369,7 @@ class TableRecording(Recording):
         raise BagError(missing_topic(self.topics, topic))
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> TableReading:
-        """Read numbers in blocks."""
+        """Return a pass over the table; it reads the file once, to judge its order of time."""
         wanted = list(requests)
         columns = {request.topic: self._find_column(request.topic) for request in wanted}
         # Those of one line count from left to right, in whatever order they are asked for.
@@ -370,7 +381,7 @@ class TableRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield what the sensors would have sent."""
+        """Yield what the sensors would have sent as messages, in order of time."""
         names = list(self.by_topic if topics is None else topics)
         for part in self.reading([Request(name, 'data') for name in names]):
             rows: list[tuple[int, str, int, bytes]] = []
@@ -386,7 +397,7 @@ class TableRecording(Recording):
 
 
 def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
-    """Return the rows that have a time of a clock, and these [ns]."""
+    """Return the rows with a valid time of a clock, and these times [ns]."""
     last_place = max(clock.columns)
     long = [row for row in rows if len(row) > last_place]
     if not long:
@@ -396,13 +407,13 @@ def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], Int
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Return some texts in quotation marks, up to ten of them."""
+    """Return up to ten texts in quotation marks, and how many more there are."""
     more = f' and {len(texts) - MOST_NAMED} more' if len(texts) > MOST_NAMED else ''
     return ', '.join(f"'{text}'" for text in texts[:MOST_NAMED]) + more
 
 
-def _usual_gap(time_ns: IntArray) -> float:
-    """Return the usual time between two lines that differ in it, 0 where none do [ns]."""
+def _median_step(time_ns: IntArray) -> float:
+    """Return the median step between times that differ [ns]; 0 where none do."""
     gaps = np.abs(np.diff(time_ns))
     return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
 
@@ -412,26 +423,26 @@ def _ignore_progress(text: str) -> None:
 
 
 def _column_kind(column: LogColumn) -> str:
-    """Return what a column would be taken for, by its unit."""
+    """Return the type of a column as a listing shows it: 'column in rpm'."""
     if column.unit is None:
         return 'column, unit not known'
     return f'column in {column.unit}'
 
 
-class _Kept:
-    """The parts of a table from their reading to their judgement, the last of many in a file."""
+class _PartBuffer:
+    """Buffer for the numbers of a table until its order is known: 64 MB in memory, the rest in a file."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._scratch = path, Scratch()
-        self._sorted_parts: list[Part] = []
+        self._in_memory: list[Part] = []
         self._bytes = 0
 
     def add(self, part: Part) -> None:
-        """Take up the next part."""
+        """Append a part; raise a BagError where the temporary folder is full."""
         arrays = itertools.chain([part.time_ns], *part.numbers.values())
         self._bytes += sum(array.nbytes for array in arrays)
         if self._bytes <= _MAX_KEPT_BYTES:
-            self._sorted_parts.append(part)
+            self._in_memory.append(part)
             return
         try:
             with (self._scratch.folder / 'parts').open('ab') as file:
@@ -443,8 +454,8 @@ class _Kept:
             ) from None
 
     def __iter__(self) -> Iterator[Part]:
-        """Yield the parts as they came."""
-        yield from self._sorted_parts
+        """Yield the parts in the order in which they were added."""
+        yield from self._in_memory
         if self._bytes > _MAX_KEPT_BYTES:
             with (self._scratch.folder / 'parts').open('rb') as file, contextlib.suppress(EOFError):
                 while True:
@@ -452,7 +463,7 @@ class _Kept:
 
 
 def _filled_columns(part: Part) -> IntArray:
-    """Return which of the columns each row fills, a bit for each of them."""
+    """Return a number for each row whose bits say which topics have a number in it, shape (n,)."""
     filled = np.zeros(part.time_ns.size, np.int64)
     for k, (at, _) in enumerate(part.numbers.values()):
         filled[at] |= 1 << k % _BITS
@@ -474,7 +485,7 @@ class TableReading:
         self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.keys_of(source.column) for topic, source in columns.items()}
         places = [source.column.place for source in columns.values()]
-        keys = [place for each in self._keys.values() for place, _ in each]
+        keys = [place for pairs in self._keys.values() for place, _ in pairs]
         statuses = {k for source in columns.values() if (k := source.status) is not None}
         self._unit_place = recording.unit_place
         units = set() if self._unit_place is None else {self._unit_place} - statuses
@@ -492,7 +503,7 @@ class TableReading:
             if recording.is_sent and source.timeout is not None and not source.column.is_other
         }
         self._wanted += [SOURCE] if self._admissions else []
-        self._kept = _Kept(recording.path)
+        self._buffer = _PartBuffer(recording.path)
         self._course, self._has_whole_lines = self._judge_order()
         for text in self._course.notes('the lines are', 'of the lines'):
             recording.note(text)
@@ -500,25 +511,28 @@ class TableReading:
             recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
 
     def _judge_order(self) -> tuple[TimeCourse, bool]:
-        """Read the file, keep the numbers, and judge the order of the lines that have some.
+        """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
 
         Returns:
-            The course, and whether lines fill all columns: then they are one source, else those that fill
-            the same columns are.
+            The course, and whether any line fills all columns: then all lines are one source, else those
+            that fill the same columns are.
+
+        Raises:
+            BagError: A column tells rows of the same times apart, which have to be chosen by it.
         """
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines = TimeOrder(), TimeOrder(), False
         first = np.zeros(1, np.int64)
         every = _filled_columns(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
         for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
-            part = self._of_rows(rows)
-            self._kept.add(part)
+            part = self._read_rows(rows)
+            self._buffer.add(part)
             source = _filled_columns(part)
             at = np.flatnonzero(source)
             if at.size:
                 time_ns, source, place = part.time_ns[at], source[at], at + row
                 if self._steps.places:
-                    self._take_steps(rows, time_ns, at)
+                    self._search_keys(rows, time_ns, at)
                 has_whole_lines = has_whole_lines or bool((source == every).any())
                 whole.add(time_ns, np.full(at.size, _ALL_LINES), place)
                 if not has_whole_lines:
@@ -538,31 +552,33 @@ class TableReading:
         course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
         return course, has_whole_lines
 
-    def _take_steps(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
-        """Note where the times of rows with a number step back, and which texts change there."""
-        own = np.flatnonzero(rows.is_timed)[at].tolist()
+    def _search_keys(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
+        """Add times of rows with numbers, and their texts in candidate columns, to the search for keys."""
+        row_indexes = np.flatnonzero(rows.is_timed)[at].tolist()
         texts = {place: texts_of(rows.columns[self._wanted.index(place)]) for place in self._steps.places}
-        self._steps.add(time_ns, {place: [each[k].strip() for k in own] for place, each in texts.items()})
+        self._steps.add(
+            time_ns, {place: [cells[k].strip() for k in row_indexes] for place, cells in texts.items()}
+        )
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other."""
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
         is_empty = True
-        for part in _sort_parts(self._sorted_parts(), list(self._columns), self._course.wait_ns):
+        for part in _sort_parts(self._correct_parts(), list(self._columns), self._course.wait_ns):
             is_empty = False
             yield self._make_series(part)
         if is_empty:
             none = np.empty(0, np.int64)
             yield self._make_series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))))
-        self._tell_rounded()
+        self._report_rounded_times()
 
-    def _tell_rounded(self) -> None:
-        """Say it of a column most of whose numbers have the time of the one before."""
+    def _report_rounded_times(self) -> None:
+        """Report the first column most of whose numbers share the time of the one before: rounded times."""
         recording = self._recording
         span_ns = (recording.end_ns or 0) - (recording.start_ns or 0)
         for topic, distinct in self._distinct.items():
             count = recording.counts[topic]
-            if count > _MOST_ALIKE * distinct and span_ns >= _COARSE_NS * (distinct - 1):
+            if count > _MAX_ALIKE * distinct and span_ns >= _COARSE_NS * (distinct - 1):
                 recording.lose(
                     f'{count} lines have {plural(distinct, "time")} between them: write the file with'
                     ' whole times, as a spreadsheet may have rounded them'
@@ -570,26 +586,27 @@ class TableReading:
                 return
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """Return the words that stood in place of numbers, as faults by request."""
+        """Return the faults of each request: words in place of numbers; empty where there were none."""
         result: dict[Request, tuple[Fault, ...]] = {}
         for request in self._requests:
             words = self._words[request.topic]
-            listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MOST_WORDS))
-            more = ', ...' if len(words) > _MOST_WORDS else ''
+            listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MAX_WORDS))
+            more = ', ...' if len(words) > _MAX_WORDS else ''
             text = f'no number: {listed}{more}'
             result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
         return result
 
-    def _sorted_parts(self) -> Iterator[Part]:
-        """Yield the numbers that were kept, at the times at which they happened."""
+    def _correct_parts(self) -> Iterator[Part]:
+        """Yield the buffered parts with corrected times, in the order of the file."""
         row = 0
-        for part in self._kept:
+        for part in self._buffer:
             place = np.arange(row, row + part.time_ns.size)
             row += part.time_ns.size
             source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled_columns(part)
             yield part._replace(time_ns=self._course.follow(part.time_ns, source, place))
 
-    def _of_rows(self, rows: Rows) -> Part:
+    def _read_rows(self, rows: Rows) -> Part:
+        """Read the numbers of all topics from a block of rows; count words that stand in their place."""
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
         coded: dict[int, tuple[dict[str, int], IntArray]] = {}
@@ -601,7 +618,7 @@ class TableReading:
             status = source.status
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
             if self._keys[topic]:
-                chosen = self._chosen(rows, topic, coded)
+                chosen = self._select_rows(rows, topic, coded)
                 cells, where = some_cells(cells, chosen), np.flatnonzero(chosen)
                 marks = some_cells(marks, chosen) if marks else marks
             if topic in self._admissions and where is not None:
@@ -613,8 +630,8 @@ class TableReading:
                 texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
                 self._convert_units(numbers, some_cells(texts, chosen), source.column)
             if status is not None:
-                self._leave_out(numbers, marks, self._is_bad[status])
-            self._take_words(topic, numbers.words)
+                self._drop_bad_quality(numbers, marks, self._is_bad[status])
+            self._count_words(topic, numbers.words)
             at = np.flatnonzero(numbers.is_there)
             row = at if where is None else where[at]
             keep = rows.is_timed[row]
@@ -622,7 +639,7 @@ class TableReading:
         return part
 
     def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
-        """Return which numbers of a topic are of the source that is used, shape (n,).
+        """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
 
         Args:
             topic: The topic.
@@ -631,14 +648,22 @@ class TableReading:
             where: Which of these the cells are of, shape (n,).
         """
         sources = rows.columns[self._wanted.index(SOURCE)]
-        found = self._recording.table.numbers(cells)
-        valid, seconds = np.isfinite(found.value).tolist(), (rows.time_ns[where] * 1e-9).tolist()
+        numbers = self._recording.table.numbers(cells)
+        valid, seconds = np.isfinite(numbers.value).tolist(), (rows.time_ns[where] * 1e-9).tolist()
         admits = self._admissions[topic].admits
-        own = zip(where.tolist(), seconds, valid, strict=True)
-        return np.array([admits(sources[k], now, valid=good) for k, now, good in own], np.bool_)
+        samples = zip(where.tolist(), seconds, valid, strict=True)
+        return np.array([admits(sources[k], now, valid=good) for k, now, good in samples], np.bool_)
 
-    def _chosen(self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]) -> BoolArray:
-        """Return which rows have the texts of a topic's keys; codes of texts are kept by their column."""
+    def _select_rows(
+        self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]
+    ) -> BoolArray:
+        """Return which rows belong to a topic, shape (n,); also those of senders that may stand in.
+
+        Args:
+            rows: A block of rows.
+            topic: The topic.
+            coded: Numbers of texts and their rows, by column: a cache for one block, which is filled.
+        """
         chosen = np.ones(rows.time_ns.size, np.bool_)
         for place, text in self._keys[topic]:
             if place not in coded:
@@ -649,13 +674,19 @@ class TableReading:
             same = [k for cell, k in number.items() if is_same_key(cell, text)]
             if topic in self._admissions:
                 # Another sender stands in under the name that the first one has.
-                others = {cell: k for cell, k in number.items() if cell not in self._names}
-                same += [k for cell, k in others.items() if first_name(cell) == text]
+                other_senders = {cell: k for cell, k in number.items() if cell not in self._names}
+                same += [k for cell, k in other_senders.items() if first_name(cell) == text]
             chosen &= np.isin(codes, same)
         return chosen
 
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
-        """Convert numbers of a name whose lines have another unit than its first; leave out the others."""
+        """Convert numbers in other units to that of the column; make those in no such unit NaN; report both.
+
+        Args:
+            numbers: Numbers of a name in a long table; changed.
+            units: The unit in the line of each.
+            column: The column of the name.
+        """
         name = column.name or ''
         if column.heading == name and column.unit is None:
             return  # its first line says no unit: what it is in is a matter of the reader
@@ -677,22 +708,23 @@ class TableReading:
                 self._recording.note(remark)
 
     @staticmethod
-    def _leave_out(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
-        """Take the numbers that do not count for the words that say so."""
+    def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
+        """Make numbers with a bad quality mark NaN, and count the marks as words."""
         bad = set(filter(is_bad, set(marks)))
         if bad:
             chosen = np.array([mark in bad for mark in marks], np.bool_) & numbers.is_there
             numbers.value[chosen] = np.nan
             places = np.flatnonzero(chosen).tolist()
-            numbers.words.update(f'quality {marks[k].strip()[:_MOST_SHOWN]}' for k in places)
+            numbers.words.update(f'quality {marks[k].strip()[:_MAX_LETTERS]}' for k in places)
 
-    def _take_words(self, topic: str, words: Counter[str]) -> None:
+    def _count_words(self, topic: str, words: Counter[str]) -> None:
+        """Add to the words of a topic; of more than 200 kinds the rest are counted as 'others'."""
         counted = self._words[topic]
         for word, count in words.items():
-            counted[word if word in counted or len(counted) < _MOST_KINDS else 'others'] += count
+            counted[word if word in counted or len(counted) < _MAX_KINDS else 'others'] += count
 
     def _make_series(self, part: Part) -> dict[Request, Series]:
-        """Return the series of a part, whose rows are in the order of events."""
+        """Return the series of a sorted part; add to the counts of numbers and of distinct times."""
         series: dict[str, Series] = {}
         for k, (topic, (at, value)) in enumerate(part.numbers.items()):
             sequence = (at + self._rows) * len(part.numbers) + k
@@ -706,7 +738,7 @@ class TableReading:
 
 
 def _sort_parts(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | None) -> Iterator[Part]:
-    """Yield the numbers of parts in order of time.
+    """Yield parts sorted by time, split where no earlier row can follow.
 
     Args:
         parts: The parts in the order of the file.
@@ -728,7 +760,7 @@ def _sort_parts(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | Non
 
 
 def _merge_parts(parts: Sequence[Part], topics: Sequence[str]) -> Part:
-    """Join parts to one in order of time."""
+    """Join parts to one that is sorted by time; one without rows or topics where there are none."""
     if not parts:
         return Part(np.empty(0, np.int64), {})
     begins = np.cumsum([0, *(part.time_ns.size for part in parts)])
@@ -751,7 +783,7 @@ def _merge_parts(parts: Sequence[Part], topics: Sequence[str]) -> Part:
 
 
 def _rows_between(part: Part, begin: int, end: int) -> Part:
-    """Return the rows of a part from one to another."""
+    """Return the rows ``begin`` to ``end`` (excluded) of a part."""
     numbers = {}
     for topic, (at, value) in part.numbers.items():
         rows = slice(*at.searchsorted([begin, end]).tolist())

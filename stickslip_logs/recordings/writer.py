@@ -104,7 +104,7 @@ class BagWriter:
         try:
             if kind is None:
                 with self._name_bag_in_errors():
-                    self._finish()
+                    self._publish_draft()
         finally:
             # Closing a file on a full disk fails once more; the draft goes either way.
             with contextlib.suppress(OSError):
@@ -185,7 +185,7 @@ class BagWriter:
         encoded = []
         for name, time, messages in columns:
             times = np.asarray(time, np.int64)
-            channel = self._topic_channel(name, times)
+            channel = self._find_channel(name, times)
             if len(messages) != times.size:
                 raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
             if times.size:
@@ -194,8 +194,8 @@ class BagWriter:
             with self._name_bag_in_errors():
                 self._writer.write(encoded)
 
-    def _topic_channel(self, topic: str, log_times: IntArray) -> int:
-        """Return the channel of a topic, for messages with some log times [ns]."""
+    def _find_channel(self, topic: str, log_times: IntArray) -> int:
+        """Return the channel id of a topic; raise a BagError for an unknown one or a negative log time."""
         if topic not in self._topics:
             raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
         for log_time in log_times[log_times < 0][:1].tolist():
@@ -203,7 +203,7 @@ class BagWriter:
         return self._topics[topic][1]
 
     def break_off(self) -> None:
-        """Leave the recording as one that lost power in mid-write; nothing more can be written.
+        """End the recording like one that lost power while it was written; nothing more can be written.
 
         The record that was being written, as a rule the last chunk, ends half-way; what comes at a
         recording's end is missing.
@@ -221,6 +221,11 @@ class BagWriter:
             raise BagError(f"bag '{self.path}' exists already and is not overwritten")
 
     def _begin_draft(self) -> tuple[Path, IO[bytes]]:
+        """Create and lock a hidden draft beside the target, and remove those that others left.
+
+        Returns:
+            The draft (a file or a folder), and the open file in it.
+        """
         sweep(self.path.parent, f'.{self.path.name}')
         for number in itertools.count():
             draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
@@ -238,8 +243,8 @@ class BagWriter:
         """Messages written so far, by topic."""
         return {topic: self._writer.counts.get(channel, 0) for topic, (_, channel) in self._topics.items()}
 
-    def _finish(self) -> None:
-        """End the file, write the metadata of a folder, and put the draft at the path of the bag."""
+    def _publish_draft(self) -> None:
+        """Finish the file, write the metadata of a folder, and move the draft to the path of the bag."""
         if not self._is_broken:
             self._writer.finish()
             if not self._is_file:
@@ -259,7 +264,7 @@ class BagWriter:
 
     @contextlib.contextmanager
     def _name_bag_in_errors(self) -> Iterator[None]:
-        """Say which bag cannot be written."""
+        """Turn an OSError into a BagError that names the bag."""
         try:
             yield
         except OSError as error:
@@ -309,7 +314,7 @@ class BagWriter:
 def _begin_file(
     file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none'
 ) -> ChunkWriter:
-    """Begin a file, with its label before the first message."""
+    """Write the head of a file, and its label if it has one; return what writes the rest."""
     writer = ChunkWriter(file, chunk_size, compression)
     writer.start(Profile.ROS2, _LIBRARY)
     if label is not None:
@@ -352,7 +357,7 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
 
 
 def float64_rows(values: ArrayLike) -> NDArray[np.void]:
-    """Encode numbers as the rows of an array, which are written faster."""
+    """Encode ``std_msgs/Float64`` messages of n numbers as an array, shape (n,), which is written faster."""
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
     rows['head'], rows['data'] = np.void(_CDR), numbers
