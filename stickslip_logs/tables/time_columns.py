@@ -418,13 +418,13 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
             continue
         is_stated = unit != '' or re.search(r'date|datum|time ?stamp', words)
         may_be_days, may_be_seconds = (True, False) if is_stated else _days_or_seconds(values, step)
-        question = ''
-        if may_be_days and may_be_seconds:
-            question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
-        if question and step >= _SECONDS_FROM:
+        # A question names first what the numbers are taken for.
+        if may_be_days and may_be_seconds and step >= _SECONDS_FROM:
+            question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
             return SECOND, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
         if may_be_days:
-            return DAY, zero, f'{name}, without a zone: taken as UTC', question
+            question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
+            return DAY, zero, f'{name}, without a zone: taken as UTC', question if may_be_seconds else ''
     question = ''
     if unit == '' and step >= _MILLISECONDS_FROM:
         question = "has times that may be s or ms since the start: head them 'time [s]' or 'time [ms]'"
