@@ -416,7 +416,7 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
     for minimum, maximum, zero, name in _DAYS_SINCE if unit == '' or unit_ns == DAY else ():
         if values.min() <= minimum or largest >= maximum:
             continue
-        is_stated = unit != '' or re.search(r'date|datum|time ?stamp', words)
+        is_stated = unit != '' or re.search(r'date|datum', words)
         may_be_days, may_be_seconds = (True, False) if is_stated else _days_or_seconds(values, step)
         # A question names first what the numbers are taken for.
         if may_be_days and may_be_seconds and step >= _SECONDS_FROM:
