@@ -140,3 +140,13 @@ def find_unit(text: str, quantity: str = '') -> Unit | None:
     plain = ''.join(text.strip(' []()').translate(_JOINERS).split())
     unit = _BY_SPELLING.get(plain) or _BY_SPELLING.get(plain.lower())
     return unit or _BESIDE_QUANTITY.get((quantity, plain))
+
+
+def conversion_from_text(text: str, target: str) -> float | None:
+    """Return how many of a unit one of the unit is that a text spells; None where it spells no such unit.
+
+    >>> conversion_from_text('r/min', 'Hz') == 1 / 60
+    True
+    """
+    unit = find_unit(text, _BY_NAME[target].quantity)
+    return None if unit is None else conversion(unit.name, target)

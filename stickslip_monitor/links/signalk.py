@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from stickslip_logs.fields import signalk_source
+from stickslip_logs.units import conversion_from_text
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
 from stickslip_monitor.monitor import record_fields
@@ -84,7 +85,8 @@ class SignalKInputs(BusInputs):
 
     def __init__(self, inputs: Iterable[BusInput], log: Callable[[str], object]) -> None:
         super().__init__(inputs, log)
-        self._foreign: dict[str, str] = {}  # paths in another unit than Signal K's own, and this
+        self._units: dict[str, str] = {}  # of paths, by their meta data
+        self._ratios: dict[str, float] = {}  # to Signal K's own unit; NaN where nothing converts to it
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
         """Begin a connection: the first value of each source may be old."""
@@ -101,7 +103,8 @@ class SignalKInputs(BusInputs):
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
         """Yield bearing, input, number and stamp [ns] of each fresh sample of an admitted source.
 
-        The number is NaN if invalid or in another unit; the stamp is ``None`` if unreadable.
+        The number is converted from the unit of its meta data, and NaN if invalid; the stamp is ``None``
+        if unreadable.
         """
         self._take_units(frame)
         for update, source, path, value in _own_values(frame, self._own):
@@ -110,25 +113,29 @@ class SignalKInputs(BusInputs):
             if not groups or not self._is_fresh((path, source), stamp, groups[0][0][0].timeout, now):
                 continue
             stamp_ns = round(stamp * 1e9) if stamp == stamp else None
-            number = math.nan if path in self._foreign else _read_number(value)
+            number = _read_number(value) * self._ratios.get(path, 1.0)
             for items, admission in groups:
                 self.brought(items[0], now)
                 for item in items if admission.admits(source, now, valid=number == number) else ():
                     yield item.bearing, item.place, number, stamp_ns
 
     def _take_units(self, frame: object) -> None:
-        """Mark the paths whose meta data say another unit than that in which they are read."""
+        """Find how to convert the paths whose meta data say another unit, and log it."""
         inputs = {items[0].path: items[0] for items, _ in self.groups}
         for _, _, path, meta in _own_values(frame, self._own, 'meta'):
             unit = meta.get('units') if isinstance(meta, dict) else None
             if path not in inputs or not isinstance(unit, str) or not unit:
                 continue
-            if unit == UNITS[inputs[path].place]:
-                self._foreign.pop(path, None)
-            elif self._foreign.get(path) != unit:
-                self._foreign[path] = unit
-                need = UNITS[inputs[path].place]
-                self.log(f"{inputs[path].label}: its unit is '{unit}', and it is read in {need}: not used")
+            need = UNITS[inputs[path].place]
+            if unit != self._units.get(path, need):
+                ratio = conversion_from_text(unit, need)
+                self._ratios[path] = math.nan if ratio is None else ratio
+                if ratio != 1.0:
+                    result = (
+                        f'and it is read in {need}: not used' if ratio is None else f'converted to {need}'
+                    )
+                    self.log(f"{inputs[path].label}: its unit is '{unit}', {result}")
+            self._units[path] = unit
 
     def _is_fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
         """Return whether a value is of this connection, not one that the server had kept from before."""

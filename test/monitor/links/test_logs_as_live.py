@@ -177,7 +177,12 @@ def events_of(found: list[Event]) -> list[tuple[str, int]]:
 
 def compare(folder: Path, bus: str, samples: list[Sample]) -> tuple[list[tuple[str, int]], str, str]:
     """Check that both give the same; return the events, and what each says of the sources."""
-    lines = list((nmea_lines if bus == 'nmea' else signalk_lines)(samples))
+    return compare_lines(folder, bus, list((nmea_lines if bus == 'nmea' else signalk_lines)(samples)))
+
+
+def compare_lines(
+    folder: Path, bus: str, lines: list[tuple[float, str]]
+) -> tuple[list[tuple[str, int]], str, str]:
     (folder / 'a.log').write_text(''.join(line for _, line in lines), newline='')
     said: list[str] = []
     live = events_of(live_events(folder, bus, lines, said))
@@ -198,6 +203,33 @@ def test_a_spare_sender_takes_over(bus: str, make: Callable[[], list[Sample]], t
     assert 'STICK_SLIP' in {name for name, _ in events}
     assert "source 'ER' is used; 'II' has sent no number for " in offline
     assert "source 'ER' is used; 'II' has sent no number for " in live
+
+
+def in_other_units(lines: list[tuple[float, str]], since: float) -> Iterator[tuple[float, str]]:
+    """Yield lines with meta data from a time [s] on by which speeds are in rpm and loads in kN."""
+    units = dict(zip(COLUMNS['signalk'], (('rpm', 60.0), ('kN', 1e-3)), strict=True))
+    meta = [{'path': path, 'value': {'units': unit}} for path, (unit, _) in units.items()]
+    yield lines[0]
+    has_begun = False
+    for t, line in lines[1:]:
+        delta = json.loads(line)
+        if t >= since:
+            if not has_begun:
+                has_begun = True
+                update = {'timestamp': stamp(t), 'meta': meta}
+                yield t, json.dumps({'context': delta['context'], 'updates': [update]}) + '\n'
+            (item,) = delta['updates'][0]['values']
+            item['value'] *= units[item['path']][1]
+        yield t, json.dumps(delta) + '\n'
+
+
+@pytest.mark.parametrize('since', [0.0, 30.0, 90.0])
+def test_units_of_meta_data_are_converted(since: float, tmp_path: Path) -> None:
+    lines = list(signalk_lines(voyage()))
+    events, _, _ = compare_lines(tmp_path, 'signalk', lines)
+    converted, _, live = compare_lines(tmp_path, 'signalk', list(in_other_units(lines, since)))
+    assert converted == events
+    assert "its unit is 'kN', converted to N" in live
 
 
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])

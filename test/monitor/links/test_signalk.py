@@ -73,12 +73,22 @@ def meta(unit: str) -> dict[str, Any]:
     return {'context': SHIP, 'updates': [{'meta': [{'path': PATH, 'value': {'units': unit}}]}]}
 
 
-def test_a_number_in_another_unit_than_that_of_signal_k_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ('unit', 'expected', 'result'),
+    [
+        ('rpm', 74.6 / 60.0, 'converted to Hz'),
+        ('rad/s', 74.6 / (2.0 * math.pi), 'converted to Hz'),
+        ('bar', math.nan, 'and it is read in Hz: not used'),
+    ],
+)
+def test_a_number_in_another_unit_is_converted_as_in_a_log(
+    unit: str, expected: float, result: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     reader = Reader()
-    reader.take(meta('rpm'))
-    reader.take(meta('rpm'))
-    assert math.isnan(reader.take(delta(74.6))[0])
-    assert capsys.readouterr().out == f"Signal K {PATH}: its unit is 'rpm', and it is read in Hz: not used\n"
+    reader.take(meta(unit))
+    reader.take(meta(unit))
+    assert reader.take(delta(74.6)) == pytest.approx([expected], nan_ok=True)
+    assert capsys.readouterr().out == f"Signal K {PATH}: its unit is '{unit}', {result}\n"
     reader.take(meta('Hz'))
     assert reader.take(delta(1.2433)) == [1.2433]
 
